@@ -18,7 +18,7 @@ from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensors import SensorErrors, quantised, quantised_symbol
+from distal.sensors import SensorErrors, quantisation_variance, quantised, quantised_symbol
 from distal.simulation.plant import Motion, plant_function, rows_of
 from distal.simulation.readings import SENSOR, Readings, reading_function
 
@@ -104,7 +104,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     if shape.filter is None:
         true, belief = y[:nj], before["filter"]
         angles = quantised_symbol(true, encoder)
-        stds = ca.MX.ones(nj) * encoder / 12**0.5
+        stds = ca.MX.ones(nj) * encoder * quantisation_variance(1.0) ** 0.5
     else:
         row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))
         belief, _ = shape.filter(before["filter"], row, numbers["filter"])
@@ -156,7 +156,7 @@ def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelE
     if runner is None:
         belief = np.zeros(1)
         angles = quantised(begin[0, :nj], encoder)
-        stds = np.full(nj, encoder / 12**0.5)
+        stds = np.full(nj, encoder * quantisation_variance(1.0) ** 0.5)
     else:
         sample = first[list(read)]
         row = np.concatenate([[0.0], sample, np.ones(len(read))])

@@ -18,7 +18,7 @@ from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimat
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.sensors import quantised
+from distal.sensors import quantisation_variance, quantised
 from distal.simulation import Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
 from distal.simulation.simulate import SIMULATED, true_motion
@@ -237,7 +237,7 @@ def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Read
 
     def tell(stamp: float, values: Floats) -> Reading:
         angles = quantised(plant.angles, step)
-        return Reading(stamp, tuple(angles.tolist()), (step / 12**0.5,) * len(angles), "ok")
+        return Reading(stamp, tuple(angles.tolist()), (step * quantisation_variance(1.0) ** 0.5,) * len(angles), "ok")
 
     return tell
 

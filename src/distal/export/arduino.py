@@ -11,6 +11,7 @@ from distal.export.health import spoken
 from distal.export.names import c_name
 from distal.export.project import check_ours, readme, write_files
 from distal.export.source import Exported, c_filter
+from distal.regression import BAND
 from distal.rig import Rig, Sensor, log_factor, log_unit
 from distal.version import __version__
 
@@ -133,7 +134,7 @@ def _prints(rig: Rig) -> str:
             f'    Serial.print("{re.sub(r"[^A-Za-z0-9 _-]", " ", joint.name)} ");',
             f"    Serial.print(DEGREES * out.{angle});",
             '    Serial.print(" +- ");',
-            f"    Serial.print(1.96 * DEGREES * out.{std});",
+            f"    Serial.print({BAND:.3g} * DEGREES * out.{std});",
             '    Serial.print(" deg, ");',
         ]
     return "\n".join(lines)

@@ -14,6 +14,9 @@ PLAYS = (0.25, 0.5, 1.0)
 
 NO_CORRECTION = Terms("the angle is not corrected", (CONSTANT,), corrects=False)
 
+TERMS_HELP = 0.85
+"""More terms are taken where they bring the error on left-out logs below this share of that of fewer."""
+
 
 def discrepancy_kind(
     channels: Sequence[str], moving: Sequence[str], efforts: Sequence[str], joints: Sequence[str], noise: Floats
@@ -48,4 +51,6 @@ def discrepancy_kind(
             sets.append(Terms(f"{shape}, with a play of {width:g} std", terms, width))
             name = f"{shape} with the filter's own angle, with a play of {width:g} std"
             sets.append(Terms(name, (*terms, *theta), width))
-    return Kind(Discrepancy, "discrepancy", tuple(channels), tuple(joints), noise, tuple(sets), by_group=True)
+    return Kind(
+        Discrepancy, "discrepancy", tuple(channels), tuple(joints), noise, tuple(sets), TERMS_HELP, by_group=True
+    )

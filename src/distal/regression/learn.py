@@ -71,7 +71,7 @@ class Kind:
     joints: tuple[str, ...]
     noise: Floats
     sets: tuple[Terms, ...]
-    better: float = 0.85
+    better: float
     by_motion: bool = False
     unknown_outside: bool = True
     by_group: bool = False

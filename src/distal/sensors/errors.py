@@ -118,9 +118,14 @@ def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.r
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
+def quantisation_variance(step: float) -> float:
+    """Return the variance of what rounding to a step Δ adds, Δ²/12 (Widrow and Kollár, Quantization Noise, 2008)."""
+    return float(step**2 / 12.0)
+
+
 def variance(sensor: Sensor) -> float:
     """Return the variance of the random error: σ² + Δ²/12 with noise σ and resolution Δ."""
-    return float(sensor.noise**2 + step_of(sensor) ** 2 / 12.0)
+    return float(sensor.noise**2 + quantisation_variance(step_of(sensor)))
 
 
 LINEARITY_STD = 0.6

@@ -13,6 +13,7 @@ from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Sensor, drive_travel, gain_of, step_of
+from distal.sensors import quantisation_variance
 
 MOST_TRAVELS = 20.0
 """A drive is never this many times its travel away from the middle of it."""
@@ -127,7 +128,7 @@ class FilterContext:
     def noise(self, sensor: Sensor) -> Scalar:
         """Return the variance of a sensor's random error, noise² + resolution²/12."""
         sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
-        return sigma * sigma + step_of(sensor) ** 2 / 12.0
+        return sigma * sigma + quantisation_variance(step_of(sensor))
 
     def offset(self, sensor: Sensor) -> Scalar:
         """Return a sensor's constant offset as far as it is known."""

@@ -200,7 +200,7 @@ def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Sca
 
 
 def robust_variance(robustness: Robustness, variance: Scalar, innovation: Scalar) -> Scalar:
-    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`: a wild `innovation` ν counts less, (22)."""
+    """Return the `variance` S' = S max(1, ν²/(c S)), c = `wild_force`: a wild `innovation` ν counts less, (23)."""
     if not isfinite(robustness.wild_force):
         return variance
     return variance * ca.fmax(1, innovation**2 / (robustness.wild_force * variance))
