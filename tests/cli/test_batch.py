@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from distal import estimate, load_rig
 from distal.cli.app import app
 from distal.errors import DistalError
 
@@ -76,3 +79,17 @@ def test_what_makes_no_sense_is_refused(runs: list[str], tmp_path: Path) -> None
         assert isinstance(done.exception, DistalError)  # one line and code 2, by `main`
         assert said in str(done.exception)
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_the_table_of_many_has_each_ones_band_and_error(runs: list[str]) -> None:
+    """Beside each log stand half the width of its band, its RMS error, and how much is inside, as of the log alone."""
+    done = CliRunner().invoke(app, ["estimate", *runs[:2], *RIG, "--estimator", "inextensible"])
+    assert done.exit_code == 0, done.output
+    rig = load_rig("paper-2008-printed", ['joints.0.initial="-25 deg"'])
+    for run in runs[:2]:
+        result = estimate(run, rig, "inextensible")
+        half = np.rad2deg(1.96 * np.median(result.angle_stds))
+        expected = [f"±{half:.2f}", f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"]
+        (line,) = (line for line in done.output.splitlines() if Path(run).name in line and "±" in line)
+        assert re.search(r"\s+".join(map(re.escape, expected)), line), (expected, line)
