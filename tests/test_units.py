@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal.errors import UnitError
-from distal.units import to_si, unit_factor
+from distal.units import base_powers, to_si, unit_factor
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,17 @@ def test_a_unit_scales_and_does_nothing_else(number: float) -> None:
 def test_any_text_is_a_quantity_or_a_unit_error(text: str) -> None:
     with contextlib.suppress(UnitError):
         assert math.isfinite(to_si(text, "m"))
+
+
+@pytest.mark.parametrize(
+    ("unit", "powers"),
+    [
+        ("N m", {"kg": 1, "m": 2, "s": -2}),
+        ("rad/s", {"rad": 1, "s": -1}),
+        ("m/s^2", {"m": 1, "s": -2}),
+        ("s", {"s": 1}),
+    ],
+)
+def test_a_unit_as_powers_of_base_units(unit: str, powers: dict[str, int]) -> None:
+    """An FMU declares its units so; a kilogram is one, not a thousand grams."""
+    assert base_powers(unit) == powers

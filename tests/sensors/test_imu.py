@@ -15,7 +15,7 @@ from distal.cli.app import app
 from distal.errors import RigError
 from distal.estimators import AdaptiveFilter, first_values
 from distal.fitting.fitted_file import fitted_text
-from distal.rig import build_rig, rig_text
+from distal.rig import build_rig, independent_parts, rig_text
 from distal.run import samples_of
 
 TABLE = """
@@ -206,3 +206,17 @@ def test_the_first_sample_may_miss_it(rig: Rig, logs: list[Log]) -> None:
     samples[:10, [runner.channels.index(name) for name in NUMBERS]] = np.nan
     means, *_ = runner.scan(runner.initial(0.0, first_values(samples)), logs[0].time[:30], samples)
     assert np.isfinite(means).all()
+
+
+def test_sensors_of_joints_stay_with_their_finger() -> None:
+    """A torque on a joint, as an angle, goes with the part that has the joint, where a hand is taken apart."""
+    hand = load_rig("hand")
+    joints = [hand.joints[0].name, hand.joints[-1].name]
+    added = [{"name": f"torque_{of}", "measures": "torque", "of": of, "noise": 0.01} for of in joints]
+    raw = hand.model_dump()
+    raw["sensors"] = [*raw["sensors"], *added]
+    parts = independent_parts(Rig.model_validate(raw))
+    assert len(parts) > 1
+    for of in joints:
+        (part,) = (part for part in parts if of in [joint.name for joint in part.rig.joints])
+        assert f"torque_{of}" in [sensor.name for sensor in part.rig.sensors]
