@@ -217,6 +217,10 @@ def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
     capstan = load_rig("capstan-joint").with_values({"drives.motor.limit": "0.3 N m"})
     torque = capstan.sensors_of("force")[0]
     assert travel_of(torque, capstan) == (-0.3, 0.3)
+    free = load_rig("capstan-joint").with_values({"drives.motor.nominal_force": 0.0})
+    assert free.drives[0].limit is None
+    tight = 2.0 * free.drives[0].radius.value * sum(tendon.pretension.value for tendon in free.tendons)
+    assert travel_of(torque, free) == pytest.approx((-tight, tight))
     slider = load_rig("paper-2008").with_values({"drives.left.limit": "20 N"})
     force = next(sensor for sensor in slider.sensors_of("force") if sensor.of == "left")
     assert travel_of(force, slider) == (0.0, 20.0)
