@@ -94,7 +94,7 @@ def test_a_chain_whose_axes_differ() -> None:
 
 
 def test_it_narrows_the_band_of_a_chain_and_finds_how_it_is_mounted(rig: Rig, logs: list[Log]) -> None:
-    """The smaller error is that of these four logs: of seeds 101 to 110 it falls by 6 % at this joint, and grows at the other."""
+    """The smaller error is that of these logs: of seeds 101 to 110 it falls by 6 % here, and grows at the other joint."""
 
     def judged(of: Rig, plants: Sequence[Log]) -> tuple[float, float]:
         """Return the mean RMS error and the mean std of the second joint."""
