@@ -34,9 +34,9 @@ from benchmarks.lower_bound import lower_bound
 from benchmarks.report import FOLDER, table
 from benchmarks.rivals import RIVALS
 from distal import ESTIMATORS, Log, Rig, estimate, load_rig, read_log
+from distal.confidence import BAND
 from distal.errors import DistalError
 from distal.estimators import KernelEstimator, make_estimator
-from distal.results import BAND
 
 ABLE = tuple(name for name in ESTIMATORS if name != "affine")
 """`affine` is left out: these rigs have no `[affine]`, since no log of these plants comes before the one that is judged."""

@@ -23,12 +23,13 @@ from benchmarks.limits import scan_time
 from benchmarks.report import table
 from benchmarks.strangers.chain_plants import make_log
 from distal import Log, Rig, estimate, load_rig, read_log
+from distal.confidence import BAND
 from distal.errors import DistalWarning
 from distal.estimators import AdaptiveFilter
 from distal.kernels import Kernel
 from distal.model import Mechanism, chain_kick, interval_step, slipping, solver, stiffest_frequency
 from distal.model import stick_slip as coupled
-from distal.results import BAND, Estimate
+from distal.results import Estimate
 from distal.rig import build_rig, step_of
 from distal.simulation import build_scenario
 from distal.simulation.plant import plant_function, run_plant, run_plants

@@ -25,7 +25,7 @@ from benchmarks.strangers.drawn import FITTED
 from benchmarks.strangers.drawn_rigs import drawn_rig
 from benchmarks.strangers.lacking import logs_of
 from distal import Log, Rig, fit
-from distal.fitting import inverse, numbers, search
+from distal.fitting import inverse_dynamics, numbers, search
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
@@ -45,7 +45,7 @@ def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dic
     real = search.search
 
     def spy(problem: Any, start: Any, progress: Any = None, **options: Any) -> Any:
-        whole = isinstance(problem, inverse.InverseProblem) and len(problem.data) == len(logs)
+        whole = isinstance(problem, inverse_dynamics.InverseProblem) and len(problem.data) == len(logs)
         if whole and options.get("most") is None and len(found) < most:
             found.append((problem, start, {k: v for k, v in options.items() if k in ("fixed", "near")}))
         return real(problem, start, progress, **options)

@@ -19,8 +19,8 @@ from rich.progress import track
 from benchmarks.cases import HARD, INTO_STOPS, MID_RANGE, SCENARIOS, WITHIN, paper_log, paper_rig, spoiled
 from benchmarks.report import table
 from distal import Estimate, Log, estimate
+from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter, Robustness
-from distal.results import BAND
 
 SEEDS = 5
 PRIORS = ((0.7, 0.5), (0.7, 0.6), (0.7, 1.0), (1.0, 1.0), (1.0, 2.0))

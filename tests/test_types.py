@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import distal
-from distal.results.plots import PlotOptions
+from distal.results.angle_plots import PlotOptions
 
 PACKAGE = Path(distal.__file__).parent
 README = Path(__file__).parents[1] / "README.md"

@@ -17,13 +17,14 @@ from matplotlib.figure import Figure
 
 from distal import Log, Rig, Scenario, estimate, load_scenario, scenario_rig, simulate, smooth
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter, Robustness
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks, tracking
 from distal.estimators.adaptive.filter import adaptive_layout
 from distal.estimators.adaptive.measurement import ROW, Rows
 from distal.estimators.adaptive.stick_slip import SLOW_DECLARED, motion_of
 from distal.model import Kick, Mechanism, kick_and_drift, responses
-from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, figure, legend_above, save_figure
+from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, figure, legend_above, save_figure
 from distal.simulation import build_scenario
 
 FOLDER = Path("docs/figures")

@@ -18,7 +18,8 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 from distal import Estimate, estimate
-from distal.results import BAND, COLOURS, DASHES, figure
+from distal.confidence import BAND
+from distal.results import COLOURS, DASHES, figure
 from distal.rig import build_rig
 
 OUT = Path("docs/figures/catalogue.gif")

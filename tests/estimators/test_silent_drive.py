@@ -8,7 +8,7 @@ import pytest
 
 from distal import Log, estimate, load_scenario, scenario_rig, simulate
 from distal.estimators.adaptive.drive_tracking import MEMORY, Silence, track
-from distal.estimators.adaptive.robustness import Robustness
+from distal.estimators.adaptive.tuning import Robustness
 from distal.kernels.mask import MISSING
 
 

@@ -488,7 +488,7 @@ def test_an_imu(tmp_path: Path) -> None:
     import tomllib
 
     from distal.rig import build_rig, rig_text
-    from tests.sensors.test_imu import TABLE
+    from tests.rig.test_imu import TABLE
 
     rig = build_rig(tomllib.loads(rig_text("finger-2n")[0] + TABLE), "finger with an IMU")
     log = simulate(rig, load_scenario("finger", ['duration="1 s"']), 2)

@@ -148,24 +148,24 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
     assert calls == [1]
 
 
-@pytest.mark.parametrize("where", ["doubts", "jackknife", "lacking"])
+@pytest.mark.parametrize("where", ["doubts", "jackknife", "missing_physics"])
 def test_ctrl_c_is_not_taken_for_an_answer(
     where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned
 ) -> None:
     """A search that is stopped ends with the best so far: wherever it was, the fit ends there too, with its numbers."""
     module = import_module(f"distal.fitting.{where}")
-    name = "by_equations" if where == "lacking" else "search"
+    name = "by_equations" if where == "missing_physics" else "search"
     whole, calls = getattr(module, name), list[int]()
 
     def stopped(*arguments: object, **named: object) -> object:
         calls.append(1)
         found = whole(*arguments, **named)
-        if where == "lacking":
+        if where == "missing_physics":
             return replace(found, optimum=replace(found.optimum, interrupted=True))
         return replace(found, interrupted=True)
 
     monkeypatch.setattr(module, name, stopped)
-    monkeypatch.setattr("distal.fitting.lacking.UNEXPLAINED", 0.0)
+    monkeypatch.setattr("distal.fitting.missing_physics.UNEXPLAINED", 0.0)
     found = learn(others, finger_rig().bare(), OPTIONS)
     assert found.interrupted
     assert len(calls) == 1

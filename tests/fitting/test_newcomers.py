@@ -9,7 +9,7 @@ from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
 
 from distal import Log, Rig, estimate, fit
 from distal.fitting import Fit, Options
-from distal.fitting.inverse import inverse_problem
+from distal.fitting.inverse_dynamics import inverse_problem
 from distal.fitting.numbers import problem_of
 from distal.fitting.search import most_likely
 from distal.rig import build_rig

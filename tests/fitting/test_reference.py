@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
-from distal.fitting.fitted import FittedNumber, assignments
+from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.map_samples import reference_std, with_reference_error
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression.band import share_of_few

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.free import Free
+from distal.fitting.free_number import Free
 from distal.fitting.likelihood import Derivatives
 from distal.fitting.search import Optimum, first_widths, hessian, search, widths_at
 

@@ -7,8 +7,8 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import FitError
-from distal.fitting.fitted import FittedNumber, assignments
-from distal.fitting.selection import choose
+from distal.fitting.choice_of_numbers import choose
+from distal.fitting.fitted_number import FittedNumber, assignments
 
 SPOOL = {"name": "spool", "std": 0.1}
 PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")
@@ -94,7 +94,7 @@ def test_parts_of_one_limit_are_told_as_a_sum() -> None:
     """A constant and a share of the load add up; a coefficient and a radius are multiplied."""
     from types import SimpleNamespace
 
-    from distal.fitting.uncertainty import _line
+    from distal.fitting.standard_errors import _line
 
     def part(name: str) -> SimpleNamespace:
         return SimpleNamespace(

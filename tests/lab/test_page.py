@@ -7,7 +7,7 @@ import re
 from importlib import resources
 from pathlib import Path
 
-from distal.reports.moving import chain_script
+from distal.reports.moving_chain import chain_script
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"
 

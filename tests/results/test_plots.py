@@ -10,8 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from distal import Estimate, Log, Rig, estimate, load_scenario, log_health, plot_estimates, scenario_rig, simulate
+from distal.confidence import BAND
 from distal.errors import OutputError
-from distal.results import BAND
 
 
 @pytest.fixture(scope="module")

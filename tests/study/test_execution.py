@@ -109,7 +109,7 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
             raise OSError(28, "No space left on device")
         return fsync(handle, mode)
 
-    monkeypatch.setattr("distal.logs.output.os.fdopen", full)
+    monkeypatch.setattr("distal.logs.atomic_writes.os.fdopen", full)
     with pytest.raises(OutputError, match="No space left on device"):
         run_study(plan, space_of(plan), folder, 1)
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]

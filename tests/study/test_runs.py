@@ -12,10 +12,10 @@ from distal import estimate, load_rig, simulate
 from distal.errors import StudyError
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
+from distal.study.design_space import rig_of, space_of
 from distal.study.kernels import Kernels
 from distal.study.plants import built_values, draws_of, scores
 from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
-from distal.study.space import rig_of, space_of
 from tests.study.plans import small, still
 
 

@@ -63,10 +63,11 @@ def estimate_many(
     """
     import numpy as np
 
+    from distal.confidence import BAND
     from distal.diagnosis import diagnose_estimate
     from distal.estimators import ESTIMATORS
     from distal.logs import write_columns
-    from distal.results import BAND, make_folder
+    from distal.results import make_folder
     from distal.run import estimate_batch
 
     if estimator not in ESTIMATORS:

@@ -272,7 +272,7 @@ def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
     """Print a row for each estimator, and of those that could not run why."""
     import numpy as np
 
-    from distal.results import BAND
+    from distal.confidence import BAND
 
     rows = [
         (

@@ -12,15 +12,15 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
+from distal.control.controlled_plant import ControlledPlant, drive_numbers
 from distal.control.pid import GAINS, LOST, gains_of, memory_layout, pid_function
-from distal.control.plant import ControlledPlant, drive_numbers
 from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensors import SensorErrors, quantisation_variance, quantised, quantised_symbol
+from distal.sensor_errors import SENSOR, SensorErrors, quantisation_variance, quantised, quantised_values
 from distal.simulation.plant import Motion, plant_function, rows_of
-from distal.simulation.readings import SENSOR, Readings, reading_function
+from distal.simulation.readings import Readings, reading_function
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
     if shape.filter is None:
         true, belief = y[:nj], before["filter"]
-        angles = quantised_symbol(true, encoder)
+        angles = quantised(true, encoder)
         stds = ca.MX.ones(nj) * encoder * quantisation_variance(1.0) ** 0.5
     else:
         row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))
@@ -155,7 +155,7 @@ def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelE
     first = errors.read(Readings(plant).at(begin))[0]
     if runner is None:
         belief = np.zeros(1)
-        angles = quantised(begin[0, :nj], encoder)
+        angles = quantised_values(begin[0, :nj], encoder)
         stds = np.full(nj, encoder * quantisation_variance(1.0) ** 0.5)
     else:
         sample = first[list(read)]

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from distal.confidence import BAND
 from distal.control.loop import ClosedLoop
-from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, figure, legend_above, save_figure
+from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, figure, legend_above, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

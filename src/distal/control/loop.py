@@ -11,14 +11,14 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.control.compiled import scan_loop
+from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.pid import PID, Held
-from distal.control.plant import ControlledPlant, SteppedPlant
 from distal.errors import ControlError
 from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimator
 from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.sensors import quantisation_variance, quantised
+from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Scenario, load_scenario
 from distal.simulation import simulate as simulate_alone
 from distal.simulation.simulate import SIMULATED, true_motion
@@ -236,7 +236,7 @@ def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Read
     """Return (stamp, sample) → what encoders of the true angles say, with a step [rad]."""
 
     def tell(stamp: float, values: Floats) -> Reading:
-        angles = quantised(plant.angles, step)
+        angles = quantised_values(plant.angles, step)
         return Reading(stamp, tuple(angles.tolist()), (step * quantisation_variance(1.0) ** 0.5,) * len(angles), "ok")
 
     return tell

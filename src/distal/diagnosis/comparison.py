@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding
 from distal.errors import EstimationError
 from distal.logs import Log
-from distal.results import BAND, Estimate
+from distal.results import Estimate
 from distal.rig import Rig
 from distal.run.offline import estimate
 

@@ -20,8 +20,8 @@ from distal.estimators import AdaptiveFilter
 from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig
+from distal.run.drive_range import place_range
 from distal.run.offline import runner_for
-from distal.run.places import place_range
 
 OUTSIDE_SHARE = 0.05
 """Share of a log outside of where it can be, or of what a fit has seen, from which on that is said."""

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.estimators import AdaptiveFilter, StateKind, state_units
 from distal.logs import Log
-from distal.results import BAND, Estimate
+from distal.results import Estimate
 from distal.rig import REFERENCES, Rig, in_words, named
 from distal.run.offline import runner_for
 

@@ -31,7 +31,7 @@ from distal.regression import (
     student,
 )
 from distal.rig import Affine, LearnedMap, Rig, angle_names
-from distal.sensors import variance
+from distal.sensor_errors import variance
 from distal.threads import one_blas_thread
 
 NAME = "affine"

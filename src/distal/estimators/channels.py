@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from distal.errors import DistalWarning, EstimationError
 from distal.rig import Rig, Role, Sensor, measurand_of
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 
 @dataclass(frozen=True)
@@ -86,15 +86,6 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: 
                 f"deviation, e.g. --set sensors.{sensor.name}.noise=…"
             )
     return channels
-
-
-DEAD, DEAD_INTERVALS = 0.5, 5.0
-"""A sensor without a value for so long, at least [s] and in intervals of its own, is dead: it may not come back."""
-
-
-def dead_after(sensor: Sensor) -> float:
-    """Return after which time without a value a sensor is dead [s]."""
-    return max(DEAD, DEAD_INTERVALS / sensor.rate)
 
 
 def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:

@@ -18,7 +18,7 @@ from distal.expressions import Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
-from distal.sensors import systematic_variance, variance
+from distal.sensor_errors import systematic_variance, variance
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from distal.estimators.drive_readings import first_drives, levers_of, measured_t
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
-from distal.sensors import systematic_variance, variance
+from distal.sensor_errors import systematic_variance, variance
 
 
 def kinematic_function(

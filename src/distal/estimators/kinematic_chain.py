@@ -14,7 +14,7 @@ from distal.expressions import Scalar, Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver
 from distal.rig import Rig, angle_names
-from distal.sensors import systematic_variance, variance
+from distal.sensor_errors import systematic_variance, variance
 
 ITERATIONS = 3
 """Gauss–Newton steps per sample: lengths are nearly straight lines in the angles."""

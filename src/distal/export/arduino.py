@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from distal.confidence import BAND
 from distal.errors import OutputError
-from distal.export.fields import angle_fields, comment, filled
 from distal.export.health import spoken
 from distal.export.names import c_name
+from distal.export.outputs import angle_fields, comment, filled
 from distal.export.project import check_ours, readme, write_files
 from distal.export.source import Exported, c_filter
-from distal.regression import BAND
 from distal.rig import Rig, Sensor, log_factor, log_unit
 from distal.version import __version__
 

@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 
 from distal.errors import ExportError
 from distal.estimators import make_estimator
-from distal.export.fields import angle_fields, filled, torque_fields
 from distal.export.health import spoken
+from distal.export.outputs import angle_fields, filled, torque_fields
 from distal.export.source import Exported, c_filter
 from distal.kernels import find_compiler
 from distal.logs import LARGEST_READING, write_whole

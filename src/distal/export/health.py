@@ -5,7 +5,7 @@ from __future__ import annotations
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import KernelEstimator
-from distal.export.fields import angle_fields, filled
+from distal.export.outputs import angle_fields, filled
 from distal.run.health import HEALTH, Health, begun, watch_of
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from distal.errors import OutputError
-from distal.export.fields import comment, filled
 from distal.export.names import c_name, checked_name
+from distal.export.outputs import comment, filled
 from distal.export.plant import c_plant
 from distal.export.source import Exported, c_filter
 from distal.logs import check_outputs, outputs_in, write_together
@@ -174,7 +174,7 @@ void control($name$_real dt, const $name$_real values[$NAME$_CHANNELS]) {
   $name$_output out;
   if (!begun) $name$_begin(&state, values);
   if ($name$_step(&state, begun ? dt : 0, values, &out) == $NAME$_OK) {
-    begun = 1; /* out.angle +- 1.96 out.angle_std [rad] */
+    begun = 1; /* out.angle, with a std of out.angle_std [rad] */
   } /* else: see the header */
 }
 ```

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from distal.estimators import KernelEstimator
-from distal.export.fields import angle_fields, filled, torque_fields
+from distal.export.outputs import angle_fields, filled, torque_fields
 from distal.logs import LARGEST_READING, header
 from distal.rig import angle_names, log_factor, log_unit, std_name
 from distal.units import unit_factor

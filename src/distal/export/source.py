@@ -8,9 +8,9 @@ from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import LARGEST_ANGLE, SHORTEST, FullStateFilter, KernelEstimator, make_estimator, state_units
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
-from distal.export.fields import comment, filled, members, outputs
 from distal.export.health import health_codes, health_source
 from distal.export.names import c_name, checked_name
+from distal.export.outputs import comment, filled, members, outputs
 from distal.export.replay import replay_program
 from distal.homing import homing_filter
 from distal.kernels.mask import MISSING, READ

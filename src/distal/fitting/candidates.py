@@ -9,12 +9,12 @@ import numpy as np
 
 from distal.arrays import Bools
 from distal.estimators import affine_of, affine_samples
-from distal.fitting.checks import unknown_joints
-from distal.fitting.fitted import assignments, described
+from distal.fitting.fitted_number import assignments, described
 from distal.fitting.jackknife import numbers_without
-from distal.fitting.lacking import Part
+from distal.fitting.learned_maps import MapFit, map_of
+from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed, with_reference_error
-from distal.fitting.maps import MapFit, map_of
+from distal.fitting.missing_physics import Part
 from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
 from distal.logs import Log, true_angles

@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import Robustness
-from distal.fitting.fitted import FittedNumber
+from distal.fitting.fitted_number import FittedNumber
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.fitting.search import Optimum, search

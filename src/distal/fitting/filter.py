@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Robustness
-from distal.fitting.free import Free
+from distal.fitting.free_number import Free
 from distal.fitting.resampling import refined, steps_per_sample
-from distal.fitting.stops import in_stops
+from distal.fitting.samples_in_stops import in_stops
 from distal.logs import Log, true_angles
 from distal.rig import Rig, Sensor
 from distal.run import samples_of
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 FINE = 0.2
 """Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""

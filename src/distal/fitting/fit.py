@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from distal.errors import DistalWarning, FitError
-from distal.fitting.checks import check_logs
 from distal.fitting.doubts import far_from_priors
 from distal.fitting.learn import Learned, learn
+from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.leave_out import leave_out
-from distal.fitting.maps import MapFit, logs_read
+from distal.fitting.log_checks import check_logs
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit

@@ -10,13 +10,13 @@ import numpy as np
 from distal.arrays import Bools
 from distal.errors import DistalError, EstimationError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
-from distal.fitting.stops import in_stops
+from distal.fitting.samples_in_stops import in_stops
 from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
 from distal.rig import LearnedMap, Rig, Sensor
 from distal.run import samples_of
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 OFFSETS = 2.0
 """What angles lack in the mean may be the encoder's offset up to so many of its standard deviations."""

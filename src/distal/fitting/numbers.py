@@ -10,17 +10,17 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import FitError, RigError
+from distal.fitting.choice_of_numbers import choose
 from distal.fitting.doubts import NOT_CONVERGED, contradictions, doubts_of, nis_of
 from distal.fitting.filter import FitFilter, steps_of
-from distal.fitting.fitted import FittedNumber
-from distal.fitting.free import Free
-from distal.fitting.inverse import SMOOTHED, Equations, inverse_problem
+from distal.fitting.fitted_number import FittedNumber
+from distal.fitting.free_number import Free
+from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.options import Options
 from distal.fitting.problem import Problem
 from distal.fitting.progress import Progress, searching
 from distal.fitting.search import Optimum, coarse_start, hessian, most_likely, search
-from distal.fitting.selection import choose
-from distal.fitting.uncertainty import CONFOUNDED, TOLD, Uncertainty, uncertainty_at
+from distal.fitting.standard_errors import CONFOUNDED, TOLD, Uncertainty, uncertainty_at
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency

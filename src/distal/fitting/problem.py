@@ -14,7 +14,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.estimators import Robustness, first_values
 from distal.fitting.filter import Data, FitFilter
-from distal.fitting.free import Free
+from distal.fitting.free_number import Free
 from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of, scales_of, shares_of
 from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY

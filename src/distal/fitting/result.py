@@ -12,13 +12,13 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS
-from distal.fitting.fitted import FittedNumber, assignments
+from distal.fitting.choice_of_numbers import paths_of
 from distal.fitting.fitted_file import MARK, fitted_text
+from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.learn import Learned
+from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import Compared, Fold
-from distal.fitting.maps import MapFit
 from distal.fitting.options import Options
-from distal.fitting.selection import paths_of
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
 

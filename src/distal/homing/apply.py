@@ -14,7 +14,7 @@ from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
 from distal.regression import Samples, calibrate_window
 from distal.rig import Rig
-from distal.sensors import place_offsets
+from distal.sensor_errors import place_offsets
 
 PASSES = 2
 """How often the window is filtered: each pass begins with the numbers of the last one, and with their prior stds."""

@@ -19,7 +19,7 @@ from distal.logs import Log, frozen
 from distal.regression import predict
 from distal.regression.random_effects import row_of
 from distal.rig import Affine, Rig
-from distal.sensors import place_offsets
+from distal.sensor_errors import place_offsets
 
 SHIFTED = ("centre", "low", "high")
 """The fields of a map in the unit of the readings, with their offsets."""

@@ -10,7 +10,7 @@ from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief, StateKind, states_of
 from distal.kernels import Advanced, covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 START_STD = float(np.deg2rad(0.2))
 """How well the joint's first angle is known from the reference [rad]."""

@@ -4,11 +4,11 @@ from distal.kernels.cache import cache_folder
 from distal.kernels.compiler import c_source, find_compiler
 from distal.kernels.driver import advance, advance_all, at_samples
 from distal.kernels.feed import Advanced, Feed
-from distal.kernels.in_order import in_order
+from distal.kernels.indices import Indices, PlacedKernel, side_by_side
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
-from distal.kernels.places import Indices, PlacedKernel, side_by_side
+from distal.kernels.parallel import in_order
 from distal.kernels.probe import probe
 
 __all__ = [

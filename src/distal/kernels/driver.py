@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from distal.kernels.feed import Advanced, Feed
+from distal.kernels.indices import Indices
 from distal.kernels.kernel import Kernel
-from distal.kernels.places import Indices
 
 
 def advance(kernel: Kernel, feed: Feed) -> Advanced:

@@ -157,18 +157,18 @@
   const touch = torques.length ? curves("torque", "torque [N m]") : null, plots = [angles, errors, ...(touch ? [touch] : [])];
 
   function draw() {
-    const halves = each(2).map((std) => 1.96 * std), tensions = [...truth.subarray(tensionsAt, tensionsAt + data.tendons.length)];
+    const halves = each(2).map((std) => data.band * std), tensions = [...truth.subarray(tensionsAt, tensionsAt + data.tendons.length)];
     data.shape.most = Math.max(data.shape.most, ...tensions.filter((x) => x < 1e4));
     picture.draw(each(1), halves, each(0), tensions);
     const of = (what, scale = 1 / DEGREE) => (row) => kept[row + 1 + 4 * joint + what] * scale;
-    const half = (row) => (1.96 * kept[row + 1 + 4 * joint + 2]) / DEGREE;
+    const half = (row) => (data.band * kept[row + 1 + 4 * joint + 2]) / DEGREE;
     const plain = [of(3), data.colours.plain, 1.5, [5, 3]];
     angles.draw([[of(0), colours.ink, 2, []], [of(1), colours.estimate, 1.5, []], ...(data.plain ? [plain] : [])], [[(r) => of(1)(r) - half(r), (r) => of(1)(r) + half(r)]], 10);
     const off = (what) => (row) => of(what)(row) - of(0)(row);
     errors.draw([[off(1), colours.estimate, 1.5, []], ...(data.plain ? [[off(3), data.colours.plain, 1.5, [5, 3]]] : [])], [[(r) => -half(r), half]], 2);
     if (touch) {
       const base = 1 + 4 * nj + 3 * Math.max(torques.findIndex((t) => t[2] === joint), 0);
-      const value = (k) => (row) => kept[row + base + k], reach = (row) => 1.96 * kept[row + base + 2];
+      const value = (k) => (row) => kept[row + base + k], reach = (row) => data.band * kept[row + base + 2];
       touch.draw([[value(0), colours.ink, 2, []], [value(1), colours.estimate, 1.5, []]], [[(r) => kept[r + base + 1] - reach(r), (r) => kept[r + base + 1] + reach(r)]], 0.01 * data.loadMost);
     }
   }
@@ -179,17 +179,17 @@
     for (let k = first; k < count; k++) {
       const row = width * (k % KEPT) + 1 + 4 * joint, error = Math.abs(kept[row + 1] - kept[row]);
       if (k * interval < 1 && first === 0) continue;  // the first second, in which the zero is found
-      square += error * error; worst = Math.max(worst, error); inside += error <= 1.96 * kept[row + 2]; n += 1;
+      square += error * error; worst = Math.max(worst, error); inside += error <= data.band * kept[row + 2]; n += 1;
       plainWorst = Math.max(plainWorst, Math.abs(kept[row + 3] - kept[row]));
     }
     const degrees = (x) => `${(x / DEGREE).toFixed(1)}°`;
-    names.forEach((_, j) => { by(`now-${j}`).textContent = `${degrees(angle(j, 1))} ± ${degrees(1.96 * angle(j, 2))}`; by(`true-${j}`).textContent = degrees(angle(j, 0)); });
+    names.forEach((_, j) => { by(`now-${j}`).textContent = `${degrees(angle(j, 1))} ± ${degrees(data.band * angle(j, 2))}`; by(`true-${j}`).textContent = degrees(angle(j, 0)); });
     const word = data.health[told[at("health")]] || ["", ""];
     by("health").textContent = `${word[0]}: ${word[1]}`; by("health").className = word[0] === "ok" || word[0] === "untested" ? "yes" : "no";
     by("most").textContent = data.shape.most.toPrecision(2); by("clock").textContent = `${(count * interval).toFixed(1)} s`;
     if (n) {
       const compared = data.plain ? ` Taken as inextensible, the tendons are wrong by up to ${degrees(plainWorst)}.` : "";
-      by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is ${angle(joint, 2) < Math.PI / 2 ? `known to ± ${degrees(1.96 * angle(joint, 2))}` : "not known"}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
+      by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is ${angle(joint, 2) < Math.PI / 2 ? `known to ± ${degrees(data.band * angle(joint, 2))}` : "not known"}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
     }
     for (const name of Object.keys(settings)) { by(`${name}-said`).textContent = said(name); settings[name].setAttribute("aria-valuetext", said(name)); }
   }

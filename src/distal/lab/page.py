@@ -14,13 +14,14 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.estimators import external_torques_of, make_estimator
-from distal.estimators.channels import DEAD
-from distal.export.fields import filled, torque_fields
+from distal.estimators.dead_sensors import DEAD
+from distal.export.outputs import filled, torque_fields
 from distal.export.plant import ExportedPlant, resting_pull
-from distal.lab.module import LabModule, lab_module
+from distal.lab.webassembly import LabModule, lab_module
 from distal.logs import write_whole
-from distal.reports.moving import chain_script, chain_shape, tension_scale
+from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
 from distal.reports.page import page, script_with
 from distal.results import COLOURS
 from distal.rig import Rig, angle_names, log_factor, std_name
@@ -114,6 +115,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "read": [plant.sensors.index(channel) for channel in module.filter.channels],
         "bodies": n,
         "interval": plant.interval,
+        "band": BAND,
         "window": WINDOW,
         "longest": LONGEST,
         "numbers": len(plant.numbers),

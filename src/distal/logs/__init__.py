@@ -1,20 +1,20 @@
 """Logs: time series of sensors, read, checked and written."""
 
+from distal.logs.atomic_writes import write_together, write_whole
 from distal.logs.datasets import da_vinci_grasper
-from distal.logs.files import check_format, file_of, read_log, read_truth, write_columns, write_log
 from distal.logs.formats import TABLES
 from distal.logs.frames import pandas_frame, polars_frame
-from distal.logs.headers import header
+from distal.logs.header_units import header
 from distal.logs.log import LARGEST_READING, Log, frozen
+from distal.logs.log_files import check_format, file_of, read_log, read_truth, write_columns, write_log
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import from_mujoco
-from distal.logs.output import write_together, write_whole
+from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
 from distal.logs.sources import Source
 from distal.logs.tables import open_table, read_table, table_of
-from distal.logs.targets import Output, check_outputs, outputs_in, shown
 from distal.logs.true_columns import true_angles, true_torques
 from distal.logs.truth import FROM_SENSOR, TruthKind, TruthSource
 

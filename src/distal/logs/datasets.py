@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.errors import LogError
-from distal.logs.output import write_whole
+from distal.logs.atomic_writes import write_whole
 
 SOURCE = (
     "https://raw.githubusercontent.com/MRDLab/mis-tool-characterization/"

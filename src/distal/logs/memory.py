@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from distal.errors import LogError, UnitError
-from distal.logs.targets import shown
+from distal.logs.output_targets import shown
 from distal.units import to_si
 
 MOST = 2_000_000_000

@@ -14,7 +14,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import MISSING
-from distal.logs.headers import factor_of, time_factor, units_of
+from distal.logs.header_units import factor_of, time_factor, units_of
 from distal.rig import Rig, log_factor
 from distal.units import unit_factor
 

@@ -17,10 +17,10 @@ import numpy as np
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Column
 from distal.logs.formats import format_of
-from distal.logs.headers import needed
+from distal.logs.header_units import needed
 from distal.logs.memory import how_to_allow, memory_limit
+from distal.logs.output_targets import shown
 from distal.logs.recordings import open_recording
-from distal.logs.targets import shown
 
 
 class Request(TypedDict, total=False):

@@ -19,8 +19,8 @@ from threading import Lock
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.memory import how_to_allow, memory_limit
+from distal.logs.output_targets import shown
 from distal.logs.reader import STAMPS, Answer, Request, answer_to, unpacked
-from distal.logs.targets import shown
 
 _BEGIN = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import serve; serve()"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from distal.errors import OutputError
-from distal.logs.output import check_writable
+from distal.logs.atomic_writes import check_writable
 from distal.logs.stamps import LATEST
 from distal.rig import angle_names, std_name
 

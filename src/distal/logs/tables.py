@@ -13,10 +13,10 @@ from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats import format_of
-from distal.logs.headers import header, needed, scale, units_of
+from distal.logs.header_units import header, needed, scale, units_of
+from distal.logs.output_targets import shown
 from distal.logs.reader_process import table_by_process
 from distal.logs.sources import Source
-from distal.logs.targets import shown
 
 
 @dataclass(frozen=True)

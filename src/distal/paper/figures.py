@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from distal.confidence import BAND
 from distal.paper.claims import potentiometer_errors, rms
 from distal.paper.series import PLANTS, SERIES_2, Run
-from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, TRUTH, draw_estimate, figure
+from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, TRUTH, draw_estimate, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

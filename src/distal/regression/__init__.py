@@ -1,19 +1,26 @@
 """Least squares over several logs: features, random effects, the size of a band, a homing window, the kernel."""
 
 from distal.regression.affine import affine_kind, as_discrepancy
-from distal.regression.band import BAND, Errors, conformal_factor, inflate_band, rms_beyond_noise, student
-from distal.regression.beyond import Learner, errors_beyond
+from distal.regression.after_homing import EXPECTED, calibrate_window, seen
+from distal.regression.band import Errors, conformal_factor, inflate_band, rms_beyond_noise, student
 from distal.regression.contact import contact_kind
+from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
+from distal.regression.extrapolation import Learner, errors_beyond
 from distal.regression.features import Samples, design, limits, outside, predict
-from distal.regression.folds import folds_of, groups_of, splits
 from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
-from distal.regression.learn import Kind, Terms, calibrate_band, errors_of, fit_coefficients, learn_map, left_out_errors
+from distal.regression.learn_map import (
+    Kind,
+    Terms,
+    calibrate_band,
+    errors_of,
+    fit_coefficients,
+    learn_map,
+    left_out_errors,
+)
 from distal.regression.random_effects import correlated_samples, independent, line
-from distal.regression.window import EXPECTED, calibrate_window, seen
 
 __all__ = [
-    "BAND",
     "EXPECTED",
     "Errors",
     "Kind",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from distal.arrays import Floats
-from distal.regression.learn import Kind, Terms
+from distal.regression.learn_map import Kind, Terms
 from distal.regression.random_effects import row_of, rows_of
 from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
 

@@ -7,14 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND, COVERED
 from distal.regression.random_effects import rows_of
 from distal.rig import LearnedMap
-
-BAND = 1.959963984540054
-"""Half-width of a 95 % band in standard deviations: the 97.5 % quantile of the normal distribution."""
-
-COVERED = 0.95
-"""Share of the errors that a band is to hold."""
 
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
 """Least and largest factor by which errors on left-out logs change the width of the band."""
@@ -36,7 +31,7 @@ def student(freedom: float) -> float:
     """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96."""
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
-    return float(stdtrit(max(freedom, 1.0), 0.975)) / BAND
+    return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
 
 
 def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> float:
@@ -88,7 +83,7 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
 def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
     """Return the share of the filter's own std that the worst log and joint of few left out needs, at most 1."""
     ratios = [np.abs(e) / np.sqrt(np.maximum(v, 1e-30)) for log in errors for e, _, v in log if len(e)]
-    return float(min(1.0, max((np.quantile(ratio, 0.95) for ratio in ratios), default=BAND) / BAND))
+    return float(min(1.0, max((np.quantile(ratio, COVERED) for ratio in ratios), default=BAND) / BAND))
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:

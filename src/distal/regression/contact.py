@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from distal.arrays import Floats
-from distal.regression.learn import Kind, Terms
+from distal.regression.learn_map import Kind, Terms
 from distal.rig import CONSTANT, Contact
 
 SLIPS = (0.025, 0.05, 0.1)

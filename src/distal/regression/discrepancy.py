@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from distal.arrays import Floats
 from distal.regression.affine import DEAD_BAND
-from distal.regression.learn import Kind, Terms
+from distal.regression.learn_map import Kind, Terms
 from distal.rig import CONSTANT, Discrepancy
 
 PLAYS = (0.25, 0.5, 1.0)

@@ -1,46 +1,55 @@
-"""Motion beyond a homing move: the error of a corrected angle for each radian beyond the range that the move covered."""
+"""How a map extrapolates: learned from the inner part of what logs cover, judged on the outer part of logs left out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
-from distal.regression.band import COVERED
-from distal.regression.features import Samples, beyond_homing, predict
-from distal.regression.window import calibrate_window
+from distal.arrays import Bools
+from distal.errors import FitError
+from distal.regression.band import Errors
+from distal.regression.cross_validation import splits
+from distal.regression.features import Samples
+from distal.regression.learn_map import Kind, errors_of
 from distal.rig import LearnedMap
 
+Learner: TypeAlias = Callable[[Sequence[int], Sequence[Bools]], LearnedMap]
+"""(Indices of logs, which of their samples) → the map that these teach."""
 
-def extrapolation(
-    partly: Mapping[int, Samples], fit: Callable[[int], LearnedMap | None], joints: int, homing: float, by_motion: bool
-) -> tuple[float, ...]:
-    """Return κ of each of the joints, by logs left out whose homing move of `homing` s covers half of their range.
+INNER = 0.7
+"""Share of all samples that lie in the inner part."""
 
-    Each run has a κ of its own; what is returned is the 95 % quantile over the logs, 0 where nothing lies beyond. `fit`
-    gives the map without a log by its index, None where there is none.
+COVERED = (0.5, 99.5)
+"""Percentiles between which logs cover what is read: a single spike is no range."""
+
+
+def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
+    """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is small.
+
+    The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of its length.
     """
-    costs: list[list[float]] = [[] for _ in range(joints)]
-    for i, out in partly.items():
-        learned = fit(i)
-        if learned is None:
-            continue
-        learned, _ = calibrate_window(learned, out, out.window(homing), by_motion)
-        for j in range(joints):
-            cost = cost_beyond(learned, out, j, homing)
-            costs[j] += [] if cost is None else [cost]
-    return tuple(float(np.quantile(of_joint, COVERED)) if of_joint else 0.0 for of_joint in costs)
+    low, high = np.percentile(np.vstack([log.every for log in logs]), COVERED, axis=0)
+    moving = high > low
+    middle, half = (low + high)[moving] / 2, (high - low)[moving] / 2
+    far = [np.max(np.abs(log.every[:, moving] - middle) / half, axis=1, initial=0.0) for log in logs]
+    limit = np.quantile(np.concatenate(far), INNER)
+    return [np.asarray(distance <= limit) for distance in far]
 
 
-def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float) -> float | None:
-    """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move; None where nothing does.
+def errors_beyond(
+    logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None, learn: Learner
+) -> list[list[Errors]]:
+    """Return the errors in the outer part of each log with what the inner parts of other folds' logs teach.
 
-    e are the errors, v the variances without κ, h is from `beyond_homing`; the move took a time `homing` [s].
+    They count after a window of `homing` [s], if any.
     """
-    predicted = predict(learned, samples, joint)
-    past, target = beyond_homing(learned, samples, joint, predicted.values), samples.targets[:, joint]
-    rows = (samples.time >= homing) & np.isfinite(target) & (past > 0.0)
-    if not rows.any():
-        return None
-    excess = float(np.mean(((predicted.values - target) ** 2 - predicted.variances - predicted.filter_variances)[rows]))
-    return float(np.sqrt(max(excess, 0.0) / float(np.mean(past[rows] ** 2))))
+    parts, errors = inner_parts(logs), []
+    for out, left in splits(folds) if len(set(folds)) > 1 else ():
+        try:
+            learned = learn(left, [parts[i] for i in left])
+        except FitError:
+            continue  # without these logs nothing is known of a joint
+        errors += [errors_of(learned, logs[i], kind, homing, ~parts[i]) for i in out]
+    return errors

@@ -10,8 +10,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
+from distal.regression.after_homing import ANYWHERE
 from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
-from distal.regression.window import ANYWHERE
 from distal.rig import CONSTANT, LearnedMap
 
 UNREAD_AGE = 1e6

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.errors import OutputError
 from distal.logs import Log, shown, write_whole
-from distal.reports.moving import moving_chain
+from distal.reports.moving_chain import moving_chain
 from distal.reports.page import html_table, page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
-from distal.results import BAND, BAND_ALPHA, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
+from distal.results import BAND_ALPHA, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
 from distal.rig import Rig
 from distal.run import log_health
 

@@ -1,9 +1,8 @@
 """What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
 
-from distal.regression import BAND
+from distal.results.angle_plots import PANELS, check_panels, draw_estimate, from_start, plot_estimates, time_label
 from distal.results.estimate import ANGLE_UNITS, Estimate
-from distal.results.panels import HEALTH_COLOURS
-from distal.results.plots import PANELS, check_panels, draw_estimate, from_start, plot_estimates, time_label
+from distal.results.innovation_plots import HEALTH_COLOURS
 from distal.results.style import (
     BAD,
     BAND_ALPHA,
@@ -30,7 +29,6 @@ from distal.results.thresholds import LARGE_PRIOR, SMALL
 __all__ = [
     "ANGLE_UNITS",
     "BAD",
-    "BAND",
     "BAND_ALPHA",
     "BLACK",
     "COLOURS",

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.errors import EstimationError
 from distal.estimators import UNITS_OF_JOINTS, StateKind, kinds_by_joint, states_of
 from distal.logs import header, pandas_frame, polars_frame
-from distal.regression import BAND
-from distal.results.plots import PlotOptions, plot_estimates
+from distal.results.angle_plots import PlotOptions, plot_estimates
 from distal.results.summary import SummaryRow, html_rows
 from distal.rig import std_name
 from distal.suggestions import did_you_mean

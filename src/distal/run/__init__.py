@@ -1,13 +1,13 @@
 """Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a stream."""
 
+from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours
 from distal.run.batch import estimate_batch
 from distal.run.health import HEALTH
-from distal.run.hours import Hour, by_hour, plot_hours
 from distal.run.live import LiveEstimator
 from distal.run.log_health import log_health
+from distal.run.long_logs import PieceEstimate, estimate_pieces
 from distal.run.monitor import Monitor, Reading
 from distal.run.offline import estimate, samples_of, with_channel
-from distal.run.pieces import PieceEstimate, estimate_pieces
 from distal.run.smoothing import smooth
 
 __all__ = [

@@ -15,13 +15,13 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import KernelEstimator
-from distal.estimators.channels import DEAD, dead_after
+from distal.estimators.dead_sensors import DEAD, dead_after
 from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Role, measurand_of, step_of
+from distal.run.drive_range import FAR, place_range
 from distal.run.offline import priors_of
-from distal.run.places import FAR, place_range
 
 Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
 

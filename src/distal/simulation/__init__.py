@@ -1,7 +1,7 @@
 """Simulation: a rig, a scenario and a seed become a log with truth."""
 
 from distal.simulation.batch import simulate_batch
-from distal.simulation.pieces import Piece, simulate_pieces
+from distal.simulation.drift import Piece, simulate_pieces
 from distal.simulation.scenario import (
     Change,
     Control,

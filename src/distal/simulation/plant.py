@@ -14,7 +14,7 @@ from distal.errors import ScenarioError
 from distal.expressions import Scalar
 from distal.kernels import Feed, Kernel, advance, advance_all
 from distal.model import Mechanism, interval_step
-from distal.simulation.apart import parts_of_plant, plants_apart
+from distal.simulation.independent_parts import parts_of_plant, plants_apart
 from distal.simulation.inputs import BodyInputs
 
 

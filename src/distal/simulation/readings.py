@@ -10,10 +10,9 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.expressions import Vector
-from distal.kernels import Layout
 from distal.model import Mechanism, Moment
 from distal.rig import Rig, Sensor, travel_of
-from distal.sensors import SensorErrors, quantised_symbol
+from distal.sensor_errors import SENSOR, SensorErrors, reading
 
 
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
@@ -59,22 +58,12 @@ def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
     return errors
 
 
-SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=3, phases=3)
-"""Numbers of a sensor, in the order of `SensorErrors.numbers`."""
-
-
 def reading_function(plant: Mechanism) -> ca.Function:
-    """Return (y, numbers, draws) → what the sensors read, as `SensorErrors` has it, without their delays."""
+    """Return (y, numbers, draws) → what the sensors read, without their delays; a column of `SENSOR` for each sensor."""
     sensors = plant.rig.sensors
     y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
     numbers, draws = ca.SX.sym("numbers", SENSOR.size, len(sensors)), ca.SX.sym("draws", len(sensors))
-    moment, readings = moment_of(plant, y), []
-    for k, sensor in enumerate(sensors):
-        part, true = SENSOR.parts(numbers[:, k]), moment.read(sensor)
-        share = ca.fmin(ca.fmax((true - part["low"]) / (part["high"] - part["low"]), 0), 1)
-        weights, phases = part["weights"], part["phases"]
-        curve = sum((weights[i] * ca.sin(np.pi * (i + 1) * share + phases[i]) for i in range(3)), ca.SX(0))
-        reading = part["gain"] * true + part["bias"] + curve + part["noise"] * draws[k]
-        readings.append(quantised_symbol(reading, part["step"]))
+    moment = moment_of(plant, y)
+    readings = [reading(moment.read(s), SENSOR.parts(numbers[:, k]), draws[k]) for k, s in enumerate(sensors)]
     read = ca.substitute(ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values))
     return ca.Function("reading", [y, numbers, draws], [ca.densify(read)])

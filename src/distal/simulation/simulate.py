@@ -13,7 +13,7 @@ from distal.errors import ScenarioError
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, load_rig, torque_names, travel_of
-from distal.sensors import measure
+from distal.sensor_errors import measure
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import Motion, equilibrium, longest_interval, run_plant
 from distal.simulation.readings import Readings

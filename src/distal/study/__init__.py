@@ -1,8 +1,8 @@
 """Design studies: many designs, rigs as built of each, and what they say of a requirement."""
 
 from distal.study.description import Plan, Study, load_study, plan_of, shipped_studies
+from distal.study.design_space import Axis, Space, space_of
 from distal.study.execution import run_study
-from distal.study.space import Axis, Space, space_of
 from distal.study.storage import Folder, open_folder
 
 __all__ = [

@@ -15,8 +15,8 @@ from distal.arrays import Bools, Floats
 from distal.errors import StudyError
 from distal.rig import in_words
 from distal.study.description import Plan
+from distal.study.design_space import ESTIMATOR, FEEDBACK, Axis, Space, Value
 from distal.study.runs import BUILT, MEASURES, Task, curves_of, run_tasks
-from distal.study.space import ESTIMATOR, FEEDBACK, Axis, Space, Value
 from distal.study.storage import Columns
 
 BINS = 4

@@ -14,8 +14,8 @@ from concurrent.futures.process import BrokenProcessPool
 
 from distal.errors import StudyError
 from distal.study.description import Plan
+from distal.study.design_space import Space
 from distal.study.runs import Rows, run_chunk
-from distal.study.space import Space
 from distal.study.storage import Folder
 from distal.version import __version__
 

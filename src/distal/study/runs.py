@@ -13,13 +13,14 @@ from typing import TypeVar
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator, make_estimator
 from distal.kernels import Kernel, lanes_here
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.results import BAND, Estimate
+from distal.results import Estimate
 from distal.rig import Rig, named
 from distal.run.batch import run_all
 from distal.run.offline import Run, prepared, runner_for
@@ -28,9 +29,9 @@ from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import Motion, equilibrium, resting_force, run_plants
 from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
+from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 from distal.study.kernels import Kernels
 from distal.study.plants import Draw, built_values, draws_of, scores
-from distal.study.space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
 from distal.threads import one_blas_thread
 
 Lane = TypeVar("Lane")

@@ -16,8 +16,8 @@ from distal.errors import StudyError
 from distal.logs import write_whole
 from distal.results import make_folder
 from distal.study.description import Plan
+from distal.study.design_space import ESTIMATOR, FEEDBACK
 from distal.study.runs import BUILT, Rows
-from distal.study.space import ESTIMATOR, FEEDBACK
 from distal.version import __version__
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.arrays import Floats
+from distal.confidence import BAND
 from distal.errors import StudyError
 from distal.estimators import DEFAULT
-from distal.results import BAND, Estimate
+from distal.results import Estimate
 from distal.rig import Rig, in_words, number
 from distal.study.description import Plan
 from distal.study.plants import draws_of

@@ -22,8 +22,8 @@ from benchmarks.cases import (
 from benchmarks.lower_bound import lower_bound
 
 from distal import Estimate, Log, Rig, estimate, load_rig, make_estimator, simulate
+from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter
-from distal.results import BAND
 from distal.rig import build_rig
 from tests.helpers import rms_degrees
 

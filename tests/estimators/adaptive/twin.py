@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from distal.estimators import Robustness
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.sensors import variance
+from distal.sensor_errors import variance
 from tests.estimators.adaptive.twin_model import TwinModel
 from tests.estimators.adaptive.twin_states import declares_friction, sensor_at, states_of, travel_of
 from tests.estimators.adaptive.twin_update import update

@@ -2,8 +2,8 @@
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.estimator import AdaptiveFilter
-from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, uncertain_parameters
+from distal.estimators.adaptive.tuning import Robustness
 
 __all__ = [
     "KINDS",

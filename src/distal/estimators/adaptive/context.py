@@ -8,12 +8,12 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.robustness import Robustness
+from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Sensor, drive_travel, gain_of, step_of
-from distal.sensors import quantisation_variance
+from distal.sensor_errors import quantisation_variance
 
 MOST_TRAVELS = 20.0
 """A drive is never this many times its travel away from the middle of it."""

@@ -11,10 +11,12 @@ from typing import Generic
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.guards import chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.mechanics import mechanics_function
-from distal.estimators.adaptive.robustness import Robustness, chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.channels import UNKNOWN_PLACE, dead_after
+from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.channels import UNKNOWN_PLACE
+from distal.estimators.dead_sensors import dead_after
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 

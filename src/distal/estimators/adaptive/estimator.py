@@ -15,8 +15,8 @@ from distal.errors import EstimationError
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
-from distal.estimators.adaptive.robustness import Robustness
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
+from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator

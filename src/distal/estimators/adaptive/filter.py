@@ -10,15 +10,15 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.apart import filter_by_parts, parts_of
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
-from distal.estimators.adaptive.following import follow
+from distal.estimators.adaptive.independent_parts import filter_by_parts, parts_of
+from distal.estimators.adaptive.internal_motion import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved, moved
-from distal.estimators.adaptive.play import play
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stops import depths_in_stops
+from distal.estimators.adaptive.transmission_play import play
 from distal.estimators.adaptive.update import updated
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Layout, carry_layout

@@ -9,12 +9,13 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
+from distal.estimators.adaptive.guards import robust_variance
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import ROW, SLOPED, Row, Rows
-from distal.estimators.adaptive.robustness import Robustness, robust_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.adaptive.stops import sure_of_stops
+from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
-from distal.logs.headers import needed
+from distal.logs.header_units import needed
 from distal.logs.memory import check_memory
 
 WIDEST = 16

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.arrays import Floats
-from distal.rig.mjcf.guesses import Guess
+from distal.rig.mjcf.guesses import FRICTION_COEFFICIENT, JOINT_FRICTION, initial_angle
 from distal.rig.mjcf.loading import mujoco_module
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 SMALLEST_INERTIA = 1e-9
 """Of a joint to which the model gives no armature [kg m²]: its link's inertia is what counts."""
 
-FRICTION_RADIUS, FRICTION_COEFFICIENT = 1e-3, 1e-3
-"""`frictionloss` does not grow with the tensions: as friction of an axle it is nearly all preload [m, 1]."""
+FRICTION_RADIUS = 1e-3
+"""`frictionloss` does not grow with the tensions: as friction of an axle it is nearly all preload [m]."""
 
 
 @dataclass(frozen=True)
@@ -103,12 +103,11 @@ def described_joints(
         raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
         raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
         initial = float(model.qpos0[int(model.jnt_qposadr[j])])
-        raw["initial"] = Guess({"value": initial, "std": "5 deg"}, "angle at the start")
+        raw["initial"] = initial_angle(initial)
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
             load = loss / (FRICTION_COEFFICIENT * FRICTION_RADIUS)
-            coefficient = {"value": FRICTION_COEFFICIENT, "std": "30 %"}
-            raw["friction"] = {"coefficient": Guess(coefficient, "how well friction is known"), "radius": FRICTION_RADIUS,
+            raw["friction"] = {"coefficient": JOINT_FRICTION, "radius": FRICTION_RADIUS,
                                "preload": load}  # fmt: skip
         if model.jnt_limited[j]:
             raw["stops"] = [float(end) for end in model.jnt_range[j]]

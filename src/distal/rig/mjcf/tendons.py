@@ -9,7 +9,17 @@ import numpy as np
 
 from distal.rig.mjcf.bodies import Units, joint_name
 from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
-from distal.rig.mjcf.guesses import Guess
+from distal.rig.mjcf.guesses import (
+    DRIVE_MASS,
+    ENCODER_STEP,
+    FORCE_NOISE,
+    NOMINAL_FORCE,
+    PATH_FRICTION,
+    PLACE_NOISE,
+    PRETENSION,
+    RATE,
+    STIFFNESS,
+)
 from distal.rig.mjcf.poses import over_ranges, range_of, rest_lengths
 
 if TYPE_CHECKING:
@@ -21,22 +31,19 @@ POSES = 3000
 SMALLEST_SHARE = 1e-6
 """Terms that never make more than this share of a tendon's excursion are not written."""
 
-DRIVE_MASS = 0.02
-"""Of a drive that the model does not have [kg]; a filter follows the place that is measured."""
-
 
 def described_drive(model: mujoco.MjModel, tendon: int, name: str, units: Units) -> dict[str, object]:
     """Return the raw drive of a tendon; a tendon's `frictionloss` rubs there."""
     constant = float(np.ravel(model.tendon_frictionloss[tendon])[0]) * units.force
-    friction: dict[str, object] = {"load": Guess({"value": 0.05, "std": 0.1}, "friction along the path")}
+    friction: dict[str, object] = {"load": PATH_FRICTION}
     if constant > 0.0:
         friction = {"constant": constant} | friction
     return {
         "name": name,
         "kind": "slider",
-        "mass": Guess(DRIVE_MASS, "the drive's mass"),
+        "mass": DRIVE_MASS,
         "friction": friction,
-        "nominal_force": Guess({"value": "5 N", "std": "5 N"}, "usual force"),
+        "nominal_force": NOMINAL_FORCE,
     }
 
 
@@ -81,8 +88,8 @@ def described_tendon(
     raw: dict[str, object] = {
         "name": name,
         "drive": name,
-        "stiffness": Guess({"value": "20 N/mm", "std": "50 %"}, "series stiffness"),
-        "pretension": Guess({"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement"),
+        "stiffness": STIFFNESS,
+        "pretension": PRETENSION,
         "crossings": crossings,
     }
     return raw, notes
@@ -90,17 +97,16 @@ def described_tendon(
 
 def described_sensors(tendons: Sequence[str], joints: Sequence[str]) -> list[dict[str, object]]:
     """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning."""
-    rate = Guess(100.0, "rate of the sensors")
     sensors: list[dict[str, object]] = []
     for name in tendons:
-        for kind, column, unit, noise in (("position", "x", "m", "0.02 mm"), ("force", "u", "N", "0.2 N")):
+        for kind, column, unit, noise in (("position", "x", "m", PLACE_NOISE), ("force", "u", "N", FORCE_NOISE)):
             sensors.append(
                 {"name": f"{column}_{name}", "measures": kind, "of": name, "column": f"{column}_{name}", "unit": unit,
-                 "rate": rate, "noise": Guess(noise, f"noise of a {kind}")}
+                 "rate": RATE, "noise": noise}
             )  # fmt: skip
     for name in joints:
         sensors.append(
             {"name": f"encoder_{name}", "measures": "angle", "of": name, "column": f"encoder_{name}", "unit": "rad",
-             "rate": rate, "resolution": Guess("0.1 deg", "encoders, which are for learning and comparing only")}
+             "rate": RATE, "resolution": ENCODER_STEP}
         )  # fmt: skip
     return sensors

@@ -14,7 +14,7 @@ from distal.estimators.adaptive.states.state import Fading, Learning, OfSensor, 
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
-from distal.sensors import systematic_variance
+from distal.sensor_errors import systematic_variance
 
 
 @dataclass(frozen=True)

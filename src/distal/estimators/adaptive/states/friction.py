@@ -13,7 +13,7 @@ from distal.estimators.adaptive.states.state import OfDrive, State, ZeroMean
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 
 @dataclass(frozen=True)

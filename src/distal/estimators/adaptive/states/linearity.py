@@ -15,13 +15,13 @@ from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor, drive_travel
-from distal.sensors import LINEARITY_STD
+from distal.sensor_errors import LINEARITY_STD
 
 BASIS = 6
 """Basis functions of a sensor's linearity over its travel: more changed no error on the logs of `make accuracy`."""
 
 SMOOTHNESS = 3.0
-"""Order at which the prior of the basis falls off: half waves over the travel, as `distal.sensors` draws its curves."""
+"""Order at which the prior of the basis falls off: half waves over the travel; `distal.sensor_errors` draws curves so."""
 
 
 @dataclass(frozen=True)

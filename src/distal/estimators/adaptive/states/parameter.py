@@ -16,7 +16,7 @@ from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Vector
 from distal.rig import in_words, known_to_a_factor, named, number
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 SMALLEST_VALUE = 0.01
 """A parameter that cannot be negative is kept above this share of its std."""

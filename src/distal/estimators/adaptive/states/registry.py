@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.bias import sensor_biases
+from distal.estimators.adaptive.states.drive_place import unmeasured_places
 from distal.estimators.adaptive.states.external_torque import external_torques
 from distal.estimators.adaptive.states.friction import unknown_frictions
-from distal.estimators.adaptive.states.inside import inside
+from distal.estimators.adaptive.states.internal import inside
 from distal.estimators.adaptive.states.linearity import linearities
 from distal.estimators.adaptive.states.parameter import uncertain_parameters
-from distal.estimators.adaptive.states.place import unmeasured_places
 from distal.estimators.adaptive.states.reading import unknowns_of_readings
 from distal.estimators.adaptive.states.state import State
 from distal.estimators.adaptive.states.transmission import transmissions

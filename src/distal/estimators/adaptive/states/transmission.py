@@ -15,7 +15,7 @@ from distal.estimators.adaptive.states.state import Fading, OfDrive, Prior, Stat
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Hysteresis, Sensor, SliderHysteresis
-from distal.sensors import variance
+from distal.sensor_errors import variance
 
 
 @dataclass(frozen=True)

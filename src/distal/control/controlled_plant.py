@@ -1,0 +1,214 @@
+"""A simulated plant that a controller drives: it goes on by one period at a time and says what its sensors read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import exp, inf, isfinite
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.control.pid import UNBOUNDED
+from distal.errors import ControlError, ScenarioError
+from distal.kernels import Feed, Kernel, advance
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.rig import Rig
+from distal.sensor_errors import SensorErrors
+from distal.simulation import Scenario
+from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.readings import Readings, errors_by_rate
+from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
+from distal.suggestions import did_you_mean
+
+SHORTEST_PERIOD = 1e-4
+"""No controller of a tendon is called more often [s]."""
+
+
+class SteppedPlant(Protocol):
+    """What a controller may drive: period after period, with what the rig's sensors read."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as filters know it."""
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is no further period."""
+
+    @property
+    def angles(self) -> Floats:
+        """True angles of the joints now [rad], (n_joints,)."""
+
+    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+        """Go back to the start and return the samples at time zero."""
+
+    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+        """Go on by one period and return the samples in it: stamps [s], values in the order of the rig's sensors [SI]."""
+
+    def log(self) -> Log:
+        """Return what the sensors have read so far, with the truth beside it."""
+
+
+class ControlledPlant:
+    """A scenario on a rig whose drives a controller commands: `reset`, then `step` period after period [s].
+
+    A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the scenario does. It is
+    cut at the drive's `limit`, follows with its `lag`, and no slider pushes its tendons.
+
+    Raises:
+        ControlError: the period is too short, or longer than the scenario.
+        ScenarioError: the scenario does not fit the rig.
+    """
+
+    def __init__(self, rig: Rig | str | Path, scenario: Scenario | str | Path, period: float) -> None:
+        if not period >= SHORTEST_PERIOD:
+            raise ControlError(f"period: at least {SHORTEST_PERIOD:g} s, {period:g} s came")
+        prepared = prepare(rig, scenario, period=period)
+        if prepared.scenario.schedule or prepared.scenario.rezero is not None:
+            raise ControlError("the scenario has a [schedule] or [rezero], which are for distal drift; take them out")
+        if period > prepared.scenario.duration:
+            raise ControlError(f"period: {period:g} s is longer than the scenario, {prepared.scenario.duration:g} s")
+        self.prepared, self.rig, self.period = prepared, prepared.rig, period
+        self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
+        self._kernel = Kernel(plant_function(prepared.plant, prepared.count))
+        self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
+        self._per_period, self._all_rows = round(period / prepared.dt), rows_of(prepared.inputs, prepared.dt)
+        self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
+        self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
+        self.reset()
+
+    def errors(self, seed: int) -> SensorErrors | None:
+        """Return the errors of all sensors in a run; None where they are not all read once a period, at once."""
+        fits, groups = len(self._all_rows) % self._per_period == 0, errors_by_rate(self.plant.rig, seed)
+        once = len(groups) == 1 and abs(next(iter(groups)) * self.period - 1.0) < 1e-9
+        at_once = all(sensor.delay == sensor.lag == 0.0 for sensor in self.plant.rig.sensors)
+        return next(iter(groups.values()))[1] if fits and once and at_once else None
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self._done * self.prepared.dt
+
+    @property
+    def finished(self) -> bool:
+        """Whether the scenario is over."""
+        return self._done >= len(self._all_rows)
+
+    @property
+    def angles(self) -> Floats:
+        """True angles of the joints now [rad], (n_joints,)."""
+        return self._y[self._done, : self.plant.n_joints].copy()
+
+    def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
+        """Go back to the start and return the samples at time zero; see `step`."""
+        rig, (self._carry, first) = self.plant.rig, self.begin
+        self._done, self._taken = 0, 0
+        self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
+        self._y[0], self._rows = first[0], self._all_rows.copy()
+        self._efforts: Floats = np.zeros(len(self._drives))
+        self._samples = np.full((len(self._stamps), len(rig.sensors)), np.nan)
+        errors = errors_by_rate(rig, seed)
+        self._groups = [_Rate(self.plant, rate, self._stamps, *errors[rate]) for rate in errors]
+        return self._read()
+
+    def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
+        """Go on by one period and return the samples in it: their stamps [s] and the sensors' values [SI], NaN where none.
+
+        Args:
+            commands: by drive; one that is missing stays without a command.
+
+        Raises:
+            ControlError: there is no such drive, a command is no number, or the scenario is over.
+            ScenarioError: the motion left all bounds.
+        """
+        if self.finished:
+            raise ControlError("the scenario is over; call reset")
+        wanted: Floats = np.clip(self._checked(commands), self._lowest, self._highest)
+        end = min(self._done + self._per_period, len(self._rows))
+        drives = slice(self.plant.n_joints, self.plant.n_bodies)
+        for row in self._rows[self._done : end]:
+            self._efforts += self._shares * (wanted - self._efforts)
+            row[drives] += self._efforts
+        feed = Feed(self._carry, self._rows[self._done : end], self.plant.parameters.values)
+        carries, ys = advance(self._kernel, feed)
+        self._carry, self._y[self._done + 1 : end + 1] = carries[-1], ys
+        try:
+            Motion(self.plant, ys).check()
+        except ScenarioError as problem:
+            pulls = ", ".join(f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts))
+            raise ScenarioError(f"at {self.time:g} s, commands {pulls}: {problem}") from None
+        self._done = end
+        return self._read()
+
+    def log(self) -> Log:
+        """Return what the sensors have read so far, with the truth beside it."""
+        grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
+        stamps, values = self._stamps[: self._taken], self._samples[: self._taken]
+        truth = true_motion(Motion(self.plant, self._y[: self._done + 1]), grid, stamps)
+        channels = {sensor.name: values[:, k] for k, sensor in enumerate(self.plant.rig.sensors)}
+        return Log(stamps, channels, truth, self.prepared.scenario.name or "simulation", SIMULATED)
+
+    def _checked(self, commands: Mapping[str, float]) -> Floats:
+        names = [drive.name for drive in self._drives]
+        wanted = np.zeros(len(names))
+        for name, command in commands.items():
+            if name not in names:
+                raise ControlError(
+                    f"the controller commands '{name}', the rig has no such drive{did_you_mean(name, names)}"
+                )
+            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(command):
+                raise ControlError(
+                    f"the controller's command for '{name}' at {self.time:g} s is no number: {command!r}"
+                )
+            wanted[names.index(name)] = command
+        return wanted
+
+    def _read(self) -> list[tuple[float, Floats]]:
+        """Return the samples whose stamps have come."""
+        end = int(np.searchsorted(self._stamps, self.time + 1e-9, side="right"))
+        samples = []
+        for k in range(self._taken, end):
+            stamp = float(self._stamps[k])
+            for group in self._groups:
+                if group.due[k]:
+                    true = group.true(self._y[: self._done + 1], stamp, self.prepared.dt)
+                    self._samples[k, group.at] = group.errors.read(true[None])[0]
+            samples.append((stamp, self._samples[k]))
+        self._taken = end
+        return samples
+
+
+class _Rate:
+    """The sensors of one rate: which they are, when they are due, what they measure, and their errors."""
+
+    def __init__(self, plant: Mechanism, rate: float, stamps: Floats, at: list[int], errors: SensorErrors) -> None:
+        self.at, self.errors, sensors = at, errors, [plant.rig.sensors[k] for k in at]
+        self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
+        self._readings = Readings(plant, sensors)
+        self._delays = np.array([sensor.delay for sensor in sensors])
+
+    def true(self, y: Floats, stamp: float, dt: float) -> Floats:
+        """Return what there is to measure at a stamp; between two intervals it is a line."""
+        place = np.maximum(stamp - self._delays, 0.0) / dt
+        before = np.minimum((place + 1e-6).astype(np.intp), len(y) - 1)
+        after, share = np.minimum(before + 1, len(y) - 1), place - before
+        share[share < 1e-6] = 0.0
+        # each sensor has a row of its own, by its delay
+        early, late = (np.diagonal(self._readings.at(y[rows])) for rows in (before, after))
+        readings: Floats = early + share * (late - early)
+        return readings
+
+
+def drive_numbers(rig: Rig, dt: float) -> Floats:
+    """Return of each drive the share of a command that an interval `dt` [s] brings, and its bounds, (3, n_drives)."""
+    shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
+    high = [min(inf if drive.limit is None else drive.limit, UNBOUNDED) for drive in rig.drives]
+    low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]
+    return np.array([shares, low, high])

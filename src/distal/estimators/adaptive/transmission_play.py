@@ -1,0 +1,103 @@
+"""Play: what a drive's transmission passes on follows the measured effort by its hysteresis. Equations (14) and (15)."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.interval import Interval, Prediction
+from distal.estimators.adaptive.prediction import set_row
+from distal.estimators.adaptive.states import StateVector, Transmitted
+from distal.expressions import Scalar, ScalarNode, Vector, VectorNode
+from distal.kernels.mask import is_read
+from distal.model import clip_moments
+from distal.sensor_errors import variance
+
+CALM = 8.0
+"""A play's effort is smoothed until its noise is below the limit over this: docs/reference/adaptive-equations.md, (14)."""
+
+CREST = 2.0
+"""A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""
+
+TINY_STD = 1e-9
+"""Added to the standard deviation of x_z, so that its moments stay finite where it is certain [N, N m]."""
+
+
+def play(
+    states: StateVector,
+    drive: int,
+    prediction: Prediction,
+    rates: VectorNode,
+    remembered: ScalarNode,
+    interval: Interval,
+) -> ScalarNode:
+    """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
+
+    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is free, it and its
+    uncertainty stay; where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down. The
+    drives' mean speeds over the interval are `rates`, (n_drives,); `remembered` is their smoothed effort.
+    """
+    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
+    transmitted = states.transmitted(drive)
+    assert transmitted is not None  # `play` is called for drives with hysteresis
+    at, _ = transmitted
+    mean, row, added, read, effort = play_function(states, drive)(
+        state, covariance[at, at], interval.tracks, rates, remembered, interval.x, interval.p
+    )
+    across = ca.mtimes(covariance, row)
+    variance_of_z = ca.mtimes(row.T, across) + added
+    state[at] = mean
+    across = ca.if_else(read, across, covariance[:, at])
+    set_row(covariance, at, across, ca.if_else(read, variance_of_z, covariance[at, at]))
+    transition[at, :] = ca.if_else(read, ca.mtimes(row.T, transition), transition[at, :])
+    return effort
+
+
+def reading_weight(block: Transmitted) -> float:
+    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against the play's limit: (14)."""
+    ratio = min((block.limit / CALM) ** 2 / variance(block.sensor), 1.0)
+    return 2.0 * ratio / (1.0 + ratio)
+
+
+def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector) -> Scalar:
+    """Return a drive's effort in a sample x, smoothed with the one `remembered`, 0 for none yet."""
+    effort = context.value(x, block.sensor)
+    following = remembered + reading_weight(block) * (effort - remembered)
+    return ca.if_else(
+        is_read(context.mask(x, block.sensor)), ca.if_else(remembered == 0, effort, following), remembered
+    )
+
+
+def play_function(states: StateVector, drive: int) -> ca.Function:
+    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added variance, is it read, effort⁺)."""
+    context, n, nd = states.context, len(states), states.context.n_drives
+    mechanism, p, nj = context.mechanism, context.mechanism.parameters.symbols, context.n_joints
+    transmitted = states.transmitted(drive)
+    assert transmitted is not None  # as above
+    at, block = transmitted
+    state, variance_of_z, vector = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("tracks", Tracks.size(nd))
+    rates, remembered, x = ca.SX.sym("rates", nd), ca.SX.sym("effort"), ca.SX.sym("x", context.width)
+    tracks = Tracks(vector, nd)
+    places = [states.place(i, tracks[i].place, state) for i in range(nd)]
+    q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
+    limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
+    limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
+    held, dampings = limits(ca.vertcat(state[:nj], *places), states.parameters(state))
+    slope = ca.densify(ca.jacobian(held, state))
+    smoothed = smoothed_effort(context, block, remembered, x)
+    # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
+    error = states.sensor_error(block.sensor, smoothed, state) + dampings[nj + drive] * rates[drive]
+    effort = smoothed - error
+    share = reading_weight(block)
+    left = share / (2 - share) * context.noise(block.sensor)
+    held += CREST * ca.sqrt(left)
+    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_STD)
+    row = (moments.by_high - moments.by_low) * slope
+    row[0, at] += moments.by_mean
+    ends = moments.by_low + moments.by_high
+    row -= ends * ca.jacobian(error, state)
+    read = is_read(context.mask(x, block.sensor))
+    outputs = [ca.if_else(read, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, read, smoothed]
+    arguments = [state, variance_of_z, vector, rates, remembered, x, p]
+    return ca.Function("play", arguments, ca.cse([ca.densify(output) for output in outputs]))

@@ -1,0 +1,134 @@
+"""The tuning of the filter: how fast what it does not know may change, how fast it learns, and when a reading is wild.
+
+`Robustness` is one frozen description; `Robustness.none()` leaves the textbook filter. docs/explanation/adaptive-guards.md
+says where each number stands in the algorithm, `guards` has what is computed with those on wild readings and lost drives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite, radians
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """The numbers of the guards; each default says its unit, its meaning, and where it was measured.
+
+    Args:
+        wild_displacement: a reading farther than this times the recent motion from where it should be is wild [1].
+        real_jump: chance that a reading that is far from where it should be is a real jump, if nothing else is known [1].
+        persistence: a jump that stays for so long is 100 times as likely real; where a force can judge it [s].
+        persistence_alone: the same where no force can [s].
+        bend_share: share of the bend between samples that a straight line may miss [1].
+        follow_time: time in which the joint follows a drive whose place is not known [s].
+        followed_variance: how often the variance of a place that is lost is added to its force [1].
+        wild_force: a squared innovation beyond this times its variance counts less [1].
+        sticking_time: for so long friction of a drive that sticks is the same [s].
+        turning_time: the same while a drive turns back [s].
+        beyond_time: for so long what a force beyond its drive's friction tells counts as one sample [s]; 0: each does.
+        unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
+            looked for.
+        unknown_friction_walk: its random walk, in the same unit per √s.
+        declared_friction: a drive with more friction than this at its nominal load declares it [N].
+        learning_time: for so long what a force tells of a parameter counts as one sample [s] (24).
+        learning_time_guarded: the same of a force whose drive declares no friction [s].
+        creep_learning_time: the same for the creep of a tendon, of all forces [s].
+        reference_time: the same of a joint's own angle and the numbers of the rig [s]; 0: each does.
+        parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
+        unmodelled: share of the rig's `unmodelled` torque that is added [1].
+        angle_walk: random walk of the joints' angles, which a stuck joint's model does not have [rad/√s].
+        moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
+    """
+
+    wild_displacement: float = 6.0
+    """docs/results/guards.md: costs on loads that step, brings on bursts and random rigs with wild samples"""
+    real_jump: float = 0.1
+    """docs/results/guards.md, bursts of five samples"""
+    persistence: float = 0.02
+    """docs/results/guards.md"""
+    persistence_alone: float = 0.05
+    """docs/results/guards.md"""
+    bend_share: float = 0.12
+    """a parabola misses 1/8 of its second difference; docs/reference/adaptive-equations.md, equation (6)"""
+    follow_time: float = 0.05
+    """docs/results/guards.md: without it the band is too narrow where samples are missing"""
+    followed_variance: float = 20.0
+    """docs/results/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-lost"""
+    wild_force: float = 9.0
+    """3 σ; docs/results/guards.md: without it one wild force throws the filter off"""
+    sticking_time: float = 0.5
+    """docs/results/guards.md; 50 samples of the paper's rig"""
+    turning_time: float = 0.1
+    """docs/results/guards.md; 10 samples of the paper's rig"""
+    beyond_time: float = 0.0
+    """docs/explanation/chains.md: of a joint with its own drives one mean residual is compared anyway"""
+    unknown_friction: float = 0.7
+    """docs/results/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-priors"""
+    unknown_friction_walk: float = 0.6
+    """as above"""
+    declared_friction: float = 0.1
+    """a third of a load cell's σ on the paper's rig: less cannot be told from noise"""
+    reference_time: float = 0.0
+    """docs/explanation/homing.md: of one joint a reference teaches as fast as it comes"""
+    parameter_walk: float = 0.02
+    """docs/results/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
+    learning_time: float = 0.3
+    """docs/results/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
+    learning_time_guarded: float = 0.03
+    """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
+    creep_learning_time: float = 10.0
+    """docs/explanation/model.md, "Creep": two tendons that creep against each other look like a joint that turns"""
+    unmodelled: float = 1.0
+    """the rig file says how much (docs/reference/rig-keys.md); without it the band is too narrow: docs/results/guards.md"""
+    angle_walk: float = 0.0
+    """docs/results/chains.md: of one joint, `unmodelled` does the same"""
+    moving_only: bool = False
+    """docs/explanation/learning.md, "The criterion\""""
+
+    @property
+    def guards_displacements(self) -> bool:
+        """Whether displacements may be wild at all."""
+        return isfinite(self.wild_displacement)
+
+    @classmethod
+    def none(cls) -> Robustness:
+        """Return no guards: the textbook filter, right where the model is and the sensors err as described.
+
+        At a stop a force is still left out, since its contact force is part of no model of the joint.
+        """
+        return cls(
+            wild_displacement=inf,
+            bend_share=0.0,
+            followed_variance=0.0,
+            wild_force=inf,
+            sticking_time=0.0,
+            turning_time=0.0,
+            unknown_friction=0.0,
+            parameter_walk=0.0,
+            learning_time=0.0,
+            learning_time_guarded=0.0,
+            creep_learning_time=0.0,
+            unmodelled=0.0,
+        )
+
+    @classmethod
+    def usual(cls, n_joints: int) -> Robustness:
+        """Return the guards that a rig gets unless others are given.
+
+        In a chain several forces depend on each joint, so that one sample of each counts more (docs/explanation/chains.md).
+        """
+        if n_joints == 1:
+            return cls()
+        return cls(
+            sticking_time=0.1,
+            turning_time=0.05,
+            learning_time=0.05,
+            beyond_time=0.2,
+            reference_time=0.5,
+            angle_walk=radians(0.3),
+        )
+
+    @classmethod
+    def fitting(cls) -> Robustness:
+        """Return the guards of a fit: it takes friction as the rig says, and goes by drives that clearly move."""
+        return cls(unknown_friction=0.0, moving_only=True)

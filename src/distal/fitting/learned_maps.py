@@ -1,0 +1,274 @@
+"""`learn_affine`, `learn_discrepancy`, `learn_contact`: maps from logs with a truth, judged on logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from distal.confidence import BAND
+from distal.errors import FitError
+from distal.estimators import affine_of, affine_samples
+from distal.fitting.fitted_file import fitted_text, plain
+from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, partly_homed, torques_of
+from distal.homing import check_homing
+from distal.logs import Log, Source, read_log, shown, true_angles, write_whole
+from distal.regression import Kind, Samples, Terms, errors_of, folds_of, learn_map, splits
+from distal.regression.learn_map import ENOUGH_LOGS
+from distal.rig import LearnedMap, Rig, load_rig
+from distal.threads import one_blas_thread
+
+FOR_SCORES = 3
+"""With so many logs or groups of logs each is left out once more, for scores that neither choice nor size has seen."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """How a map did on a log that it had not seen; after the homing window where there is one.
+
+    Error and mean half-width of the 95 % band are in the unit of what is mapped; `inside` is the share of samples in
+    it.
+    """
+
+    log: str
+    rms: float
+    inside: float
+    half: float
+
+
+@dataclass(frozen=True)
+class MapFit:
+    """A learned map of a rig file's `table`, and how it did on logs left out.
+
+    Args:
+        rig: the description with the map in it.
+        start: the description as it came.
+        logs: names of the logs.
+        homing: for how long a reference was used on the logs left out [s], or None.
+        left_out: one for each log; empty with fewer than three groups.
+        notes: plain sentences on how few logs there are, what was chosen and dropped.
+        terms: that were chosen.
+    """
+
+    rig: Rig
+    start: Rig
+    table: str
+    logs: tuple[str, ...]
+    homing: float | None
+    left_out: tuple[LeftOut, ...]
+    notes: tuple[str, ...]
+    terms: Terms
+
+    @property
+    def learned(self) -> LearnedMap:
+        """The map."""
+        learned = getattr(self.rig, self.table)
+        assert isinstance(learned, LearnedMap)
+        return learned
+
+    @property
+    def text(self) -> str:
+        """The outcome in one line."""
+        logs = f"{len(self.logs)} log{'s' if len(self.logs) != 1 else ''}"
+        if not self.left_out:
+            return f"{self.table}: learned from {logs}"
+        factor, unit = (1e3, " mN m") if self.table == "contact" else (np.rad2deg(1.0), "°")
+        rms = [factor * score.rms for score in self.left_out]
+        inside = 100.0 * float(np.mean([score.inside for score in self.left_out]))
+        half = factor * np.mean([score.half for score in self.left_out])
+        use = f" after a homing move of {self.homing:g} s" if self.homing is not None else ""
+        return (
+            f"{self.table}: learned from {logs}; each left out once{use}: mean RMS {np.mean(rms):.3f}{unit}, worst "
+            f"{max(rms):.3f}{unit}, {inside:.0f} % inside the band of ±{half:.2f}{unit}"
+        )
+
+    def as_table(self) -> dict[str, object]:
+        """Return the map as a table of a rig file."""
+        return plain(self.learned.model_dump())
+
+    def with_map(self, learned: LearnedMap) -> MapFit:
+        """Return the same with another map of the kind."""
+        return replace(self, rig=self.rig.model_copy(update={self.table: learned}))
+
+    def save(self, path: str | Path, text: str | None = None) -> None:
+        """Write the rig file with the map; what stood there survives a failure.
+
+        The map is put into a `text`, TOML of the rig, so that its comments stay; by default it is written anew.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        write_whole(path, fitted_text(self.rig, self.start, {self.table: self.as_table()}, "", text))
+
+
+@one_blas_thread()
+def learn_affine(
+    logs: Sequence[Log | Source] | Log | str | Path,
+    rig: Rig | str | Path,
+    homing: float | None = None,
+    truth: str | None = None,
+    groups: Sequence[str] | None = None,
+) -> MapFit:
+    """Learn the map of the estimator `affine` from logs whose angle is known.
+
+    Each log's coefficients are taken as drawn from one normal distribution (random effects; Laird and Ware, Biometrics 38,
+    1982). Directions of motion are used where they help on logs left out, and the band is sized by the errors there.
+
+    Args:
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
+        homing: learn for the use after a homing move of so long [s].
+        truth: where logs are read: the true angle's column.
+        groups: of each log with a truth, which are left out together; default each alone.
+
+    Raises:
+        FitError: no log has a truth.
+        EstimationError: the rig's sensors do not suffice, or a log lacks one.
+        LogError: a log cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig, with_truth = _with_truth(logs, rig, truth, "affine")
+    if homing is not None:
+        for log in with_truth:
+            check_homing(homing, log, [joint.name for joint in rig.joints])
+    data = [affine_samples(log, rig) for log in with_truth]
+    data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
+    return map_of(data, affine_of(rig), rig, homing, groups)
+
+
+@one_blas_thread()
+def learn_discrepancy(
+    logs: Sequence[Log | Source] | Log | str | Path,
+    rig: Rig | str | Path,
+    homing: float | None = None,
+    truth: str | None = None,
+    groups: Sequence[str] | None = None,
+    compiled: bool = True,
+) -> MapFit:
+    """Learn what `adaptive` errs by from logs whose angle is known, and size its band by logs left out.
+
+    Args:
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
+        homing: learn for the use after a homing move of so long [s].
+        truth: where logs are read: the true angle's column.
+        groups: of each log with a truth, which are left out together (one instrument, one pose); default each alone.
+
+    Raises:
+        FitError: no log has a truth, or the filter cannot run on any.
+        EstimationError: the rig's sensors do not suffice, or a log lacks one.
+        LogError: a log cannot be read.
+        RigError: the rig is unknown or wrong.
+    """
+    rig, with_truth = _with_truth(logs, rig, truth, "discrepancy")
+    bare = rig.model_copy(update={"discrepancy": None})
+    by_log, refused = filtered(with_truth, [bare] * len(with_truth), homing, compiled)
+    data = list(by_log.values())
+    if not data:
+        raise FitError(f"discrepancy: adaptive cannot run on any of the logs: {refused[0]}")
+    ran = [with_truth[i] for i in by_log]
+    partly = partly_homed(ran, [bare] * len(ran), homing, compiled)
+    return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused, partly=partly)
+
+
+@one_blas_thread()
+def learn_contact(
+    logs: Sequence[Log | Source],
+    rig: Rig | str | Path,
+    homing: float | None = None,
+    groups: Sequence[str] | None = None,
+    scored: bool = True,
+) -> MapFit:
+    """Learn the torque on the joints from outside from logs in which it was measured.
+
+    The rig's joint needs an ``external_torque.std``: where none can occur there is nothing to learn.
+
+    Args:
+        logs: each a `Log`, a path or a frame; those without a torque are passed over.
+        homing: learn for the use after a window of so long [s] in which the torque is read.
+        groups: of each log with a torque, which are left out together; default each alone.
+        scored: whether each log is left out once more, for a score that neither choice nor size has seen.
+
+    Raises:
+        FitError: no log has a torque, or the rig says that none can occur.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    read = logs_read(logs, rig, None)
+    for joint in rig.joints:
+        if joint.external_torque.std == 0.0:
+            raise FitError(
+                f"contact: the rig says that nothing touches '{joint.name}'; "
+                f"give its external_torque a std (--set 'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
+            )
+    data = [torques_of(log, rig) for log in read if has_torque(log, rig)]
+    if not data:
+        raise FitError(
+            "contact: no log has the torque on the joint; add a sensor with measures = 'torque' of it, and its column"
+        )
+    if groups is not None and len(groups) != len(data):
+        raise FitError(f"contact: {len(data)} logs have a torque, groups of {len(groups)} came")
+    return map_of(data, contact_of(rig), rig, homing, groups, scored=scored)
+
+
+def map_of(
+    data: Sequence[Samples],
+    kind: Kind,
+    rig: Rig,
+    homing: float | None,
+    groups: Sequence[str] | None = None,
+    *,
+    notes: Sequence[str] = (),
+    scored: bool = True,
+    partly: Mapping[int, Samples] | None = None,
+) -> MapFit:
+    """Return what logs teach of a kind of map, and how it does on logs left out.
+
+    Args:
+        homing: length of the homing window [s], or None.
+        groups: which logs are left out together; default each alone.
+        notes: that stand before those of this function.
+        scored: whether each log is left out once more, by the whole pipeline, for a score.
+        partly: some of the logs after a homing move of half their range, see `learn_map`.
+    """
+    folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
+    learned, chosen = learn_map(data, kind, folds, homing, partly)
+    sentences, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
+    if count < ENOUGH_LOGS:
+        sentences.append(
+            f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known truth: how much changes "
+            f"from log to log is hardly known, and the band is widened; {ENOUGH_LOGS} or more are needed"
+        )
+    sentences += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
+    scores = list[LeftOut]()
+    for out, remaining in splits(folds) if scored and count >= FOR_SCORES else ():
+        half = {k: partly[i] for k, i in enumerate(remaining) if partly and i in partly}
+        from_rest, _ = learn_map([data[i] for i in remaining], kind, [folds[i] for i in remaining], homing, half)
+        scores += [_score(from_rest, data[i], kind, homing) for i in out]
+    described = rig.with_values({kind.name: learned.model_dump()})
+    sources = tuple(samples.source for samples in data)
+    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(sentences), chosen)
+
+
+def logs_read(logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None) -> list[Log]:
+    """Return logs, those that are no `Log` yet read; `truth` is the true angle's column."""
+    sources = [logs] if isinstance(logs, (Log, str, Path)) else logs
+    return [log if isinstance(log, Log) else read_log(log, rig, truth) for log in sources]
+
+
+def _with_truth(
+    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig | str | Path, truth: str | None, name: str
+) -> tuple[Rig, list[Log]]:
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    read = logs_read(logs, rig, truth)
+    with_truth = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
+    if not with_truth:
+        raise FitError(f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a reference")
+    return rig, with_truth
+
+
+def _score(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) -> LeftOut:
+    parts = errors_of(learned, out, kind, homing)
+    error = np.concatenate([part[0] for part in parts])
+    std = np.sqrt(np.concatenate([part[1] + part[2] for part in parts]))
+    inside = float(np.mean(np.abs(error) <= BAND * std))
+    return LeftOut(shown(out.source), float(np.sqrt(np.mean(error**2))), inside, float(BAND * std.mean()))

@@ -1,0 +1,160 @@
+"""Logs that cannot be fitted, named before anything is computed or written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import FitError
+from distal.logs import Log, true_angles
+from distal.rig import REFERENCES, Capstan, Rig, Sensor
+from distal.run import estimate
+from distal.sensor_errors import variance
+
+MOTION_TO_NOISE = 20.0
+"""A drive that moves by less than this times its sensor's noise does not move."""
+
+SMALLEST_TURN = np.deg2rad(2.0)
+"""A drive that moves by less than this turn of the joint does not move [rad]."""
+
+DEAD_TRUTH_TURN = np.deg2rad(20.0)
+"""A truth that is constant while the drives would turn the joint by more than this is dead [rad]: no friction holds so."""
+
+CLEAR_CORRELATION = 0.8
+"""Correlation of truth and drives from which on their ratio can be judged."""
+
+RATE_FACTOR = 20.0
+"""Stamps may be further apart, or closer, than the sensors' rate by this factor."""
+
+RATIO_RANGE = (1 / 12, 12.0)
+"""Ratio of the truth's motion to that which the drives make, within which units can be right."""
+
+
+def check_logs(logs: Sequence[Log], rig: Rig) -> None:
+    """Refuse logs without motion, dead sensors, and truths in a wrong unit or of a wrong sign.
+
+    Raises:
+        FitError: see above; names the log and the sensor.
+    """
+    if not logs:
+        raise FitError("no log came; a fit needs at least one")
+    for i, log in enumerate(logs):
+        _check_stamps(log, rig)
+        for twin in logs[:i]:
+            if _same(log, twin):
+                raise FitError(
+                    f"{log.source} holds the same as {twin.source}; a log that counts twice makes a fit too sure of itself"
+                )
+        _check_motion(log, rig)
+        _check_sensors(log, logs, rig)
+        joints = [joint.name for joint in rig.joints]
+        angles = true_angles(log, joints)
+        for j, truth in enumerate(() if angles is None else angles.T):
+            if len(joints) == 1 or np.isfinite(truth).any():
+                _check_truth(log, rig, truth, "the joint" if len(joints) == 1 else f"the joint {joints[j]}", j)
+
+
+def _same(log: Log, other: Log) -> bool:
+    return np.array_equal(log.time, other.time) and all(
+        name in other.channels and np.array_equal(values, other.channels[name], equal_nan=True)
+        for name, values in log.channels.items()
+    )
+
+
+def _check_stamps(log: Log, rig: Rig) -> None:
+    rate = max(sensor.rate for sensor in rig.sensors)
+    step = float(np.median(np.diff(log.time)))
+    if not 1.0 / RATE_FACTOR < step * rate < RATE_FACTOR:
+        raise FitError(
+            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
+            "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
+        )
+
+
+def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
+    """Return the names of the joints whose angle is known in none of the logs, which all have a truth."""
+    names = [joint.name for joint in rig.joints]
+    angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
+    return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
+
+
+def _span(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, 0.99) - np.quantile(finite, 0.01)) if len(finite) else 0.0
+
+
+def _joint_turn(rig: Rig, sensor: Sensor, span: float) -> float:
+    """Return by how much the joint turns when a drive moves by `span` [rad]."""
+    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    tendon = next(tendon for tendon in rig.tendons if tendon.drive == sensor.of)
+    lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
+    return span * lever / tendon.total_arm
+
+
+def _check_motion(log: Log, rig: Rig) -> None:
+    moved = []
+    for sensor in rig.sensors_of("position"):
+        span = _span(log.channels[sensor.name])
+        noise = np.sqrt(variance(sensor))
+        moved.append(span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN)
+    if moved and not any(moved):
+        raise FitError(
+            f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° of the joint); a log "
+            "without motion tells nothing of friction and stiffness: leave it out"
+        )
+
+
+def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
+    """Refuse a sensor that is constant, but for that of a drive that is held in this log and moves in another."""
+    places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
+    places |= {tendon.name: places[tendon.drive] for tendon in rig.tendons if tendon.drive in places}
+    for sensor in rig.sensors:
+        if sensor.measures in REFERENCES or not _constant(log, sensor.name):
+            continue
+        rests = places.get(sensor.of) is None or _constant(log, places[sensor.of])
+        if rests and not all(_constant(other, sensor.name) for other in logs):
+            continue
+        values = log.channels[sensor.name]
+        raise FitError(
+            f"{log.source}: sensor '{sensor.name}' is constant ({values[np.isfinite(values)][0]:g} {sensor.si}) over the "
+            "whole log; is it connected? Leave the log out, or remove the sensor from the rig"
+        )
+
+
+def _constant(log: Log, name: str) -> bool:
+    """Return whether a log has more than 20 values of a sensor and all are the same."""
+    finite = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
+    return len(finite) > 20 and float(np.ptp(finite)) == 0.0
+
+
+def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
+    """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
+    has_truth = np.isfinite(truth)
+    subject = f"{log.source}: the truth ({log.truth_source})"
+    if has_truth.sum() < 10:
+        raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
+    # stretch removed where forces are measured: soft tendons let drives and joint go different ways
+    baseline = "elastic" if rig.sensors_of("force") else "inextensible"
+    drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
+    a, b = drives[has_truth] - drives[has_truth].mean(), truth[has_truth] - truth[has_truth].mean()
+    if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
+        return
+    if float(np.ptp(truth[has_truth])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
+        raise FitError(f"{subject} is constant while the drives move; is the encoder connected?")
+    if float(b @ b) == 0.0:
+        return  # the joint sticks: nothing to judge by
+    correlation = float(a @ b / np.sqrt((a @ a) * (b @ b)))
+    ratio = float(np.sqrt((b @ b) / (a @ a)))
+    if correlation < -CLEAR_CORRELATION:
+        raise FitError(
+            f"{subject} moves against the drives (correlation {correlation:.2f}); its sign is wrong: set the angle "
+            "sensor's sign = -1, or swap the tendons' sides"
+        )
+    if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
+        near = "it looks like degrees read as radians" if 20.0 < ratio < 160.0 else "is the unit, or a radius, wrong?"
+        near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
+        raise FitError(
+            f"{subject} moves {ratio:.3g} times as far as the drives turn {joint}; {near} (set the angle sensor's unit)"
+        )

@@ -1,0 +1,131 @@
+"""What logs tell: standard errors, what they leave to the priors, and what they tell only together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.fitting.free_number import Free
+from distal.fitting.likelihood import Derivatives
+from distal.fitting.problem import Problem
+from distal.fitting.search import hessian
+
+TOLD = 0.9
+"""A number is told by the logs if its standard error is below this share of its prior's std."""
+
+VAGUE = 0.5
+"""What stands for the prior's std of a number without one, as a share of its value."""
+
+CONFOUNDED, SEEN_ALONE = 0.5, 0.2
+"""A number is told only together with others if its error is above the first share of its prior's std, and would be below
+the second share of that if they were known."""
+
+WEAK = 0.5
+"""A combination of which the logs tell less than this share of what the priors do is said."""
+
+PART = 0.3
+"""A number belongs to a combination if its share in it is at least this."""
+
+SUMMANDS = {"constant", "load", "preload"}
+"""Parts of one friction limit, which add up."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How well a fit is known.
+
+    Args:
+        covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
+            prior's and J the long-run covariance of the scores, but no less than H⁻¹; what is `Free.coarse` added.
+        determined: whether the logs say more of each coordinate than its prior, (n,).
+        together: whether the logs say something of it, but only together with others, (n,).
+        combinations: plain lines on combinations that the logs do not tell.
+    """
+
+    covariance: Floats
+    determined: Bools
+    together: Bools
+    combinations: tuple[str, ...]
+
+    @property
+    def errors(self) -> Floats:
+        """Standard errors of the coordinates, the others not being known, (n,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlations(self) -> Floats:
+        """Correlations of the coordinates' errors, (n, n)."""
+        errors = np.maximum(self.errors, 1e-300)
+        correlations: Floats = self.covariance / np.outer(errors, errors)
+        return correlations
+
+    def errors_holding(self, held: Bools) -> Floats:
+        """Return standard errors where the `held` coordinates are taken as known, 0 for those, (n,)."""
+        errors, free = np.zeros(len(held)), ~held
+        precision = np.linalg.inv(self.covariance)[np.ix_(free, free)]
+        errors[free] = np.sqrt(np.diag(np.linalg.inv(precision)))
+        return errors
+
+
+def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Uncertainty:
+    """Return standard errors and what stays unknown at the end z of a fit, (n,)."""
+    limit = problem.prior_stds
+    inverse = np.linalg.pinv(hessian(problem, derivatives), hermitian=True)
+    # few spans of time tell too small a variance (MacKinnon and White, J. Econometrics 29, 1985)
+    few = derivatives.spans / max(derivatives.spans - problem.size, 1)
+    sandwich = inverse @ (few * derivatives.meat + np.diag(1.0 / limit**2)) @ inverse
+    variances = np.maximum(np.diag(sandwich), np.diag(inverse))
+    scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
+    covariance = np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
+    coarse = [part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
+    covariance += np.diag(np.square(coarse))
+    # what is known after a log is no less than what was known before it
+    shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
+    covariance *= np.outer(shrink, shrink)
+    yardstick = yardsticks(problem, z)
+    share = np.where(np.isfinite(limit), TOLD, 1.0)
+    errors, alone = np.sqrt(np.diag(covariance)), 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
+    determined = (errors < share * yardstick) & ~together
+    return Uncertainty(covariance, determined, together, _combinations(problem, derivatives, z))
+
+
+def yardsticks(problem: Problem, z: Floats) -> Floats:
+    """Return by what errors at z are judged: the std of each coordinate's prior, or a share of its value, (n,)."""
+    vague = [VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
+    return np.where(np.isfinite(problem.prior_stds), problem.prior_stds, vague)
+
+
+def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tuple[str, ...]:
+    """Return lines on directions that the logs say less of than the priors, each over two numbers or more."""
+    parameters = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
+    if len(parameters) < 2:
+        return ()
+    yardstick = yardsticks(problem, z)[parameters]
+    relative = derivatives.information[np.ix_(parameters, parameters)] * np.outer(yardstick, yardstick)
+    amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
+    lines = []
+    for amount, direction in zip(amounts, directions.T):
+        members = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) >= PART]
+        if amount < WEAK and len(members) > 1:
+            parts = [problem.parts[parameters[i]][0] for i in members]
+            lines.append(_line(parts, [z[parameters[i]] for i in members], direction[members]))
+    return tuple(lines)
+
+
+def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats) -> str:
+    """Return "a and b only as a product", by the signs of the relative changes that no log tells apart."""
+    names = [part.name for part in parts]
+    changes = [
+        step * part.slope(at) * (part.spread if part.has_prior else 1.0) / (part.value(at) or 1.0)
+        for part, at, step in zip(parts, z, direction)
+    ]
+    if len(parts) == 2:
+        kind = "as a product" if changes[0] * changes[1] < 0 else "as a ratio"
+        if {part.paths[0].rpartition(".")[2] for part in parts} <= SUMMANDS:
+            kind = "as a sum"
+        return f"{names[0]} and {names[1]} only {kind}: turn the joint further, or vary the load"
+    return f"{', '.join(names[:-1])} and {names[-1]} only together: turn the joint further, or vary the load"

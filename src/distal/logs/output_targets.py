@@ -1,0 +1,189 @@
+"""Where outputs go, looked at before the work begins: no input is replaced, and no result is lost at the end."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+import unicodedata
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from distal.errors import OutputError
+from distal.logs.same_file import Key, file_key
+
+ROOM = 10
+"""Bytes by which the name of the temporary file of `write_whole` is longer than the name of the file itself."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """A file that will be written, `by` what asks for it (``--out``); a `folder` for it is made if need be."""
+
+    path: Path
+    by: str
+    folder: Path | None = None
+
+
+def outputs_in(folder: str | Path, names: Iterable[str], by: str) -> list[Output]:
+    """Return the files of a folder that is made if need be."""
+    return [Output(Path(folder) / name, by, Path(folder)) for name in names]
+
+
+def check_outputs(
+    outputs: Iterable[Output],
+    inputs: Iterable[tuple[str, str | Path | int]] = (),
+    streams: Iterable[tuple[str, int]] = (),
+) -> None:
+    """Refuse outputs that would replace an input or each other, or that cannot be written; nothing is made or changed.
+
+    Files are compared as files, not as names: links of both kinds are seen, and names that differ by case only where the
+    file system takes them for the same.
+
+    Args:
+        inputs: what is read: its label, e.g. ``--rig``, and its path or file descriptor.
+        streams: where text is printed: label and file descriptor, e.g. ``("standard output", 1)``.
+
+    Raises:
+        OutputError: an output is an input, or two are the same file; it is a folder; its name has a character or a length
+            that cannot be written; its folder is missing, no folder, or read-only.
+    """
+    outputs = list(outputs)
+    for output in outputs:
+        _check_name(output.path)
+    _check_apart(outputs, _held(inputs, streams))
+    for output in outputs:
+        _check_place(output)
+    _try(outputs)
+
+
+def shown(path: str | Path) -> str:
+    """Return a path as it can be printed on one line: what is not printable is escaped, and a long one is cut."""
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
+    return text if len(text) <= 200 else f"{text[:60]}…{text[-20:]}"
+
+
+def _check_name(path: Path) -> None:
+    """Refuse a name that cannot be written; folders that are there already have theirs."""
+    for part in (path, *path.parents):
+        if part is not path and os.path.isdir(part):
+            return
+        odd = next((c for c in part.name if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp")), None)
+        if odd is not None:
+            fault = "part of no UTF-8 text" if unicodedata.category(odd) == "Cs" else "a control character"
+            raise OutputError(
+                f"{shown(path)}: the name holds {shown(odd)}, {fault}; give a name of printable characters only"
+            )
+        size, most = len(part.name.encode()), _longest_name(part) - (ROOM if part is path else 0)
+        if size > most:
+            raise OutputError(
+                f"{shown(path)}: the name has {size} bytes; at most {most} are allowed, give a shorter one"
+            )
+
+
+def _longest_name(path: Path) -> int:
+    """Return how many bytes a name may have on the file system of a path [bytes]."""
+    for folder in path.parents:
+        with suppress(OSError, ValueError):
+            return os.pathconf(folder, "PC_NAME_MAX")
+    return 255
+
+
+def _held(inputs: Iterable[tuple[str, str | Path | int]], streams: Iterable[tuple[str, int]]) -> dict[Key, str]:
+    """Return the files that no output may replace, each with what it is."""
+    held: dict[Key, str] = {}
+    for label, place in inputs:
+        name = label if isinstance(place, int) else f"{label} {shown(place)}"
+        key = file_key(place)
+        if key is not None:
+            held.setdefault(key, f"an input of this command ({name})")
+    printed: dict[Key, str] = {}
+    for label, number in streams:
+        key = file_key(number)
+        if key is None or not stat.S_ISREG(os.fstat(number).st_mode):
+            continue
+        if key in held:
+            raise OutputError(f"{label}: goes to {held[key]}; let it go elsewhere")
+        printed.setdefault(key, f"where {label} goes")
+    return held | printed
+
+
+def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
+    """Refuse an output that is an input, and two that are the same file, or of which one is the other's folder."""
+    files: dict[Key, str] = {}
+    folders: dict[Path, tuple[Key | None, str]] = {}
+    for output in outputs:
+        key = file_key(output.path)
+        if key is not None:
+            if key in held:
+                raise OutputError(f"{shown(output.path)}: is {held[key]}; give another name")
+            if key in files:
+                raise _twice(output.path, files[key], output.by)
+            files[key] = output.by
+        if output.folder is not None and output.folder not in folders:
+            key = file_key(output.folder)
+            folders[output.folder] = key, output.by
+            if key is not None and key in held:
+                raise OutputError(f"{shown(output.folder)}: is {held[key]}; give another folder")
+    for output in outputs:
+        for parent in Path(os.path.realpath(output.path)).parents:
+            if parent not in folders:
+                folders[parent] = (None if parent.is_dir() else file_key(parent)), output.by
+    for folder, (key, by) in folders.items():
+        if key in files:
+            raise _twice(folder, files[key], by)
+
+
+def _twice(path: Path, first: str, second: str) -> OutputError:
+    return OutputError(f"{shown(path)}: is asked for twice, by {first} and {second}; give two names")
+
+
+def _check_place(output: Output) -> None:
+    """Refuse a place where a file cannot stand."""
+    path, folder = output.path, output.folder
+    if folder is not None:
+        above = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+        if not os.path.isdir(above):
+            fault = "is a file" if above == folder else f"cannot be made, since '{shown(above)}' is a file"
+            raise OutputError(f"{shown(folder)}: {fault}; give the name of a folder")
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        # a link may point to what is not there yet; a file is then made where it points to
+        home = Path(os.path.realpath(path)).parent
+        if folder is None and not home.is_dir():
+            parent = home if os.path.islink(path) else path.parent
+            fault = f"the folder '{shown(parent)}' does not exist; make it first"
+            if os.path.exists(parent):
+                fault = f"cannot stand in '{shown(parent)}', which is a file; give another name"
+            raise OutputError(f"{shown(path)}: {fault}") from None
+        return
+    except OSError as problem:
+        raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror})") from None
+    if stat.S_ISDIR(mode):
+        raise OutputError(f"{shown(path)}: is a folder; give the name of a file")
+    if not (stat.S_ISREG(mode) or stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)):
+        raise OutputError(f"{shown(path)}: is no file; give the name of a file")
+    if not os.access(path, os.W_OK):
+        raise OutputError(f"{shown(path)}: cannot be written (it is read-only); give another name")
+
+
+def _try(outputs: list[Output]) -> None:
+    """Make a file with the longest name in each folder, or in what is there of it, and remove it again."""
+    longest: dict[Path, tuple[str, Path]] = {}
+    for output in outputs:
+        if os.path.exists(output.path) and not os.path.isfile(output.path):
+            continue  # a device or a pipe is written as it is
+        real = Path(os.path.realpath(output.path))
+        if len(real.name.encode(errors="replace")) > len(longest.get(real.parent, ("", real))[0].encode()):
+            longest[real.parent] = real.name, output.path
+    for folder, (name, path) in longest.items():
+        nearest = next(place for place in (folder, *folder.parents) if os.path.isdir(place))
+        try:
+            handle, temporary = tempfile.mkstemp(dir=nearest, prefix=f".{name}.")
+            os.close(handle)
+            os.unlink(temporary)
+        except OSError as problem:
+            raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror}); give another place") from None

@@ -1,0 +1,300 @@
+"""The pipeline of all learned maps: choose terms by logs left out, fit coefficients, size the band by logs left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.confidence import BAND
+from distal.errors import FitError
+from distal.regression.after_homing import calibrate_window
+from distal.regression.band import Errors, rms_beyond_noise, sized, student, widened_between
+from distal.regression.beyond_homing import extrapolation
+from distal.regression.cross_validation import splits
+from distal.regression.features import Samples, design, predict
+from distal.regression.random_effects import independent, random_effects, row_of, rows_of
+from distal.rig import JointMap, LearnedMap
+
+ENOUGH_LOGS = 5
+"""With fewer logs than this, the variation from log to log is hardly known, and the band is widened for that."""
+
+MOST_SAMPLES = 1000
+"""At most this many samples of a log are used for learning, evenly spaced."""
+
+SAMPLES_PER_TERM = 20
+"""Terms are tried if the shortest log has this many samples for each."""
+
+SPEED_OVER = 0.1
+"""Speeds of readings are differences over so long [s], so that noise counts little."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """A set of terms that may be tried, see `LearnedMap`.
+
+    Args:
+        width: half-width of the plays, in standard deviations of each reading.
+        of_noise: the width is in standard deviations of each sensor's random error instead.
+        corrects: whether anything is mapped; else only the band is sized.
+        pooled: the mean of the coefficients is that of all samples together, see `random_effects`.
+    """
+
+    name: str
+    terms: tuple[str, ...]
+    width: float = 0.5
+    of_noise: bool = False
+    corrects: bool = True
+    pooled: bool = False
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What kind of map is learned.
+
+    Args:
+        form: class of its description.
+        channels: names of the sensors.
+        noise: standard deviation of each sensor's random error [SI], (m,).
+        sets: terms that may be tried, fewer first.
+        better: a set of more terms is taken where its error on left-out logs is below this share of that of fewer.
+        by_motion: residuals are correlated as long as the motion lasts, see `calibrate_window`.
+        unknown_outside: outside the range all of what is mapped is unknown; else the residual grows.
+        by_group: each group of logs, not each log, counts as one draw of the coefficients where Student's factor widens
+            their covariance. A prior that is much too wide lets a short homing window overrule what the logs told.
+    """
+
+    form: type[LearnedMap]
+    name: str
+    channels: tuple[str, ...]
+    joints: tuple[str, ...]
+    noise: Floats
+    sets: tuple[Terms, ...]
+    better: float
+    by_motion: bool = False
+    unknown_outside: bool = True
+    by_group: bool = False
+
+
+def learn_map(
+    logs: Sequence[Samples],
+    kind: Kind,
+    folds: Sequence[int],
+    homing: float | None,
+    partly: Mapping[int, Samples] | None = None,
+) -> tuple[LearnedMap, Terms]:
+    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
+
+    Args:
+        homing: learn for the use after a homing window of so long [s], or None.
+        partly: some of the logs, by their index, after a homing move that covers half of their range: their errors
+            beyond it size `LearnedMap.extrapolation`.
+    """
+    chosen = choose_terms(logs, kind, folds, homing)
+    learned = calibrate_band(logs, kind, chosen, folds, homing)
+    if partly and homing is not None and len(set(folds)) > 1:
+        calibrated = {"band": learned.band, "own": learned.own}
+
+        def without(i: int) -> LearnedMap | None:
+            remaining = [logs[k] for k in next(left for out, left in splits(folds) if i in out)]
+            if not _all_known(remaining, kind, chosen):
+                return None
+            return fit_coefficients(remaining, kind, chosen).model_copy(update=calibrated)
+
+        costs = extrapolation(partly, without, len(kind.joints), homing, kind.by_motion)
+        learned = learned.model_copy(update={"extrapolation": costs})
+    return learned, chosen
+
+
+def choose_terms(logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
+    """Return the terms with the least error on left-out logs (of one log on its halves), fewer preferred; see `errors_of`.
+
+    They are for the use after a window of `homing` [s], if any.
+    """
+    sets = kind.sets
+    if len(sets) == 1:
+        return sets[0]
+    if len(set(folds)) < 2:
+        if not sets[0].corrects and _honest(logs):
+            return sets[0]  # one log does not tell what comes again, and the filter's band held it
+        logs, folds, homing = _halves(logs), [0, 1] * len(logs), None
+    shortest, noise = min(len(log.time) for log in logs), max(log.reference_std for log in logs)
+    best, least = sets[0], float("inf")
+    for candidate in sets:
+        if len(candidate.terms) * SAMPLES_PER_TERM > shortest:
+            continue
+        if candidate.pooled and homing is not None:
+            continue  # a homing move finds what is a log's own
+        errors = left_out_errors(logs, kind, candidate, folds, homing)
+        # of each log alone, so that one that is unlike the others does not decide
+        rms = rms_beyond_noise(errors)
+        if np.isnan(rms):
+            return sets[0]  # each log alone knows of a joint: there is nothing to choose by
+        if not candidate.corrects and rms < noise:
+            return candidate  # what is less than the reference's own error is not worth a correction
+        rms = rms_beyond_noise(errors, noise)
+        if rms < kind.better * least or (len(candidate.terms) == len(best.terms) and rms < least):
+            best, least = candidate, rms
+    return best
+
+
+HELD = 0.8
+"""If a filter's band holds this share of a single log, no correction is learned from this log alone."""
+
+
+def _honest(logs: Sequence[Samples]) -> bool:
+    """Return whether the filter's own band holds nearly its nominal share on some logs."""
+    errors = np.concatenate([log.targets.ravel() for log in logs])
+    stds = np.sqrt(np.concatenate([log.variances.ravel() for log in logs]))
+    finite = np.isfinite(errors)
+    return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite])) >= HELD
+
+
+def _halves(logs: Sequence[Samples]) -> list[Samples]:
+    firsts = [np.arange(len(log.time)) < len(log.time) // 2 for log in logs]
+    return [log.part(rows) for log, first in zip(logs, firsts) for rows in (first, ~first)]
+
+
+def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> LearnedMap:
+    """Return what some logs teach with a set of terms by random effects, its band not yet sized.
+
+    Raises:
+        FitError: what is mapped is known in no log.
+    """
+    learned, columns = frame(logs, kind, chosen)
+    designs = [_thinned(design(learned, log)) for log in logs]
+    joints, times, spreads = [], [], []
+    for j, joint in enumerate(learned.joints):
+        parts = []
+        for log, phi in zip(logs, designs):
+            target = _thinned(log.targets[:, j])
+            rows = np.isfinite(target)
+            if rows.sum() > len(columns):
+                parts.append((phi[rows][:, columns], target[rows], log.interval * _step(len(log.time))))
+        if not parts:
+            raise FitError(f"{kind.name}: the truth that it needs of '{joint.joint}' is known in no log")
+        fit, time = random_effects(joint, columns, parts, chosen.pooled)
+        if not chosen.corrects:  # what is off on average is not known to come again
+            square = fit.covariance[0][0] + fit.coefficients[0] ** 2
+            fit = fit.model_copy(update={"coefficients": (0.0,), "covariance": ((square,),)})
+        joints.append(fit)
+        times.append(time)
+        squares = [float(np.mean(target**2)) for _, target, _ in parts]
+        spreads.append(float(np.sqrt(np.mean(squares))) if kind.unknown_outside else 0.0)
+    return learned.model_copy(
+        update={"joints": tuple(joints), "correlation_time": max(times), "spread": tuple(spreads)}
+    )
+
+
+def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
+    """Return a map with scales and range of some logs, its coefficients zero, and which of its terms tell something."""
+    every, m, size = np.vstack([log.every for log in logs]), len(kind.channels), len(chosen.terms)
+    centre, spread = every.mean(axis=0), every.std(axis=0)
+    alone = independent(every[:, :m] - centre[:m], kind.noise)
+    scale = np.where(spread > 1e-12, spread, 1.0)
+    z = ((every[:, :m] - centre[:m]) / scale[:m])[:, alone]
+    distance = np.zeros((m, m))
+    if alone.any():
+        distance[np.ix_(alone, alone)] = np.linalg.pinv(z.T @ z / len(z), rcond=1e-6)
+    reach = float(np.sqrt(np.max(np.sum(z @ distance[np.ix_(alone, alone)] * z, axis=1), initial=1.0)))
+    room = np.zeros(len(centre))
+    room[:m] = np.where(alone, 0.0, 3.0 * kind.noise)
+    zero = JointMap(joint="joint", coefficients=(0.0,) * size, covariance=((0.0,) * size,) * size, std=1.0)
+    learned = kind.form(
+        terms=chosen.terms,
+        channels=kind.channels,
+        centre=row_of(centre),
+        scale=row_of(scale),
+        low=row_of(np.minimum(every.min(axis=0), centre - room)),
+        high=row_of(np.maximum(every.max(axis=0), centre + room)),
+        rate=row_of(_speeds(logs)),
+        width=row_of(np.maximum(chosen.width * (kind.noise / scale[:m] if chosen.of_noise else np.ones(m)), 1e-9)),
+        distance=rows_of(distance),
+        reach=reach,
+        correlation_time=logs[0].interval,
+        spread=(0.0,) * len(kind.joints),
+        band=(1.0,) * len(kind.joints),
+        logs=len(logs),
+        dropped=tuple(
+            f"{kind.channels[i]}: {'was constant' if spread[i] <= 1.5 * kind.noise[i] else 'follows from the others'}"
+            for i in np.flatnonzero(~alone)
+        ),
+        joints=tuple(zero.model_copy(update={"joint": joint}) for joint in kind.joints),
+    )
+    silent = {kind.channels[i] for i in np.flatnonzero(~alone)}
+    return learned, [i for i, term in enumerate(chosen.terms) if term not in silent]
+
+
+def _speeds(logs: Sequence[Samples]) -> Floats:
+    """Return the RMS speed of each reading and angle over some logs [SI/s]."""
+    squares, count = np.zeros(logs[0].every.shape[1]), 0
+    for log in logs:
+        lag = max(1, round(SPEED_OVER / log.interval))
+        if len(log.time) > lag:
+            every = log.every
+            changes = (every[lag:] - every[:-lag]) / (log.time[lag:] - log.time[:-lag])[:, None]
+            squares, count = squares + np.sum(changes**2, axis=0), count + len(changes)
+    return np.sqrt(squares / max(count, 1))
+
+
+def _step(count: int) -> int:
+    return max(1, count // MOST_SAMPLES)
+
+
+def _thinned(values: Floats) -> Floats:
+    return values[:: _step(len(values))]
+
+
+def errors_of(
+    learned: LearnedMap, out: Samples, kind: Kind, homing: float | None, among: Bools | None = None
+) -> list[Errors]:
+    """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
+
+    They count after a window of `homing` [s], if any, and where samples are `among` some, (k,), None for all.
+    """
+    late = np.ones(len(out.time), dtype=bool) if among is None else among
+    if homing is not None:
+        late = late & (out.time >= homing)
+        learned, _ = calibrate_window(learned, out, out.window(homing), kind.by_motion)
+    errors = []
+    for j in range(len(learned.joints)):
+        predicted, target = predict(learned, out, j), out.targets[:, j]
+        rows = late & np.isfinite(target)
+        errors.append(((predicted.values - target)[rows], predicted.variances[rows], predicted.filter_variances[rows]))
+    return errors
+
+
+def left_out_errors(
+    logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
+) -> list[list[Errors]]:
+    """Return the errors on each log with what the logs of other folds teach, after a window of `homing` [s] if any."""
+    errors = []
+    for out, left in splits(folds):
+        remaining = [logs[i] for i in left]
+        if not _all_known(remaining, kind, chosen):
+            continue  # without these logs nothing is known of a joint
+        learned = fit_coefficients(remaining, kind, chosen)
+        errors += [errors_of(learned, logs[i], kind, homing) for i in out]
+    return errors
+
+
+def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
+    """Return whether for every joint some log has more samples with a known target than there are terms."""
+    enough = [np.isfinite(_thinned(log.targets)).sum(axis=0) > len(chosen.terms) for log in logs]
+    return bool(enough) and bool(np.all(np.any(enough, axis=0))) and len(kind.joints) > 0
+
+
+def calibrate_band(
+    logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
+) -> LearnedMap:
+    """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the same `homing` [s]."""
+    learned, count = fit_coefficients(logs, kind, chosen), len(set(folds))
+    # what scatters between few logs is known as Student's distribution says
+    draws = count if kind.by_group else len(logs)
+    wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)
+    errors = left_out_errors(logs, kind, chosen, folds, homing) if count > 1 else []
+    if errors:
+        learned = sized(learned, errors, count >= ENOUGH_LOGS)
+    return widened_between(learned, wider)

@@ -1,0 +1,285 @@
+"""Plots of estimates over time: truth, estimates and bands, for print and for colour-blind readers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.confidence import BAND
+from distal.errors import OutputError
+from distal.logs import Log
+from distal.results.innovation_plots import draw_forces, draw_health, draw_innovations
+from distal.results.plot_data import Curves
+from distal.results.style import (
+    BAND_ALPHA,
+    BLACK,
+    TRUTH,
+    colour,
+    curve_style,
+    figure,
+    legend_above,
+    plain,
+    save_figure,
+    title_above,
+)
+from distal.rig import Rig
+from distal.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+PANELS = ("innovations", "forces", "health")
+"""Panels that a plot has on request: see `plot_estimates`."""
+
+SHARE = 0.98
+"""So much of the time an error axis shows at least; what is beyond is marked at its edge."""
+
+SHORT = 2.5
+"""An event whose errors are this many times as large as those of the rest is cut off, if it is short."""
+
+
+class PlotOptions(TypedDict, total=False):
+    """Options of a plot; see `plot_estimates`."""
+
+    title: str | None
+    bands: bool
+    errors: bool | None
+    panels: Sequence[str]
+    log: Log | None
+    rig: Rig | None
+    health: Sequence[str] | None
+
+
+def plot_estimates(
+    estimates: Sequence[Curves],
+    path: str | Path | None = None,
+    *,
+    title: str | None = None,
+    bands: bool = True,
+    errors: bool | None = None,
+    panels: Sequence[str] = (),
+    log: Log | None = None,
+    rig: Rig | None = None,
+    health: Sequence[str] | None = None,
+) -> Figure:
+    """Draw truth, estimates and their 95 % bands over time, below their errors. One column of axes for each joint.
+
+    Where the truth is not known, the half-width of the band stands below instead of the errors.
+
+    Args:
+        path: where to save; None only returns the figure.
+        title: default the rig's name.
+        errors: draw the errors too; default where the truth is known.
+        panels: what else is drawn, of `PANELS`: innovations of the first estimate in standard deviations, with ±2;
+            measured forces, tensions and torques; the words that a stream of the log has for its health.
+        log: for the panel of its forces, with the rig for their units.
+        health: a word for each sample (`distal.log_health`).
+
+    Raises:
+        OutputError: the file cannot be written, or a panel is unknown or lacks what it draws.
+    """
+    first, joints = estimates[0], len(estimates[0].joint_names)
+    _check_inputs(check_panels(panels), log, rig, health)
+    with_errors = (first.truths is not None) if errors is None else errors
+    below = "errors" if with_errors else "bands" if bands else ""
+    heights = [2.2, *([1.1] if below else []), *(0.8 if panel == "health" else 1.1 for panel in panels)]
+    size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
+    with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (drawing, axes):
+        rows = 2 if below else 1
+        for joint, name in enumerate(first.joint_names):
+            column = axes[joint::joints]
+            _draw_joint(column[:rows], estimates, joint, bands, below, joints > 1)
+            if joints > 1:
+                column[0].set_ylabel(f"{plain(name[:40])} [°]")
+            if not panels or joints > 1:
+                column[rows - 1].set_xlabel(time_label(first.time))
+                column[rows - 1].tick_params(labelbottom=True)
+        for row, panel in enumerate(panels, start=rows):
+            place = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
+            _draw_panel(place, panel, first, log, rig, health)
+            if row == len(heights) - 1:
+                place.set_xlabel(time_label(first.time))
+        drawing.align_ylabels()
+        title_above(drawing, title or first.rig)
+    if path is not None:
+        save_figure(drawing, path)
+    return drawing
+
+
+def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
+    """Return axes over all columns of a row, in place of those of each column: they are for all joints."""
+    for cell in axes[row * columns : (row + 1) * columns]:
+        cell.remove()
+    grid = axes[0].get_gridspec()
+    assert grid is not None
+    across: Axes = drawing.add_subplot(grid[row, :], sharex=axes[0])
+    return across
+
+
+def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of panels as they are, if all are of `PANELS`."""
+    for panel in panels:
+        if panel not in PANELS:
+            raise OutputError(f"a plot has no panel '{panel}'{did_you_mean(panel, PANELS)}")
+    return tuple(panels)
+
+
+def _check_inputs(panels: Sequence[str], log: Log | None, rig: Rig | None, health: Sequence[str] | None) -> None:
+    if "forces" in panels and (log is None or rig is None):
+        raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
+    if "health" in panels and health is None:
+        raise OutputError("the panel 'health' draws a word for each sample; give health=distal.log_health(log, rig)")
+
+
+def _draw_panel(
+    axes: Axes, panel: str, first: Curves, log: Log | None, rig: Rig | None, health: Sequence[str] | None
+) -> None:
+    time = from_start(first.time)
+    if panel == "innovations":
+        draw_innovations(axes, time, first)
+    elif panel == "forces" and log is not None and rig is not None:
+        draw_forces(axes, log, rig)
+    elif health is not None:
+        draw_health(axes, time, health)
+
+
+def from_start(time: Floats) -> Floats:
+    """Return the time since the first sample [s], (k,)."""
+    since: Floats = time - time[0]
+    return since
+
+
+def time_label(time: Floats) -> str:
+    """Return the label of an axis of time."""
+    return "time [s]" if abs(time[0]) < 1e-9 else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+
+
+def _draw_joint(
+    axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool, below: str, several: bool
+) -> None:
+    """Draw one joint: angles above, errors or the width of the band below. Of several, the first one has the legend."""
+    top, truth = axes[0], _truth_of(estimates[0], joint)
+    entries: list[tuple[Artist, str]] = []
+    if truth is not None:
+        (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), **TRUTH)
+        entries.append((line, "truth"))
+    for i, estimate in enumerate(estimates):
+        handle = draw_estimate(top, estimate, i, bands, joint=joint)
+        entries.append((handle, estimate.estimator + (", 95 % band" if bands else "")))
+    _limit_angles(top, estimates, joint)
+    top.set_ylabel("joint angle θ [°]")
+    if joint == 0:
+        legend_above(top, entries, most=2 if several else 4)
+    if below == "errors":
+        _draw_errors(axes[1], estimates, joint, bands)
+    elif below == "bands":
+        for i, estimate in enumerate(estimates):
+            axes[1].plot(from_start(estimate.time), _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
+        axes[1].set_ylim(bottom=0.0)
+        axes[1].set_ylabel("95 % band ± [°]")
+
+
+def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: bool) -> None:
+    """Draw a joint's errors with the bands about zero; a short event does not flatten the others."""
+    curves = []
+    for i, estimate in enumerate(estimates):
+        time, error, half = from_start(estimate.time), _error(estimate, joint), _half_width(estimate, joint)
+        if bands:
+            _shade(axes, time, -half, half, i)
+        axes.plot(time, error, linewidth=1.0, **curve_style(i))
+        curves.append((estimate.estimator, time, error))
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    axes.set_ylabel("error [°]")
+    _limit_errors(axes, curves, _half_width(estimates[0], joint) if bands else np.zeros(1))
+
+
+def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
+    """Choose the limits of an axis of errors so that `SHARE` of the time fills it, and mark what is beyond.
+
+    Half of the first curve's band runs out of the picture where it is much wider than the errors.
+    """
+    sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
+    if not any(len(size) for size in sizes):
+        return
+    # the first estimate is what the plot is about; the others may take the axis as far as eight times its errors
+    wanted = [_usual(size) for size in sizes if len(size)]
+    shown = min(max(wanted), 8.0 * wanted[0])
+    band = 1.1 * float(np.quantile(half, 0.9))
+    limit = max(shown, min(band, 4.0 * shown))
+    axes.set_ylim(-limit, limit)
+    remarks = []
+    for i, ((name, time, error), size) in enumerate(zip(errors, sizes)):
+        beyond = np.flatnonzero(np.abs(error) > limit)
+        if not len(beyond):
+            continue
+        some = beyond[:: max(1, len(beyond) // 30)]
+        for sign, marker in ((1, "^"), (-1, "v")):
+            rows = some[np.sign(error[some]) == sign]
+            edge = np.full(len(rows), sign * 0.94 * limit)
+            axes.plot(time[rows], edge, linestyle="none", marker=marker, markersize=4, color=colour(i))
+        share = 100.0 * float(np.mean(size <= limit))
+        remarks.append(f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° (marked)")
+    if band > limit:
+        remarks.append(f"band ±{float(np.median(half)):.3g}° (median), beyond the axis")
+    if remarks:
+        axes.set_title("\n".join(remarks), fontsize=7, loc="right", pad=2)
+
+
+def _usual(size: Floats) -> float:
+    """Return how far an axis should go for errors of some size [°]: an event that is short and large is left out."""
+    largest, usual = float(size.max()), max(float(np.quantile(size, SHARE)), 0.02)
+    return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
+
+
+def _truth_of(estimate: Curves, joint: int) -> Floats | None:
+    """Return a joint's true angle [rad], (k,), None where it is nowhere known."""
+    if estimate.truths is None or not np.isfinite(estimate.truths[:, joint]).any():
+        return None
+    return estimate.truths[:, joint]
+
+
+def _error(estimate: Curves, joint: int) -> Floats:
+    """Return a joint's error [°], NaN where its truth is not known."""
+    truth = _truth_of(estimate, joint)
+    return np.rad2deg(estimate.angles[:, joint] - (np.nan if truth is None else truth))
+
+
+def _half_width(estimate: Curves, joint: int) -> Floats:
+    """Return the half-width of a joint's 95 % band [°]."""
+    return np.rad2deg(BAND * estimate.angle_stds[:, joint])
+
+
+def draw_estimate(
+    axes: Axes, estimate: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
+) -> Artist:
+    """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its handle for a legend."""
+    theta, half = np.rad2deg(estimate.angles[:, joint]), _half_width(estimate, joint)
+    time, name = from_start(estimate.time), label or estimate.estimator
+    handles = [_shade(axes, time, theta - half, theta + half, index)] if band else []
+    handles += axes.plot(time, theta, linewidth=1.2, label=name, **curve_style(index))
+    return tuple(handles)
+
+
+def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:
+    """Shade a band, with edges that are seen where it is hardly wider than a line; return its handle."""
+    for edge in (low, high):
+        axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
+    return axes.fill_between(time, low, high, color=colour(index), alpha=BAND_ALPHA, linewidth=0)
+
+
+def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
+    """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
+    curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
+    truth = _truth_of(estimates[0], joint)
+    curves += [] if truth is None else [np.rad2deg(truth)]
+    lowest, highest = (float(f([f(curve) for curve in curves])) for f in (np.nanmin, np.nanmax))
+    low, high = axes.get_ylim()
+    room = 0.3 * max(highest - lowest, 1.0)
+    axes.set_ylim(max(low, lowest - room), min(high, highest + room))

@@ -1,0 +1,287 @@
+"""The rig's equations along known motion: against a textbook twin in NumPy, and numbers of plants that share no code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
+
+from distal import Log, Rig, load_rig, simulate
+from distal.fitting import Options
+from distal.fitting.inverse_dynamics import INTERVAL, MEMORY, InverseProblem, inverse_problem
+from distal.fitting.jackknife import numbers_without
+from distal.fitting.missing_physics import Tried, parts_of, tried_parts
+from distal.fitting.numbers import Numbers, among_models, by_equations, problem_of
+from distal.logs import true_angles
+from distal.rig import build_rig
+
+pytestmark = pytest.mark.compiled
+
+STIFFNESS, ARM, RADIUS, PRETENSION = 9000.0, 8e-3, 6e-3, 5.0
+SPRING, REST, LINK, LOAD, CONSTANT = 0.3, -0.2, 4e-4, 0.1, 0.004
+RATE = 100.0
+
+
+def rig(**changed: object) -> Rig:
+    raw = {
+        "name": "one cable against a spring",
+        "joints": [
+            {
+                "name": "j",
+                "inertia": 1e-5,
+                "damping": 0.0,
+                "initial": {"value": 0.0, "std": 0.1},
+                "friction": {"coefficient": {"value": LINK, "std": 2e-4}, "radius": 1.0, "preload": 1.0},
+                "spring": {"stiffness": {"value": SPRING, "std": 0.05}, "rest_angle": REST},
+            }
+        ],
+        "drives": [
+            {
+                "name": "m",
+                "kind": "capstan",
+                "inertia": 1e-4,
+                "radius": RADIUS,
+                "friction": {"constant": {"value": CONSTANT, "std": 0.002}, "load": {"value": LOAD, "std": 0.05}},
+            }
+        ],
+        "tendons": [
+            {
+                "name": "t",
+                "joint": "j",
+                "drive": "m",
+                "side": 1,
+                "insertion": {"kind": "pulley", "radius": {"value": ARM, "std": 4e-4}},
+                "stiffness": {"value": STIFFNESS, "std": 900.0},
+                "pretension": PRETENSION,
+            }
+        ],
+        "sensors": [
+            {"name": "x", "measures": "position", "of": "m", "rate": RATE, "noise": 1e-4},
+            {"name": "u", "measures": "force", "of": "m", "rate": RATE, "noise": 1e-3},
+            {"name": "enc", "measures": "angle", "of": "j", "rate": RATE, "noise": 1e-3},
+        ],
+    }
+    return build_rig(raw, "rig").with_values(changed) if changed else build_rig(raw, "rig")
+
+
+def made(seconds: float = 20.0, seed: int = 0, stiffness: float = STIFFNESS) -> Log:
+    """Return a log of the quasi-static joint: torques in balance but for friction, which rests inside its limits."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * RATE)) / RATE
+    drive = 1.0 + 0.5 * np.sin(0.9 * time + seed) + 0.25 * np.sin(2.3 * time)
+    theta, force = np.empty(len(time)), np.empty(len(time))
+    at, way = 0.0, 0.0
+    for k, s in enumerate(drive):
+        soft = stiffness * ARM**2 + SPRING
+        middle = (ARM * (PRETENSION + stiffness * RADIUS * s) + SPRING * REST) / soft
+
+        def limit(angle: float, s: float = s) -> float:
+            return LINK * (1.0 + PRETENSION + stiffness * (RADIUS * s - ARM * angle))
+
+        low, high = middle - limit(middle) / soft, middle + limit(middle) / soft
+        at = min(max(at, low), high)
+        way = np.clip(way + (s - drive[k - 1] if k else 0.0) / 2e-3, -1.0, 1.0)
+        tension = PRETENSION + stiffness * (RADIUS * s - ARM * at)
+        theta[k], force[k] = at, RADIUS * tension + way * (CONSTANT + LOAD * RADIUS * tension)
+    channels = {"x": drive + 1e-5 * rng.normal(size=len(time)), "u": force + 1e-3 * rng.normal(size=len(time))}
+    return Log(time, channels, {"theta": theta + 1e-3 * rng.normal(size=len(time))}, f"seed {seed}")
+
+
+def equations(log: Log, described: Rig) -> InverseProblem:
+    found = inverse_problem(problem_of([log], described, Options()))
+    assert found is not None
+    return found
+
+
+def test_rows_are_those_of_a_textbook_twin() -> None:
+    """Force less pull and friction, and the joint's balance, each over its effective standard deviation."""
+    described = rig()
+    problem = equations(made(), described)
+    known = problem.motions[0]
+    found = problem.at(np.zeros(problem.size))[0]
+    assert problem.measured == ("u", "j")
+    parts = (slice(1, 3), slice(3, 5), slice(7, 9), slice(9, 11), 11)
+    turned, q, a, unsure, read = (known.rows[:, part] for part in parts)
+    # a cubic over 13 samples leaves 3 (3 m² + 3 m − 1) / ((2 m + 3) (2 m + 1) (2 m − 1)) of white noise, m = 6
+    left = 3.0 * (3 * 36 + 3 * 6 - 1) / (15.0 * 13.0 * 11.0)
+    np.testing.assert_allclose(unsure[0], [left * problem.filter.references[0].noise ** 2, left * 1e-8], rtol=1e-6)
+
+    def rows(theta: float, s: float, k: int, way: np.ndarray) -> np.ndarray:
+        tension = max(PRETENSION + STIFFNESS * (RADIUS * s - ARM * theta), 0.0)
+        force = read[k] - RADIUS * tension - way[1] * (CONSTANT + LOAD * RADIUS * tension)
+        balance = 1e-5 * a[k, 0] - tension * ARM + SPRING * (theta - REST) + way[0] * LINK * (1.0 + tension)
+        return np.array([force, -balance])
+
+    direction, expected = np.zeros(2), np.empty((len(q), 2))
+    for k in range(len(q)):
+        direction = np.clip(direction + turned[k], -1.0, 1.0)
+        theta, s = q[k]
+        by_angle = (rows(theta + 1e-6, s, k, direction) - rows(theta - 1e-6, s, k, direction)) / 2e-6
+        by_place = (rows(theta, s + 1e-6, k, direction) - rows(theta, s - 1e-6, k, direction)) / 2e-6
+        variances = np.array([1e-6, 0.0]) + by_angle**2 * unsure[k, 0] + by_place**2 * unsure[k, 1]
+        expected[k] = rows(theta, s, k, direction) / np.sqrt(variances)
+    there = known.compared
+    np.testing.assert_allclose(found.values[there], expected[there], rtol=1e-4, atol=1e-6)
+    assert np.isnan(found.values[~there]).all()
+    assert (found.variances == 1.0).all()
+    assert np.median(np.diff(known.time)) == pytest.approx(INTERVAL)
+    spans = np.subtract(*np.percentile(q, (95, 5), axis=0))
+    np.testing.assert_allclose(np.abs(turned[5]), np.abs(q[5] - q[4]) / (MEMORY * spans), rtol=0.05)
+
+
+def test_an_encoders_noise_makes_no_stiffness_too_small() -> None:
+    """With ten times the noise least squares of the force on the noisy stretch would find a tenth of the stiffness."""
+    log = made(30.0, 2)
+    rng = np.random.default_rng(3)
+    noisy = replace(log, truth={"theta": log.truth["theta"] + 5e-3 * rng.normal(size=len(log))})
+    start = rig(**{"sensors.enc.noise": 5e-3, "tendons.t.stiffness": {"value": 6000.0, "std": 3000.0}})
+    found = by_equations(problem_of([noisy], start, Options()), Options(), None)
+    assert found is not None
+    part = next(one for one in found.fitted if one.name.startswith("stiffness"))
+    assert abs(part.value - STIFFNESS) < 3.0 * part.error
+    assert part.value > 0.6 * STIFFNESS
+
+
+def test_a_plants_numbers_are_found_in_seconds() -> None:
+    """Arm, stiffness, spring and drive friction of a plant that differs, within three of their standard errors and 5 %."""
+    log = made(30.0, 1)
+    start = rig(
+        **{
+            "tendons.t.insertion.radius": {"value": 8.4e-3, "std": 4e-4},
+            "joints.j.spring.stiffness": {"value": 0.33, "std": 0.05},
+            "drives.m.friction.load": {"value": 0.14, "std": 0.05},
+        }
+    )
+    found = by_equations(problem_of([log], start, Options()), Options(), None)
+    assert found is not None
+    assert found.optimum.converged
+    noise, scale = next(p for p in found.fitted if p.noise and p.name.endswith("sensor u")), found.nis[1][0]
+    assert noise.value == pytest.approx(1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.optimum.z))[0]))
+    assert 1e-3 < noise.value <= 1.01e-3 * np.sqrt(scale)
+    for name, true in (("insertion radius", ARM), ("spring stiffness", SPRING), ("friction load", LOAD)):
+        part = next(one for one in found.fitted if one.name.startswith(name))
+        assert part.identified, name
+        assert part.value == pytest.approx(true, rel=0.05), name
+        assert abs(part.value - true) < 3.0 * part.error, name
+
+
+def test_what_is_not_read_cannot_be_asked() -> None:
+    """A joint without a truth, or a drive without a place: the filter is asked then, and with a homing move too."""
+    log = made(8.0)
+    problem = problem_of([log], rig(), Options())
+    assert by_equations(problem, Options(homing=1.0), None) is None
+    fast = replace(log, time=log.time / 50.0)  # 0.12 s are 600 of its 800 samples
+    assert (
+        inverse_problem(problem_of([fast], rig(**{f"sensors.{k}.rate": 5000.0 for k in range(3)}), Options())) is None
+    )
+    blind = replace(log, truth={"theta": np.where(log.time < 0.5, log.truth["theta"], np.nan)})
+    assert inverse_problem(problem_of([blind], rig(), Options())) is None
+    unread = load_rig("finger-2n")
+    one = simulate(unread, "finger", 1)
+    half = replace(one, truth={"theta_mcp": one.truth["theta_mcp"]})
+    assert inverse_problem(problem_of([half], unread, Options())) is None
+
+
+@lru_cache
+def ropes() -> tuple[list[Log], Numbers]:
+    logs = [ropes_log(seed, "calibration", 20.0) for seed in (300, 301, 302)]
+    found = by_equations(problem_of(logs, ropes_rig(), Options()), Options(), None)
+    assert found is not None
+    return logs, found
+
+
+def test_what_moves_inside_is_stepped_along() -> None:
+    """Creep and backlash of ropes: without either the equations lack more."""
+    logs, found = ropes()
+    lacking = np.array(found.nis[1])
+    bare = ropes_rig().with_values({f"tendons.{i}.creep": None for i in (0, 1)})
+    without = by_equations(problem_of(logs, bare, Options()), Options(), None)
+    assert without is not None
+    assert np.sum(np.log(without.nis[1])) > np.sum(np.log(lacking)) + 0.5
+
+
+def test_a_newton_step_leaves_a_log_out() -> None:
+    """The numbers without a log, by one step, beside those that a whole search of the others finds: a fifth of an error."""
+    logs, found = ropes()
+    (quick,) = (one for one in numbers_without(found, logs, [0, 1, 1])[:1])
+    whole = by_equations(problem_of(logs[1:], ropes_rig(), Options()), Options(), None)
+    assert whole is not None
+    compared = [(a, b) for a, b in zip(quick.fitted, whole.fitted) if a.identified and b.identified and not a.noise]
+    away = [abs(a.value - b.value) / b.error for a, b in compared]
+    came = [
+        abs(a.value - b.value) / b.error for (a, b) in zip(found.fitted, whole.fitted) if b.identified and not b.noise
+    ]
+    assert len(away) >= 8
+    assert np.median(away) < 0.25
+    assert np.median(away) <= np.median(came)
+
+
+def test_the_part_that_a_rig_lacks_is_named() -> None:
+    """Ropes whose play the rig file does not say; with it nothing is named, and of a rig without noise nothing is tried."""
+    logs, found = ropes()
+    silent = ropes_rig().with_values({f"drives.{i}.backlash": None for i in (0, 1)})
+    numbers = by_equations(problem_of(logs, silent, Options()), Options(), None)
+    assert numbers is not None
+    tried = tried_parts(logs, silent, Options(), numbers)
+    (part, better), *_ = tried.named
+    assert part.name == "play between drives and tendons"
+    assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
+    # named are those that leave less than 85 % in the geometric mean of all rows, the least first, and no others
+    single = tried.numbers[:4]
+    left = [left_by(own) / left_by(numbers) for own in single]
+    alone = [left_by(own) / left_by(numbers) for _, own in tried.named if any(own is each for each in single)]
+    assert alone == pytest.approx(sorted(share for share in left if share < 0.85)[:2])
+    assert sum(share >= 0.85 for share in left) >= 2
+    assert tried_parts(logs, ropes_rig(), Options(), found).named == ()
+    quiet = replace(numbers, nis=(numbers.nis[0], tuple(0.5 for _ in numbers.nis[1])))
+    assert tried_parts(logs, silent, Options(), quiet) == Tried()
+    assert tried_parts(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) == Tried()
+    models_widen_errors(numbers, better)
+
+
+def left_by(numbers: Numbers) -> float:
+    """Return the geometric mean of the rows' √(mean ν²/S), no row counting as less than its sensors' noise."""
+    return float(np.prod([max(ratio, 1.0) for ratio in numbers.nis[1]]) ** (0.5 / len(numbers.nis[1])))
+
+
+def models_widen_errors(alone: Numbers, better: Numbers) -> None:
+    """V = V_own + the variance of both models' values, a quarter of their difference squared; values stay."""
+    wider = among_models(better, [alone, better])
+    others = {one.name: one for one in alone.fitted}
+    compared = [(one, other, others[one.name]) for one, other in zip(better.fitted, wider.fitted) if one.name in others]
+    free = [
+        (own, wide, other) for own, wide, other in compared if own.identified and other.identified and not own.noise
+    ]
+    linear = [each for each in free if each[1].error < 0.9 * each[1].prior_std]
+    assert len(linear) >= 3
+    moved = 0
+    for own, wide, other in linear:
+        assert wide.value == own.value
+        assert wide.error == pytest.approx(np.hypot(own.error, (own.value - other.value) / 2), rel=0.1), own.name
+        moved += wide.error > 1.2 * own.error
+    assert moved > 0
+    # what only one model varies is as well known as before
+    assert all(wide.error == own.error for own, wide in zip(better.fitted, wider.fitted) if own.name not in others)
+    assert among_models(better, [better]) is better
+
+
+def test_every_part_can_be_added_to_a_plain_rig() -> None:
+    described = rig()
+    names = [part.name for part in parts_of(described) if part.values]
+    assert len(names) == 4
+    for part in parts_of(described):
+        assert described.with_values(part.values) != described
+
+
+def test_a_foreign_finger_stays_near_its_priors() -> None:
+    """Physics that the rig lacks does not drive its numbers to absurd values: no prior weighs nothing."""
+    logs = [finger_log(seed, 10.0) for seed in (50, 51, 52)]
+    assert all(true_angles(log, ["finger"]) is not None for log in logs)
+    found = by_equations(problem_of(logs, finger_rig(), Options()), Options(), None)
+    assert found is not None
+    far = [abs(p.value - p.start) / p.prior_std for p in found.fitted if p.identified and not p.noise]
+    assert max(far) < 6.0

@@ -1,0 +1,161 @@
+"""Hours in pieces: what comes out is one long log, and the plant's numbers follow the schedule."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from distal import estimate, load_rig, load_scenario, scenario_rig
+from distal.errors import EstimationError, ScenarioError
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.run import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
+from distal.simulation import Scenario, build_scenario, simulate, simulate_pieces
+from distal.simulation.drift import numbers_at
+
+pytestmark = pytest.mark.compiled
+
+SWING = {"mean": "5 N", "amplitude": "2 N", "frequency": "0.2 Hz"}
+RAW: dict[str, Any] = {
+    "rig": "paper-2008",
+    "set": {"drives.*.stops": ["-10 mm", "20 mm"]},
+    "duration": "2.5 min",
+    "drives": {"left": {"weight": SWING}, "right": {"weight": "5 N"}},
+}
+
+
+def scenario(**more: Any) -> Scenario:
+    return build_scenario({**RAW, **more})
+
+
+def whole(logs: list[Log], name: str) -> np.ndarray:
+    return np.concatenate([log.channels.get(name, log.truth.get(name)) for log in logs])
+
+
+def test_pieces_are_one_log() -> None:
+    """The same stamps, motion and readings as of one simulation, beyond the last whole piece too."""
+    described = scenario()
+    rig = scenario_rig(described)
+    alone, pieces = simulate(rig, described, 4), [piece.log for piece in simulate_pieces(rig, described, 4)]
+    assert len(pieces) == 3
+    times = np.concatenate([log.time for log in pieces])
+    np.testing.assert_allclose(times[: len(alone)], alone.time, atol=1e-9)
+    for name in ("theta", "position_left", "tension_right", "x1", "u2"):
+        np.testing.assert_allclose(
+            whole(pieces, name)[: len(alone)], {**alone.truth, **alone.channels}[name], atol=1e-9
+        )
+
+
+def test_the_filter_goes_on_from_piece_to_piece() -> None:
+    described = scenario()
+    rig = scenario_rig(described)
+    found = list(estimate_pieces(simulate_pieces(rig, described, 4), rig))
+    alone = estimate(simulate(rig, described, 4), rig)
+    angles, stds = (
+        np.concatenate([getattr(one, name) for one in found])[: len(alone.time)] for name in ("angles", "angle_stds")
+    )
+    np.testing.assert_allclose(angles, alone.angles, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(stds, alone.angle_stds, rtol=1e-5)
+
+
+def test_numbers_follow_the_schedule() -> None:
+    """A weight of 5 N hangs still: the slider sinks by 1/k as k falls by 60 % an hour, from one minute to the next."""
+    soft = {"tendons.*.stiffness": {"per_hour": "-60 %"}}
+    still = {"left": {"weight": "5 N"}, "right": {"weight": "5 N"}}
+    described = scenario(schedule=soft, drives=still)
+    rig = scenario_rig(described)
+    ends = [piece.log.truth["position_left"][-1] for piece in simulate_pieces(rig, described)]
+    stiffness = rig.tendons[0].stiffness.value * (1 - 0.6 * np.arange(3) / 60)
+    grown = 5.0 / stiffness - 5.0 / stiffness[0]
+    np.testing.assert_allclose(ends - ends[0], grown, atol=2e-5)  # friction of the sliders holds a little of it back
+
+
+def test_a_walk_differs_from_seed_to_seed_and_has_its_size() -> None:
+    described = scenario(
+        schedule={"tendons.*.stiffness": {"walk": "50 %"}}, drives={k: {"weight": "5 N"} for k in ("left", "right")}
+    )
+    rig = scenario_rig(described)
+    first, again, other = (
+        [piece.log.truth["position_left"][-1] for piece in simulate_pieces(rig, described, seed)] for seed in (1, 1, 2)
+    )
+    assert first == again
+    # the first draw of a minute: 50 % per hour is 50 % √(1/60)
+    stiffness = rig.tendons[0].stiffness.value
+    soft = stiffness * (1 + 0.5 * np.sqrt(1 / 60) * np.random.default_rng([2, 1]).normal())
+    assert other[1] - other[0] == pytest.approx(5.0 / soft - 5.0 / stiffness, abs=5e-5)
+    assert first[1] != other[1]
+
+
+def test_a_rezero_pulls_the_joint_to_a_known_angle_and_the_filter_reads_it() -> None:
+    """Every minute the left drive pulls the link to its stop at 10°; the filter is surer after it."""
+    described = scenario(
+        set={**RAW["set"], "joints.link.stops": ["-25 deg", "10 deg"]},
+        rezero={
+            "every": "1 min", "lasts": "4 s", "angle": "10 deg", "std": "0.2 deg",
+            "drives": {"left": {"weight": "16 N"}, "right": {"weight": "2 N"}},
+        },
+    )  # fmt: skip
+    rig = scenario_rig(described).with_values({"sensors.x1.bias": {"value": 0.0, "std": "1 mm"}})
+    built = described.model_copy(update={"plant": {"sensors.x1.bias": {"value": 1e-3}}})
+    pieces = list(simulate_pieces(rig, built))
+    known = np.vstack([piece.known for piece in pieces])[:, 0]
+    times = np.concatenate([piece.log.time for piece in pieces])
+    told = np.isfinite(known)
+    np.testing.assert_allclose(times[told][[0, -1]], [62.0, 123.99], atol=0.011)
+    assert told.sum() == 400
+    assert np.all(known[told] == np.deg2rad(10.0))
+    assert np.abs(np.rad2deg(whole([piece.log for piece in pieces], "theta")[told]) - 10.0).max() < 0.3
+    blind, told_of = (list(estimate_pieces(pieces, rig, known_std=std)) for std in (None, np.deg2rad(0.2)))
+    assert told_of[0].angle_stds.mean() == pytest.approx(blind[0].angle_stds.mean(), rel=0.02)
+    assert told_of[2].angle_stds.mean() < 0.9 * blind[2].angle_stds.mean()
+    for found in (blind, told_of):
+        wrong = np.abs(found[2].angles - found[2].truths) / found[2].angle_stds
+        assert np.mean(wrong < 1.96) > 0.9
+
+
+def test_what_is_wrong_is_said() -> None:
+    rig = load_rig("paper-2008")
+    for raw, said in (
+        (
+            {"schedule": {"tendons.*.stifness": {"per_hour": 0.1}}},
+            "the plant has no number 'tendons.*.stifness'; did you mean",
+        ),
+        (
+            {"rezero": {"every": "1 s", "lasts": "2 s", "angle": 0.0, "drives": {"left": {"weight": "1 N"}}}},
+            "leave time between",
+        ),
+    ):
+        with pytest.raises(ScenarioError, match=said.replace("*", r"\*")):
+            next(iter(simulate_pieces(rig, scenario(**raw))))
+    with pytest.raises(ScenarioError, match=r"has a \[schedule\] or \[rezero\], which need pieces"):
+        simulate(rig, scenario(schedule={"tendons.*.stiffness": {"per_hour": 0.1}}))
+    described = scenario()
+    with pytest.raises(EstimationError, match="elastic does not take known angles"):
+        next(iter(estimate_pieces(simulate_pieces(rig, described), rig, "elastic", 0.1)))
+    assert numbers_at(Mechanism(rig), "tendons.left.stiffness") == numbers_at(Mechanism(rig), "tendons.0.stiffness")
+    assert len(numbers_at(Mechanism(rig), "tendons.*.stiffness")) == 2
+
+
+def test_hours_are_counted(tmp_path: Path) -> None:
+    """Two pieces over three hours: errors of 1 inside a band of ±1.96, then of 3 outside."""
+    log = Log(np.array([0.0, 1800.0, 3599.0]), {}, {}, "a")
+    later = Log(np.array([3600.0, 7200.0]), {}, {}, "b")
+    ones = np.ones((3, 1))
+    pieces = [PieceEstimate(log, ones, ones, 0 * ones), PieceEstimate(later, 3 * ones[:2], ones[:2], 0 * ones[:2])]
+    found = by_hour(iter(pieces))
+    band = pytest.approx(1.959963984540054)
+    assert found == (Hour(0, 1.0, 1.0, band), Hour(1, 3.0, 0.0, band), Hour(2, 3.0, 0.0, band))
+    plot_hours({"one": found}, tmp_path / "hours.png")
+    assert (tmp_path / "hours.png").stat().st_size > 5000
+
+
+@pytest.mark.slow
+def test_six_hours_are_streamed() -> None:
+    """A quarter of an hour of the shipped scenario: the band holds."""
+    described = load_scenario("six-hours").model_copy(update={"duration": 900.0})
+    rig = scenario_rig(described)
+    (hour,) = by_hour(estimate_pieces(simulate_pieces(rig, described), rig))
+    assert hour.inside > 0.9
