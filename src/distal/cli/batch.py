@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from distal.cli.console import failure, progress_bar, say, table, warn
-from distal.cli.outputs import to_folder
+from distal.cli.paths import to_folder
 from distal.errors import DistalError, DistalWarning, EstimationError, OutputError
 from distal.suggestions import did_you_mean
 

@@ -10,7 +10,7 @@ from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
-from distal.cli.outputs import check_outputs, to_folder
+from distal.cli.paths import check_outputs, to_folder
 
 
 def control_command(
@@ -53,7 +53,7 @@ def control_command(
             wrong_by = f"{degrees(score.estimate_rms):.2f}"
             rows.append((run.feedback, score.joint, *angles, settled, hunts, f"{score.effort:.3g}", wrong_by))
         for span in run.held:
-            warn(f"{run.feedback}: commands held from {span.begin:g} to {span.end:g} s: {span.why}")
+            warn(f"{run.feedback}: {span}")
     unit = {"slider": "N", "capstan": "N m"}[rig.drives[0].kind]
     columns = ["feedback", "joint", "RMS [°]", "overshoot [°]", "settled [s]", "limit cycle", f"effort [{unit}]"]
     columns.append("told wrong by [°]")

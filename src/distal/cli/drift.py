@@ -10,7 +10,7 @@ from typer import Option
 
 from distal.cli.console import say, table
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
-from distal.cli.outputs import check_outputs, to_folder
+from distal.cli.paths import check_outputs, to_folder
 
 
 def drift_command(

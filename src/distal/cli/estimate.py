@@ -21,7 +21,7 @@ from distal.cli.options import (
     seconds,
     settings,
 )
-from distal.cli.outputs import check_outputs, to_file
+from distal.cli.paths import check_outputs, to_file
 from distal.errors import DistalError, EstimationError
 
 if TYPE_CHECKING:

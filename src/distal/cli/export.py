@@ -10,7 +10,7 @@ from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import RigArgument, SetOption
-from distal.cli.outputs import check_outputs, to_file, to_folder
+from distal.cli.paths import check_outputs, to_file, to_folder
 
 ExportedOption = Annotated[str, Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")]
 NameOption = Annotated[

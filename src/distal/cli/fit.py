@@ -17,7 +17,7 @@ from typer import Argument, Option
 
 from distal.cli.console import err, say, table
 from distal.cli.options import MemoryOption, RepeatedOption, RigOption, SetOption, seconds, settings
-from distal.cli.outputs import check_outputs, to_file, to_folder
+from distal.cli.paths import check_outputs, to_file, to_folder
 from distal.errors import FitError, OutputError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typer import Option
 
 from distal.cli.console import say
 from distal.cli.options import EstimatorOption, RigArgument, SetOption
-from distal.cli.outputs import check_outputs, to_page
+from distal.cli.paths import check_outputs, to_page
 
 
 def lab_command(

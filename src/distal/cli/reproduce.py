@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from distal.cli.console import err, say, table
-from distal.cli.outputs import check_outputs, to_folder
+from distal.cli.paths import check_outputs, to_folder
 
 if TYPE_CHECKING:
     from rich.progress import Progress

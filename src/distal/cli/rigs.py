@@ -12,7 +12,7 @@ from typer import Argument, Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import RigArgument, SetOption
-from distal.cli.outputs import check_outputs, to_file
+from distal.cli.paths import check_outputs, to_file
 from distal.errors import OutputError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def list_command() -> None:
 def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
-    from distal.rig import doubts, in_words, load_rig
+    from distal.rig import doubts, in_words, load_rig, step_of
 
     description = load_rig(rig, set_ or ())
     mechanism = Mechanism(description)
@@ -68,7 +68,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     for sensor in description.sensors:
         gear = getattr(sensor, "gear", 1.0)
         if sensor.measures == "position" and gear != 1.0:
-            sides = [f"{_degrees(sensor.resolution)} at the motor, {_degrees(sensor.resolution / gear)} at the capstan"]
+            sides = [f"{_degrees(sensor.resolution)} at the motor, {_degrees(step_of(sensor))} at the capstan"]
             sides += [
                 f"{name} {_degrees(gear * value)} at the motor, {_degrees(value)} at the capstan"
                 for name, value in (("noise", sensor.noise), ("linearity", sensor.linearity))

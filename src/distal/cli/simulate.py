@@ -13,7 +13,7 @@ from typer import Option
 
 from distal.cli.console import say, table, warn
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption, rigs
-from distal.cli.outputs import check_outputs, to_file
+from distal.cli.paths import check_outputs, to_file
 
 if TYPE_CHECKING:
     from distal.logs import Log

@@ -21,7 +21,7 @@ from typer import Option
 
 from distal.cli.console import warn
 from distal.cli.options import EstimatorOption, RigOption, SetOption
-from distal.cli.outputs import check_outputs, to_file
+from distal.cli.paths import check_outputs, to_file
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from distal.cli.options import (
     seconds,
     settings,
 )
-from distal.cli.outputs import check_outputs, to_page
+from distal.cli.paths import check_outputs, to_page
 
 
 def view_command(

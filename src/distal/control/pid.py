@@ -47,6 +47,10 @@ class Held:
     end: float
     why: str
 
+    def __str__(self) -> str:
+        """Return it in words."""
+        return f"commands held from {self.begin:g} to {self.end:g} s: {self.why}"
+
 
 def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Vector) -> Vector:
     """Return drives' commands for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms A, U = (∂ℓ/∂s)ᵀ T.

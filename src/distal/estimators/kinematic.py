@@ -6,7 +6,7 @@ import casadi as ca
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
-from distal.estimators.drive_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
+from distal.estimators.kinematic_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name

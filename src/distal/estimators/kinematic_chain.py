@@ -9,7 +9,7 @@ from distal.arrays import Floats
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
-from distal.estimators.drive_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
+from distal.estimators.kinematic_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
 from distal.expressions import Scalar, Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver

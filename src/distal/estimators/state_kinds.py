@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from distal.rig import (
     Rig,
@@ -45,19 +45,6 @@ class NamesStates(Protocol):
     state_names: tuple[str, ...]
 
 
-@runtime_checkable
-class SaysKinds(Protocol):
-    """An estimator that says what its states are."""
-
-    @property
-    def state_kinds(self) -> tuple[StateKind, ...]:
-        """What each state is, (n,)."""
-
-    @property
-    def state_parts(self) -> tuple[str, ...]:
-        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
-
-
 def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
     """Return kinds and parts of states that an estimator does not say them of: the joints' are known by their names."""
     every = ((StateKind.ANGLE, angle_names), (StateKind.SPEED, speed_names), (StateKind.EXTERNAL_TORQUE, torque_names))
@@ -68,7 +55,7 @@ def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[S
 
 def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
     """Return what an estimator's states are, and the parts that they are of, (n,) each."""
-    if isinstance(runner, SaysKinds):
+    if hasattr(runner, "state_kinds") and hasattr(runner, "state_parts"):
         return runner.state_kinds, runner.state_parts
     return kinds_by_joint(runner.state_names, [joint.name for joint in runner.rig.joints])
 

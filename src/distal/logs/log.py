@@ -29,6 +29,12 @@ def frozen(values: object) -> Floats:
     return array
 
 
+def sealed(array: Floats) -> Floats:
+    """Return an array that nobody else has, read-only from now on; no copy is made."""
+    array.flags.writeable = False
+    return array
+
+
 LARGEST_READING = 1e7
 """No sensor reads more than this [m, N, rad, N m]: what is larger is a wild value."""
 

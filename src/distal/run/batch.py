@@ -15,6 +15,7 @@ from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import Feed, advance_all, at_samples, in_order, variances_of
 from distal.logs import Log, Source, read_log
+from distal.logs.log import sealed
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
@@ -149,7 +150,7 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
         try:
             check_bounds(run, means, spreads)
             innovations, variances = runner.innovations_of(ys, run.samples)
-            estimates.append(finished(run, means, spreads, innovations, variances))
+            estimates.append(finished(run, *(sealed(part) for part in (means, spreads, innovations, variances))))
         except DistalError as problem:
             estimates.append(problem)
     return estimates

@@ -12,14 +12,14 @@ from pydantic import Field, model_validator
 
 from distal.errors import RigError, ScenarioError
 from distal.rig import Description, In, Rig, load_rig, parse_assignment, parse_toml, read_text, set_value, validated
-from distal.simulation.signals import Signal, SignalIn
+from distal.simulation.signals import PLACES, Signal, SignalIn
 from distal.suggestions import did_you_mean
 
 
 class SliderServo(Description):
     """A position loop on a slider: F = stiffness · (position − x) − damping · ẋ + force."""
 
-    position: Annotated[Signal, SignalIn("m", "linear")] = Field(description="where the slider should be")
+    position: Annotated[Signal, SignalIn("m", PLACES)] = Field(description="where the slider should be")
     stiffness: Annotated[float, In("N/m", "positive")] = Field(5e3, description="gain of the loop")
     damping: Annotated[float, In("kg/s", "nonnegative")] = Field(5.0, description="gain on the velocity")
 
@@ -27,7 +27,7 @@ class SliderServo(Description):
 class CapstanServo(Description):
     """A position loop on a motor: torque = stiffness · (angle − φ) − damping · φ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", "linear")] = Field(description="where the capstan should be")
+    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(description="where the capstan should be")
     stiffness: Annotated[float, In("N m/rad", "positive")] = Field(5.0, description="gain of the loop")
     damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.05, description="gain on the velocity")
 
@@ -46,7 +46,7 @@ class DriveInput(Description):
 class Hand(Description):
     """A hand that turns the joint: torque = stiffness · (angle − θ) − damping · θ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", "linear")] = Field(description="where the hand wants the joint")
+    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(description="where the hand wants the joint")
     stiffness: Annotated[float, In("N m/rad", "positive")] = Field(3.0, description="how firmly it holds")
     damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="and damps")
 
@@ -61,7 +61,7 @@ class JointInput(Description):
 class JointControl(Description):
     """Reference and gains of a joint's PID controller: τ = k_p e + k_i ∫ e dt − k_d ω."""
 
-    reference: Annotated[Signal, SignalIn("rad", "linear")] = Field(description="the angle that is wanted")
+    reference: Annotated[Signal, SignalIn("rad", PLACES)] = Field(description="the angle that is wanted")
     proportional: Annotated[float, In("N m/rad", "positive")] = Field(description="k_p")
     integral: Annotated[float, In("N m/(rad s)", "nonnegative")] = Field(0.0, description="k_i")
     derivative: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="k_d, of the angle's speed")

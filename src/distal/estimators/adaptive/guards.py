@@ -1,4 +1,4 @@
-"""Guards against a wrong model or a bad sensor: wild readings, jumps, lost places. Their numbers: `tuning`."""
+"""Guards against a wrong model or a bad sensor: outliers (wild readings), jumps, lost places. Numbers: `tuning`."""
 
 from __future__ import annotations
 

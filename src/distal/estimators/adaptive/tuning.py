@@ -1,4 +1,4 @@
-"""The tuning of the filter: how fast what it does not know may change, how fast it learns, and when a reading is wild.
+"""The tuning of the filter: how fast unknowns may change, how fast it learns, and when a reading is an outlier.
 
 `Robustness` is one frozen description; `Robustness.none()` leaves the textbook filter. docs/explanation/adaptive-guards.md
 says where each number stands in the algorithm, `guards` has what is computed with those on wild readings and lost drives.
