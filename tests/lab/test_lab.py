@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from distal import Rig, estimate, load_rig, read_log
 from distal.cli.app import app
 from distal.errors import ExportError
+from distal.estimators import external_torques_of, make_estimator
 from distal.export.plant import c_plant
 from distal.kernels import Kernel
 from distal.lab import lab_page
@@ -26,6 +27,7 @@ pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="needs a browser"),
     pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang"),
 ]
+LOAD = "document.querySelector('input[name=load]')"
 NAMES = ("template", "wrist-instrument", "da-vinci-grasper")
 
 
@@ -36,7 +38,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module", params=NAMES)
 def rig(request: pytest.FixtureRequest) -> Rig:
-    return load_rig(request.param)
+    # of the chain's joints each has a torque that nobody measures
+    return load_rig(
+        request.param, ["joints.*.external_torque.std=0.05 N m"] if request.param == "wrist-instrument" else ()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +103,28 @@ def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
         plain = estimate(log, rig, "inextensible")
         np.testing.assert_allclose(rows[:, 4 : 1 + 4 * nj : 4], plain.angles, atol=tolerance)
         assert np.abs(np.diff(rows[:, 1])).max() > 1e-4  # it moves
+
+
+@pytest.mark.compiled
+def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Path) -> None:
+    """The true torque is what acts on that joint, the told one and its std are Python's estimate from the saved log."""
+    page.value("lab.pause()")
+    torques = page.value("JSON.parse(document.getElementById('lab-data').textContent).torques")
+    names, nj = [joint.name for joint in rig.joints], len(rig.joints)
+    assert len(torques) == sum(joint.external_torque.std > 0 for joint in rig.joints)
+    for k, (_, _, joint) in enumerate(torques):
+        page.value(f"document.getElementById('joint').value = '{joint}'")
+        page.value("document.getElementById('joint').dispatchEvent(new Event('change'))")
+        page.value(f"{LOAD}.value = {LOAD}.max")
+        found = page.value("(lab.begin(), lab.run(3), { last: lab.last(), acted: lab.acted(), csv: lab.csv() })")
+        row = np.array(found["last"][1 + 4 * nj + 3 * k :][:3])
+        assert row[0] == found["acted"][joint] > 0.0
+        (folder / "touched.csv").write_text(found["csv"])
+        known = estimate(read_log(folder / "touched.csv", rig), rig)
+        at = external_torques_of(make_estimator("adaptive", rig))[names[joint]]
+        assert row[1] == pytest.approx(known.means[-1, at], abs=1e-9)
+        assert row[2] == pytest.approx(np.sqrt(known.variances[-1, at]), abs=1e-9)
+    page.value(f"{LOAD}.value = 0; lab.begin()")
 
 
 @pytest.mark.compiled

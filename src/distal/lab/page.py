@@ -102,14 +102,15 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
     runner = make_estimator(estimator, rig, compiled=False)
+    names = [joint.name for joint in rig.joints]
     touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
     scales = [unit_factor(rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in sensors)]
     columns = [rig.log.time.column, *(sensor.log_column for sensor in sensors)]
-    columns += [f"true_{name}" for name in angle_names([joint.name for joint in rig.joints])]
+    columns += [f"true_{name}" for name in angle_names(names)]
     return {
         "code": base64.b64encode(module.code).decode(),
         "shape": chain_shape(rig, 0.0),
-        "joints": [joint.name for joint in rig.joints],
+        "joints": names,
         "tendons": [tendon.name for tendon in rig.tendons],
         "sensors": list(plant.sensors),
         "read": [plant.sensors.index(channel) for channel in module.filter.channels],
@@ -121,7 +122,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "numbers": len(plant.numbers),
         "told": list(module.outputs),
         "plain": module.inextensible,
-        "torques": [[field, std_name(field), joint] for field, joint in touched.items()],
+        "torques": [[field, std_name(field), names.index(joint)] for field, joint in touched.items()],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
         "effort": resting_pull(mechanism).tolist(),
