@@ -29,7 +29,7 @@ def least_eigenvalue(covariances: np.ndarray) -> float:
 
 def motion(rig: Rig, missing: float) -> Log:
     """Return readings of every sensor that move, with a share of them missing; fewer of a rig with many joints."""
-    rng, count = np.random.default_rng(3), 150 if len(rig.joints) < 10 else 50
+    rng, count = np.random.default_rng(3), 150 if len(rig.joints) < 10 else 20
     rate = max(sensor.rate for sensor in rig.sensors)
     time = np.arange(count) / rate
     channels = {}
@@ -82,19 +82,21 @@ def with_maps(rig: Rig) -> Rig:
     return rig.with_values({**torques, "discrepancy": learned, "contact": learned})
 
 
-@pytest.mark.parametrize("missing", [0.0, 0.3])
 @pytest.mark.parametrize("name", ["adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible"])
 @pytest.mark.parametrize("rig_name", shipped_rigs())
-def test_a_reported_covariance_is_one(rig_name: str, name: str, missing: float) -> None:
+def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
+    """With every reading there, and with a third of them missing."""
     assert name in ESTIMATORS
     rig = load_rig(rig_name)
     if name == "affine" and rig.affine is None:
         with pytest.raises(EstimationError, match="has no map"):
-            estimate(motion(rig, missing), rig, name, compiled=False)
+            estimate(motion(rig, 0.0), rig, name, compiled=False)
         return
-    result = estimate(motion(rig, missing), rig, name, compiled=False)
-    assert result.covariances is not None
-    assert least_eigenvalue(result.covariances) > ROUNDING
+    runner = make_estimator(name, rig, compiled=False)
+    for missing in (0.0, 0.3):
+        result = estimate(motion(rig, missing), rig, runner)
+        assert result.covariances is not None
+        assert least_eigenvalue(result.covariances) > ROUNDING
 
 
 @pytest.mark.parametrize("rig_name", ["capstan-joint", "finger-2n"])

@@ -81,6 +81,7 @@ def test_a_log_that_is_left_out_teaches_nothing(kind: str, others: list[Log], al
     assert len(fold.compared) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["another rig", "an encoder that errs", "another range", "loud sensors"])
 def test_each_planted_log_would_be_seen(kind: str, others: list[Log], alone: Learned) -> None:
     """With it among the logs, what is learned is another rig, so that the test above cannot pass by accident."""

@@ -1,4 +1,4 @@
-"""When a sensor is dead: what the filter and the health of a stream go by."""
+"""When a sensor is dead: silent for so long, or, to the health of a stream, stuck at one value."""
 
 from __future__ import annotations
 

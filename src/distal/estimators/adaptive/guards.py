@@ -1,4 +1,4 @@
-"""Guards against a wrong model or a bad sensor: outliers (wild readings), jumps, lost places. Numbers: `tuning`."""
+"""Guards: outliers of places and forces, jumps, lost places. Equations (1), (2), (12), (16), (23); numbers in `tuning`."""
 
 from __future__ import annotations
 
