@@ -270,3 +270,51 @@ def test_a_capstan_draws_in_one_tendon_and_lets_out_the_other() -> None:
     assert up[0] == pytest.approx(own + radius * (t[0] * np.expm1(rubs) - t[1] * np.expm1(-rubs)))
     assert down[0] == pytest.approx(own + radius * (t[1] * np.expm1(rubs) - t[0] * np.expm1(-rubs)))
     assert up[0] != pytest.approx(down[0])
+
+
+def test_the_play_of_a_transmission_grows_with_load_and_angle() -> None:
+    """h = (c + l R Σ T)(1 + s θ), never below 0; a drive's stretch is that of its tendons in its own coordinate, φ − r θ/R."""
+    rig = load_rig("capstan-joint").with_values(
+        {"drives.0.hysteresis": {"constant": 0.02, "load": 0.05, "slope": {"value": -0.4, "std": 0.1}}}
+    )
+    mechanism = Mechanism(rig)
+    q, tensions, p = ca.SX.sym("q", 2), ca.SX.sym("T", 2), mechanism.parameters
+    outputs = [mechanism.hysteresis_limit(0, q, tensions), mechanism.stretch(0, q)]
+    function = ca.Function("play", [q, tensions, p.symbols], outputs)
+    radius, arm = rig.drives[0].radius.value, next(iter(rig.tendons[0].arms().values()))  # type: ignore[union-attr]
+    for theta, phi, pulls in (
+        (0.0, 0.0, (0.0, 0.0)),
+        (0.5, 0.3, (10.0, 4.0)),
+        (-0.7, 0.2, (3.0, 9.0)),
+        (3.0, 0.1, (5.0, 5.0)),
+    ):
+        limit, stretch = (float(part) for part in function([theta, phi], pulls, p.values))
+        assert limit == pytest.approx(max((0.02 + 0.05 * radius * sum(pulls)) * (1 - 0.4 * theta), 0.0), rel=1e-9)
+        assert stretch == pytest.approx(phi - abs(arm) * theta / radius, abs=1e-9)
+
+
+def test_the_slope_of_a_joints_springs_is_their_stiffness() -> None:
+    """−dτ/dθ by finite differences, of a polynomial and an extension spring at once; gravity and cogging are not in it."""
+    rig = load_rig("pulley-antagonist").with_values(
+        {
+            "joints.0.spring": {"stiffness": 0.02, "quadratic": 0.01, "cubic": 0.03, "rest_angle": 0.1},
+            "joints.0.gravity": {"mass": 0.05, "distance": 0.02, "hanging_angle": 0.3},
+        }
+    )
+    mechanism = Mechanism(rig)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    outputs = [mechanism.passive_springs(q), mechanism.passive_forces(q)]
+    function = ca.Function("springs", [q, mechanism.parameters.symbols], outputs)
+
+    def at(angles: np.ndarray) -> tuple[np.ndarray, float]:
+        springs, forces = function([float(angles[0]), 0.0, 0.0], mechanism.parameters.values)
+        return springs.full().ravel(), float(forces[0])
+
+    for theta in (-0.6, 0.0, 0.1, 0.8):
+        (torque, stiffness), whole = at(np.array([theta]))
+        away = theta - 0.1
+        assert torque == pytest.approx(-(0.02 * away + 0.01 * away**2 + 0.03 * away**3), abs=1e-12)
+        slope = finite_difference(lambda angle: at(angle)[0][:1], np.array([theta]))
+        assert stiffness == pytest.approx(-slope[0, 0], rel=1e-6)
+        weight = 0.05 * 9.80665 * 0.02 * np.sin(theta - 0.3)
+        assert whole == pytest.approx(torque - weight, abs=1e-12)

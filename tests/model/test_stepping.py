@@ -21,6 +21,8 @@ from distal.model import (
     substeps,
     tangent_step,
 )
+from distal.model.friction import Limit
+from distal.model.stops import Flight, Push, Stop, bounce, kick_at_stops, velocity_in_stops
 from tests.helpers import NaiveRig, finite_difference, rms_degrees, without_stops
 
 DT = 0.01
@@ -307,3 +309,97 @@ def test_substeps_follow_the_stiffest_mode(paper_rig: Rig) -> None:
     assert substeps(Mechanism(paper_rig.with_values({"stepping.largest_step": "1 ms"})), 0.01) == 10
     with pytest.raises(RigError, match="too stiff for its lightest body"):
         substeps(Mechanism(paper_rig.with_values({"tendons.0.stiffness": 1e9})), 0.01)
+
+
+def _stop(rebound: float, implicitness: float = 1.0) -> Stop:
+    return Stop(low=-2e-3, high=3e-3, stiffness=1e5, damping=3.0, rebound=rebound, implicitness=implicitness)
+
+
+def _numbers(*values: object) -> list[float]:
+    return [float(value) for value in ca.Function("f", [], [ca.vertcat(*values)])()["o0"].full().ravel()]  # type: ignore[arg-type]
+
+
+def test_a_body_flies_off_a_stop_along_the_parabola_of_its_kick() -> None:
+    """Hit time as a root of x + u τ + ½ A τ², A = (v⁺ − v)/t; it leaves with −e of its speed and falls on under A.
+
+    The velocity given back is that at the end less the half kick that the next step adds: of it ½ A h is taken.
+    """
+    rng, e, h, flown = np.random.default_rng(4), 0.6, 1e-3, 0
+    for _ in range(60):
+        high = bool(rng.integers(2))
+        side, length = (1.0 if high else -1.0), rng.uniform(0.4, 1.2) * h
+        place, gap = (3e-3 if high else -2e-3), rng.uniform(0.1, 1.0) * 1e-3
+        before, free = side * rng.uniform(0.2, 4.0, 2)
+        x = place - side * gap
+        a = (free - before) / length
+        start = free - a * h / 2
+        hits = [t.real for t in np.roots([a / 2, start, x - place]) if abs(t.imag) < 1e-9 and 0 < t.real < h]
+        if not hits or side * (start + a * min(hits)) <= 0.0:
+            continue
+        hit = min(hits)
+        left, away = h - hit, -e * (start + a * hit)
+        end = place + away * left + a * left**2 / 2
+        flies, after, bounced = _numbers(*bounce(e, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h)))
+        assert bool(flies) == (side * (end - place) < 0.0)
+        assert bounced == pytest.approx(end, abs=1e-12)
+        assert after == pytest.approx(away + a * left - a * h / 2, rel=1e-9, abs=1e-9)
+        assert not _numbers(*bounce(0.0, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h)))[0]
+        flown += bool(flies)
+    assert flown > 10
+
+
+def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() -> None:
+    """(1 + b (D + α k h + b_s)) v + l ∂|v| ∋ z − b k (x − x_stop) in contact, (1 + b D) v + l ∂|v| ∋ z without.
+
+    In contact is what is beyond a stop after its free drift and would be pushed back there; the last half kick asks the
+    same of where it is, and takes a push only outwards.
+    """
+    rng, b, drag, h = np.random.default_rng(5), 0.4, 0.7, 1e-4
+    of_kind = dict.fromkeys(("high", "low", "loose", "held"), 0)
+
+    def obeys(v: float, z: float, factor: float, up: float, down: float) -> bool:
+        left, exact = z - factor * v, 1e-9 * (1 + abs(z))
+        return (
+            -down - exact <= left <= up + exact and (v <= 0 or left >= up - exact) and (v >= 0 or left <= exact - down)
+        )
+
+    for _ in range(300):
+        # near a stop, mostly: beyond it and on the way out, too
+        stop, x = _stop(0.0, rng.choice([0.5, 1.0])), rng.choice([-2e-3, 3e-3]) + rng.uniform(-2e-4, 2e-4)
+        z, (up, down) = rng.normal() * 3.0, rng.uniform(0.0, 0.5, 2)
+        push, held = Push(z, Limit(up, down), b, drag), 1 + b * (drag + stop.implicitness * 1e5 * h + 3.0)
+        free = (max(z - up, 0) + min(z + down, 0)) / (1 + b * drag)
+        assert _numbers(push.free)[0] == pytest.approx(free, abs=1e-14)
+        end = x + h * free
+        at_high = end > 3e-3 and 1e5 * (end - 3e-3) + 3.0 * free > 0
+        at_low = end < -2e-3 and 1e5 * (end + 2e-3) + 3.0 * free < 0
+        of_kind["high" if at_high else "low" if at_low else "loose"] += 1
+        v, final = _numbers(*kick_at_stops(stop, push, x, ca.SX(0), ca.SX(h), h))
+        assert final == pytest.approx(x + h * v, abs=1e-15)
+        inside = x - 3e-3 if at_high else x + 2e-3
+        if at_high or at_low:
+            assert obeys(v, z - b * 1e5 * inside, held, up, down)
+        else:
+            assert v == pytest.approx(free, abs=1e-14)
+        side, inside = (1.0, x - 3e-3) if x > 3e-3 else (-1.0, x + 2e-3)
+        is_beyond, pushed = not -2e-3 <= x <= 3e-3, z - b * 1e5 * inside
+        pressed = (max(pushed - up, 0) + min(pushed + down, 0)) / held
+        expected = pressed if is_beyond and side * pressed < side * free else free
+        assert _numbers(velocity_in_stops(stop, push, x, h))[0] == pytest.approx(expected, abs=1e-13)
+        of_kind["held"] += expected != free
+    assert min(of_kind.values()) >= 5
+
+
+def test_a_bounce_is_taken_only_where_a_stop_is_met() -> None:
+    """With a coefficient of restitution a body that stays off its stops moves as without; one that flies in comes back."""
+    h, push = 1e-3, Push(2.0, Limit(0.0, 0.0), 1e-3, 0.0)
+    stop = _stop(rebound=ca.SX(0.5))  # type: ignore[arg-type]
+    far = _numbers(*kick_at_stops(stop, push, ca.SX(0.0), ca.SX(2.0), ca.SX(h), h))
+    assert far == pytest.approx([2.0, 2e-3])
+    # after 0.5 ms at the stop 1 mm away, it goes back at half its speed for the other half
+    v, x = _numbers(*kick_at_stops(stop, push, ca.SX(2e-3), ca.SX(2.0), ca.SX(h), h))
+    assert (v, x) == pytest.approx((-1.0, 3e-3 - 0.5e-3))
+    v, x = _numbers(
+        *kick_at_stops(stop, Push(-2.0, Limit(0.0, 0.0), 1e-3, 0.0), ca.SX(-1e-3), ca.SX(-2.0), ca.SX(h), h)
+    )
+    assert (v, x) == pytest.approx((1.0, -2e-3 + 0.5e-3))

@@ -10,7 +10,7 @@ import pytest
 
 from distal.kernels import Kernel
 from distal.model import slipping, soft, solver
-from distal.model.stick_slip import EVENTS, velocities
+from distal.model.stick_slip import EVENTS, SWEEPS, _swept, velocities
 
 
 def random_case(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
@@ -139,3 +139,18 @@ def test_a_share_of_slipping_lies_between_stick_and_slip() -> None:
     assert ends[0][1] == 0.0
     assert ends[0][1] < ends[1][1] < ends[2][1]
     np.testing.assert_allclose(ends[2], np.linalg.solve([[2.0, 0.5], [0.5, 1.0]], [1.0, 1.0]), rtol=1e-12)
+
+
+def test_a_search_begins_at_two_sweeps_of_gauss_seidel() -> None:
+    """Typed out: each joint in turn by soft thresholding of what the others leave, twice from rest."""
+    rng = np.random.default_rng(6)
+    for n in (2, 3, 4):
+        matrix, load, up, down = random_case(rng, n)
+        v = np.zeros(n)
+        for _ in range(SWEEPS):
+            for j in range(n):
+                left = load[j] - matrix[j] @ v + matrix[j, j] * v[j]
+                v[j] = (max(left - up[j], 0.0) + min(left + down[j], 0.0)) / matrix[j, j]
+        swept = _swept(*(ca.SX(ca.DM(each)) for each in (matrix, load, up, down)))
+        found = ca.Function("v", [], [swept])()["o0"].full().ravel()
+        np.testing.assert_allclose(found, v, rtol=1e-9, atol=1e-12 * np.abs(v).max())
