@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from benchmarks.cases import paper_log, paper_rig
 from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
+from distal.diagnosis.channels import CHANNEL_WINDOW, _neighbours, _since
 from distal.diagnosis.of_estimate import LONGEST
+from distal.diagnosis.states import left_their_priors
 from distal.errors import EstimationError
 from distal.estimators import StateKind
 from distal.results import LARGE_PRIOR, SMALL
@@ -232,3 +235,65 @@ class TestLogs:
 def test_the_limit_is_that_of_the_issue() -> None:
     """Plants are drawn from two standard deviations at most, and three are what a rig's std allows."""
     assert LARGE_PRIOR == 3.0
+
+
+QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)])[
+    np.random.default_rng(0).permutation(100)
+]
+"""A second of values at 100 Hz that are normally distributed, exactly."""
+
+
+@pytest.mark.parametrize(("times", "large"), [(1.97, False), (2.03, True)])
+def test_a_channel_disagrees_once_its_innovations_are_twice_as_large(times: float, large: bool) -> None:
+    """Six seconds of 1 σ, then four of so many: from the seventh on, at the first value beyond 3 σ about its begin."""
+    time = np.arange(1000) / 100.0
+    scaled = np.concatenate([np.tile(QUANTILES, 6), np.tile(times * QUANTILES, 4)])
+    since = _since(time, scaled)
+    assert np.isfinite(since) is np.bool_(large)
+    if large:
+        near = (time >= 6.0 - CHANNEL_WINDOW) & (np.abs(scaled) > 3.0)
+        assert since == time[near][0]
+
+
+def test_a_channel_that_was_large_before_agrees_again() -> None:
+    """Large for a while, or from the start on, is no day on which a sensor broke; nor are four values in a window."""
+    time, large = np.arange(1000) / 100.0, np.tile(3.0 * QUANTILES, 10)
+    assert np.isnan(_since(time, large))
+    assert np.isnan(_since(time, np.where((time > 3) & (time < 8), large, large / 3.0)))
+    # now and then in more than half of the windows, and in the last one
+    windows = time.astype(int)
+    assert _since(time, np.where(np.isin(windows, (4, 6, 7, 9)), large, large / 3.0)) == pytest.approx(4.0, abs=0.2)
+    assert _since(time, np.where(np.isin(windows, (2, 7, 9)), large, large / 3.0)) == pytest.approx(7.0, abs=0.2)
+    assert _since(time, np.where(np.isin(windows, (0, 5, 9)), large, large / 3.0)) == pytest.approx(9.0, abs=0.2)
+    few = np.full(1000, np.nan)
+    few[windows < 9] = np.tile(QUANTILES, 9)
+    few[996:] = 9.0
+    assert np.isnan(_since(time, few))
+
+
+def test_the_correlation_of_neighbours() -> None:
+    """Of x⁺ = ρ x + noise it is ρ; of values that say nothing, fewer than 20 or all the same, 0."""
+    rng = np.random.default_rng(1)
+    for rho in (-0.6, 0.0, 0.8):
+        values = [0.0]
+        for noise in rng.normal(size=20000):
+            values.append(rho * values[-1] + noise)
+        # its standard error is (1 − ρ²)/√20000, at most 0.007
+        assert _neighbours(np.array(values)) == pytest.approx(rho, abs=0.03)
+    assert _neighbours(np.full(100, 2.0)) == 0.0
+    assert _neighbours(np.tile([1.0, -1.0], 50)) == pytest.approx(-0.99, abs=0.011)
+    for count, expected in ((19, 0.0), (20, 1.0)):
+        gaps = np.full(60, np.nan)
+        gaps[3 : 3 + count] = np.linspace(5.0, 5.001, count)
+        assert _neighbours(gaps) == pytest.approx(expected, abs=1e-3)
+
+
+def test_three_samples_say_nothing_of_states() -> None:
+    whole = made(end=0.065, std=0.0006)
+
+    def cut(count: int) -> Estimate:
+        rows = ("time", "means", "variances", "innovations", "innovation_variances")
+        return replace(whole, **{name: getattr(whole, name)[:count] for name in rows})
+
+    assert left_their_priors(cut(3)) == []
+    assert [finding.subject for finding in left_their_priors(cut(4))] == ["factor"]

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
+from types import SimpleNamespace
+from typing import Any, cast
 
-from distal import load_scenario, scenario_rig, simulate
-from distal.diagnosis.rerun import Rerun
-from distal.diagnosis.what_if import ARM, STIFF, _suspects
+import numpy as np
+import pytest
+
+from distal import Log, load_rig, load_scenario, scenario_rig, simulate
+from distal.confidence import BAND
+from distal.diagnosis import sentences
+from distal.diagnosis.comparison import stretch
+from distal.diagnosis.explanations import _best_ratio
+from distal.diagnosis.rerun import Change, Rerun
+from distal.diagnosis.what_if import ARM, STIFF, TURNS, _numbers, _suspects, _unseen, overconfidence
+from distal.estimators import StateKind
+from distal.rig import named
 from distal.run.offline import runner_for
 
 
@@ -31,3 +41,159 @@ def test_each_number_is_tried_larger_and_smaller_by_as_much() -> None:
     np.testing.assert_allclose(sorted(set(factors)), sorted({1 / STIFF, STIFF}) if factors else [])
     signs = [changes for name, changes in suspects.items() if name.startswith("sign of")]
     assert all([set(change.channels.values()) for change in changes] == [{-1.0}] for changes in signs)
+
+
+class Stub:
+    """A filter of one joint and two numbers whose angle is linear in where they begin, rerun with one of them changed."""
+
+    def __init__(self, slopes: tuple[float, float], unlikely: float = 0.0, bounded: bool = True) -> None:
+        self.slopes, self.unlikely, self.bounded = slopes, unlikely, bounded
+        states = SimpleNamespace(stds=np.array([0.0, 0.2, 0.5]), lasting=np.array([False, True, True]))
+        kinds = (StateKind.ANGLE, StateKind.PARAMETER, StateKind.PARAMETER)
+        rig = SimpleNamespace(joints=("joint",))
+        self.runner = SimpleNamespace(states=states, rig=rig, state_names=("theta", "one", "two"), state_kinds=kinds)
+        self.log = SimpleNamespace(time=np.arange(1000) / 100.0)
+        self.base = self.outcome(0.0)
+
+    def outcome(self, moved: float, squares: float = 1.0) -> Any:
+        time = self.log.time
+        means = np.zeros((len(time), 3))
+        # in the first half second anything may be
+        means[:, 0] = np.where(time < 0.5, 100.0 * moved, moved)
+        variances = np.where(time < 0.5, 9.0, 0.04)[:, None] * np.ones((1, 3))
+        likelihood = self.unlikely if moved else 0.0
+        return SimpleNamespace(
+            means=means,
+            variances=variances,
+            bounded=self.bounded,
+            log_likelihood=likelihood,
+            squares=squares * np.ones((len(time), 1)),
+        )
+
+    def __call__(self, change: Change) -> Any:
+        ((name, shift),) = change.shifts.items()
+        return self.outcome(self.slopes[("one", "two").index(name)] * shift)
+
+
+@pytest.mark.parametrize(("total", "said"), [(1.09, False), (1.11, True)])
+def test_the_spread_over_starts_is_the_root_of_the_sum_of_squares(total: float, said: bool) -> None:
+    """Two numbers, begun one std away, move the angle by 0.6 and 0.8 of `total` of its own stds, 0.2."""
+    found = overconfidence(cast(Any, Stub((0.6 * total * 0.2 / 0.2, 0.8 * total * 0.2 / 0.5))))
+    assert bool(found) is said
+    if said:
+        assert found[0].text == sentences.hangs_on_the_start("two", total, is_angle=False).text
+
+
+def test_a_start_that_the_log_rejects_counts_by_its_likelihood() -> None:
+    """Half as likely, it has half the weight in the sum of squares; one that leaves all bounds has none."""
+    assert overconfidence(cast(Any, Stub((0.0, 1.5 * 0.2 / 0.5), np.log(0.5)))) == []
+    (found,) = overconfidence(cast(Any, Stub((0.0, 1.6 * 0.2 / 0.5), np.log(0.5))))
+    assert found.text == sentences.hangs_on_the_start("two", 1.6 / np.sqrt(2.0), is_angle=False).text
+    assert overconfidence(cast(Any, Stub((0.0, 1.6 * 0.2 / 0.5), np.log(2.0))))[0].text == (
+        sentences.hangs_on_the_start("two", 1.6, is_angle=False).text  # more likely than it was: it counts once
+    )
+    assert overconfidence(cast(Any, Stub((0.0, 9.0), bounded=False))) == []
+
+
+@pytest.mark.parametrize(
+    ("moved", "squares", "unseen"),
+    [(2.1, 1.05, True), (1.9, 1.05, False), (-2.1, 0.95, True), (2.1, 1.11, False), (2.1, 0.89, False)],
+)
+def test_a_change_is_unseen_that_moves_the_angle_but_no_channel(
+    moved: float, squares: float, unseen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By more than 1.96 stds of the angle (here about 0.2 in the middle of 9 and 0.04), and ν²/S by less than 0.1."""
+    monkeypatch.setattr("distal.diagnosis.what_if.contradictions", lambda rerun, outcome: set())
+    stub = Stub((0.0, 0.0))
+    outcome = stub.outcome(1.0, squares)
+    std = float(np.sqrt(np.mean(stub.base.variances[:, 0])))
+    outcome.means[:, 0] = moved / 2.0 * 1.96 * std * np.where(np.arange(1000) % 2, 1.0, -1.0)
+    assert _unseen(cast(Any, stub), outcome, set()) is unseen
+    outcome.squares[:600] = np.nan  # less than half of it is still compared
+    assert not _unseen(cast(Any, stub), outcome, set())
+    outcome.bounded = False
+    assert not _unseen(cast(Any, stub), outcome, set())
+
+
+def test_degrees_are_tried_for_radians_and_states_move_by_their_change_or_three_stds() -> None:
+    """A factor of 1.2 on a state of 5 ± 0.1 is 1, on one of 5 ± 1 it is 3; what is no state is multiplied."""
+    assert pytest.approx(180.0 / np.pi, rel=1e-3) == TURNS
+    rig = load_rig("capstan-joint")
+    for std, shift in ((0.1, 1.0), (1.0, 3.0)):
+        states = SimpleNamespace(means=np.array([-5.0]), stds=np.array([std]))
+        runner = SimpleNamespace(
+            rig=rig, states=states, state_parts=(named(rig, "drives.0.radius"),), state_names=("radius",),
+            parameter_names=("tendons.0.stiffness",),
+        )  # fmt: skip
+        paths = ["drives.0.radius", "tendons.0.stiffness"]
+        smaller, larger = _numbers(cast(Any, SimpleNamespace(runner=runner)), paths, 0.8, 1.2)
+        assert larger.shifts == pytest.approx({"radius": shift})
+        assert smaller.shifts == pytest.approx({"radius": -shift})
+        assert (smaller.numbers, larger.numbers) == ({"tendons.0.stiffness": 0.8}, {"tendons.0.stiffness": 1.2})
+
+
+def test_the_ratio_of_a_gear_is_searched_between_those_that_are_tried() -> None:
+    """Angle over 37, torque times 37, a likelihood that falls with the distance from that: found to a few parts in 1000."""
+    for true in (37.0, 1 / 37.0, 3.3):
+
+        def rerun(change: Change, true: float = true) -> Any:
+            ratio = change.channels["torque"]
+            assert change.channels["angle"] == pytest.approx(1 / ratio)
+            return SimpleNamespace(
+                innovations=np.ones(10), bounded=True, log_likelihood=-10 * abs(np.log(ratio / true))
+            )
+
+        assert _best_ratio(cast(Any, rerun), {"angle": -1, "torque": 1}) == pytest.approx(true, rel=0.01)
+
+
+def test_what_a_kinematic_estimate_may_miss_is_the_stretch_by_friction_and_unknown_stiffness() -> None:
+    """(2 f + |F − F_0| b)/(k (1 − b) r), b the 95 % of the stiffness, typed out for a slider's tendon."""
+    rig = load_rig("paper-2008-observed").with_values(
+        {
+            "tendons.*.stiffness": {"value": 800.0, "std": 40.0},
+            "drives.*.friction.constant": {"value": 0.05, "std": 0.01},
+            "drives.*.friction.load": {"value": 0.02, "std": 0.005},
+            "drives.*.hysteresis": {"constant": {"value": 0.3, "std": 0.1}, "load": {"value": 0.01, "std": 0.0}},
+            "tendons.*.path": {"friction": {"value": 0.1, "std": 0.02}, "wrap": {"value": 1.5, "std": 0.0}},
+        }
+    )
+    sensor = next(s for s in rig.sensors_of("force") if s.of == rig.drives[0].name)
+    others = {s.name: np.full(4, 2.0) for s in rig.sensors_of("force")}
+    read = np.array([np.nan, 3.0, 1.0, 7.0])
+    log = Log(np.arange(4) / 10.0, {**others, sensor.name: read})
+    arm = next(iter(rig.tendons[0].arms().values()))
+
+    def of(values: np.ndarray, name: str) -> np.ndarray:
+        tension = np.nanmax(np.abs(values)) + rig.tendons[0].pretension.value
+        high = {"load": 0.02 + BAND * 0.005, "constant": 0.3 + BAND * 0.1, "path": (0.1 + BAND * 0.02) * 1.5}
+        friction = (
+            0.05
+            + BAND * 0.01
+            + high["load"] * tension
+            + high["constant"]
+            + 0.01 * tension
+            + tension * np.expm1(high["path"])
+        )
+        pull = np.abs(np.nan_to_num(values - values[np.isfinite(values)][0]))
+        noise = next(s for s in rig.sensors_of("force") if s.name == name).noise
+        b = BAND * rig.tendons[0].stiffness.total_std / 800.0
+        return (2 * friction + 2 * BAND * noise + b * pull) / (800.0 * (1 - b)) / abs(arm)
+
+    expected = np.mean([of(log.channels[s.name], s.name) for s in rig.sensors_of("force")], axis=0)
+    np.testing.assert_allclose(stretch(log, rig, rig.joints[0].name), expected, rtol=1e-9)
+
+
+def test_without_forces_the_stretch_is_that_of_what_the_nominal_force_may_be() -> None:
+    """Two tendons on a capstan share it: 2 · 1.96 σ_τ/R + 2 h over two springs, its band at most 80 % of the stiffness."""
+    rig = load_rig("capstan-joint").with_values(
+        {
+            "drives.0.nominal_force": {"value": 0.0, "std": 0.03},
+            "drives.0.hysteresis": {"constant": {"value": 0.02, "std": 0.0}, "load": {"value": 0.1, "std": 0.0}},
+            "tendons.*.stiffness": {"value": 2e4, "std": 1e4},
+        }
+    )
+    radius, tension = rig.drives[0].radius.value, rig.tendons[0].pretension.value  # type: ignore[union-attr]
+    arm = next(iter(rig.tendons[0].arms().values()))
+    force = 2 * BAND * rig.drives[0].nominal_force.total_std / radius + 2 * (0.02 / radius + 0.1 * tension)
+    log = Log(np.arange(3) / 10.0, {"motor_angle": np.zeros(3)})
+    np.testing.assert_allclose(stretch(log, rig, "jaw"), force / (0.2 * 2e4 * 2) / abs(arm), rtol=1e-9)

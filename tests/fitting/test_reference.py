@@ -7,8 +7,9 @@ import pytest
 
 from distal import Log, Rig, load_rig
 from distal.fitting.fitted_number import FittedNumber, assignments
-from distal.fitting.map_samples import reference_std, with_reference_error
+from distal.fitting.map_samples import filtered, partly_homed, reference_std, with_reference_error, without_offset
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
+from distal.regression import Samples
 from distal.regression.band import share_of_few
 
 
@@ -68,3 +69,68 @@ def test_few_logs_share_the_filters_doubt_as_the_worst_needs() -> None:
     logs = [[(size * rng.normal(size=40000), np.ones(40000), np.ones(40000))] for size in (0.2, 0.4)]
     assert share_of_few(logs) == pytest.approx(0.4, rel=0.02)
     assert share_of_few([[(5.0 * e, u, v) for e, u, v in log] for log in logs]) == 1.0
+
+
+def lacking(*lacks: float) -> Samples:
+    """Return samples whose angles lack so much, one for each joint [rad]; NaN: no truth."""
+    targets = np.tile(lacks, (10, 1))
+    nothing = np.zeros(targets.shape)
+    return Samples("log", np.arange(10) / 100.0, np.zeros((10, 1)), nothing, targets, nothing, 0.01)
+
+
+def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> None:
+    """The mean over logs is taken off where it is at most 2 σ_b, whatever its sign; more of it is the model's error."""
+    doubt = next(sensor for sensor in rig.sensors_of("angle")).bias.filter_std
+    for share, taken in ((1.95, True), (-1.95, True), (2.05, False), (-2.05, False)):
+        data = [lacking(share * doubt + 0.01), lacking(share * doubt - 0.01)]
+        expected = [0.01, -0.01] if taken else [share * doubt + 0.01, share * doubt - 0.01]
+        for samples, each in zip(without_offset(data, rig), expected):
+            np.testing.assert_allclose(samples.targets, each, atol=1e-15)
+    unknown = [lacking(np.nan)]
+    assert without_offset(unknown, rig) == unknown
+    # a log without truth has no say
+    (_, second) = without_offset([lacking(np.nan), lacking(doubt)], rig)
+    np.testing.assert_allclose(second.targets, 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "homing", "taken"), [("sensor", None, True), ("file", None, False), ("sensor", 1.0, False)]
+)
+def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
+    kind: str, homing: float | None, taken: bool, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A truth of another file has no encoder that may be askew, and a homing move takes off what there is."""
+    monkeypatch.setattr("distal.fitting.map_samples._filtered", lambda *arguments: lacking(1e-3))
+    given = log(TruthSource(TruthKind(kind), "it"))
+    data, refused = filtered([given, given], [rig.bare()] * 2, homing, False)
+    assert (refused, list(data)) == ([], [0, 1])
+    np.testing.assert_allclose(data[1].targets, 0.0 if taken else 1e-3, atol=1e-15)
+    assert data[1].reference_std == (0.0 if homing is not None else reference_std(rig, given))
+
+
+def test_a_homing_move_over_half_of_the_range_is_on_the_side_where_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the first angle and the middle of the range; of all logs a dozen are used, spread evenly, if long enough."""
+    finger, used = load_rig("finger-2n"), list[list[np.ndarray]]()
+
+    def run(logs: list[Log], rigs: list[Rig], homing: float, compiled: bool, usable: list[np.ndarray]) -> object:
+        used.append(usable)
+        return {k: lacking(0.0) for k in range(len(logs))}, []
+
+    monkeypatch.setattr("distal.fitting.map_samples.filtered", run)
+    time = 5.0 + np.arange(100) / 100.0
+    first, second = 0.2 + 0.4 * np.cos(2 * np.pi * (time - 5.0)), np.where(time < 5.5, -0.3, 1.1)
+    gone = np.where(time > 5.8, np.nan, first)
+    given = Log(time, {}, {"theta_mcp": gone, "theta_pip": second}, "log")
+    short = Log(time[:15], {}, {"theta_mcp": first[:15], "theta_pip": second[:15]}, "short")
+    logs = [given] * 30 + [short]
+    found = partly_homed(logs, [finger] * 31, 0.4, False)
+    known = np.isfinite(gone)
+    seen = gone[known]
+    half = (seen.min() + seen.max()) / 2
+    expected = (~known | (gone >= half)) & (second <= 0.4)
+    assert list(found) == sorted({round(30 * k / 11) for k in range(11)})
+    for samples in found.values():
+        np.testing.assert_array_equal(samples.usable, expected)
+    # of the first 20 ms too few samples are on that side
+    assert partly_homed(logs, [finger] * 31, 0.1, False) == {}
+    assert partly_homed(logs, [finger] * 31, None, False) == {}

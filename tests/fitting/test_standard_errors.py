@@ -68,6 +68,7 @@ def test_what_nothing_shows_is_left_and_not_held() -> None:
     found = told([0.1, 0.1], np.diag([1e6, 1e-3]))
     assert list(found.determined) == [True, False]
     assert not found.together.any()
+    assert found.combinations == ()  # a number alone is no combination
 
 
 def test_the_least_told_is_held_until_the_rest_is_told() -> None:
@@ -99,3 +100,25 @@ def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> 
 
     assert len(along_difference(0.4)) == 1
     assert along_difference(0.6) == ()
+
+
+def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> None:
+    """Where a up, b down changes nothing, their product is known; where both up do, their ratio; one alone is no line."""
+
+    def untold(direction: list[float]) -> tuple[str, ...]:
+        unit = np.array(direction) / np.linalg.norm(direction)
+        information = 1e6 * (np.eye(len(unit)) - np.outer(unit, unit))
+        return told([0.1] * len(unit), information).combinations
+
+    (product,) = untold([1.0, -1.0])
+    assert product.startswith(("a and b only as a product", "b and a only as a product"))
+    (ratio,) = untold([1.0, 1.0])
+    assert "only as a ratio" in ratio
+    (three,) = untold([1.0, 0.9, -0.8])
+    assert three.startswith("a, b and c only together")
+    # a share of 0.25 in it is none, one of 0.35 is
+    (two,) = untold([0.95, 0.9, 0.33])
+    assert "c" not in two.partition(" only")[0]
+    (three,) = untold([0.95, 0.9, 0.49])
+    assert "c" in three.partition(" only")[0]
+    assert untold([1.0, 0.0]) == untold([0.0, 1.0, 0.1]) == ()

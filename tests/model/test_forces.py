@@ -273,7 +273,7 @@ def test_a_capstan_draws_in_one_tendon_and_lets_out_the_other() -> None:
 
 
 def test_the_play_of_a_transmission_grows_with_load_and_angle() -> None:
-    """h = (c + l R Σ T)(1 + s θ), never below 0; a drive's stretch is that of its tendons in its own coordinate, φ − r θ/R."""
+    """h = (c + l R Σ T)(1 + s θ), never below 0; a drive's stretch is that of its tendons as its own turn, φ − r θ/R."""
     rig = load_rig("capstan-joint").with_values(
         {"drives.0.hysteresis": {"constant": 0.02, "load": 0.05, "slope": {"value": -0.4, "std": 0.1}}}
     )
