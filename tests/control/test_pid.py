@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import nan
 
 import casadi as ca
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from distal import load_rig
-from distal.control import PID, ClosedLoop, Held, track
+from distal.confidence import BAND
+from distal.control import PID, ClosedLoop, Held, plot_control, track
 from distal.control.pid import allocated
 from distal.control.tracking import constant_parts
 from distal.logs import Log
@@ -187,3 +189,29 @@ def test_where_a_reference_is_constant() -> None:
     time = np.arange(0, 5, 0.5)
     reference = np.array([0, 0, 0, 1, 2, 3, 3, 3, 4, 4.0])
     assert constant_parts(time, reference) == [(0, 3), (5, 8)]
+
+
+def test_the_figure_shows_angles_errors_and_the_band_of_what_was_told() -> None:
+    """Of a loop fed by a filter that tells 0.01 rad too much ± 0.02: its error lies in a band of 1.96 times that."""
+    time = np.arange(0, 3, 0.01)
+    reference, angle = 20 * DEGREE * np.sin(time), 20 * DEGREE * np.sin(time) + np.where(time < 1, 2, -1) * DEGREE
+    best = replace(made(reference, angle, time), feedback="adaptive", stds=np.full((len(time), 1), 0.02))
+    worse = replace(made(reference, angle + 4 * DEGREE, time), feedback="encoder")
+    top, middle, low = plot_control([best, worse]).axes
+    np.testing.assert_allclose(top.get_lines()[0].get_ydata(), np.rad2deg(reference))
+    np.testing.assert_allclose(top.get_lines()[2].get_ydata(), np.rad2deg(angle) + 4)
+    np.testing.assert_allclose(middle.get_lines()[0].get_ydata(), np.where(time < 1, 2, -1), atol=1e-9)
+    np.testing.assert_allclose(middle.get_lines()[2].get_ydata(), np.rad2deg(0.01))
+    (band,) = middle.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == pytest.approx(
+        tuple(np.rad2deg(0.01 + sign * BAND * 0.02) for sign in (-1, 1))
+    )
+    # the deviations' axis is three times as high as those of the best
+    assert middle.get_ylim() == pytest.approx((-6.0, 6.0))
+    span = float(np.ptp(np.rad2deg(reference)))
+    wanted = np.rad2deg(reference).min() - 0.4 * span, np.rad2deg(reference).max() + 0.4 * span
+    assert top.get_ylim() == pytest.approx(wanted)
+    np.testing.assert_allclose(low.get_lines()[0].get_ydata(), 3.0)
+    still = replace(best, references={"link": 0 * time})
+    assert plot_control([still]).axes[0].get_ylim() == pytest.approx((-0.4, 0.4))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import Window, numbers_homed, plain_samples, with_references
-from distal.homing.apply import held, torque_samples
+from distal.homing.apply import held, numbers_filtered, torque_samples
+from distal.homing.window import START_STD
+from distal.kernels import covariance_of
+from distal.logs import FROM_SENSOR
 from distal.run import samples_of
 from tests.estimators.test_discrepancy import made
 
@@ -97,3 +102,57 @@ def test_what_a_contacts_map_sees_begins_at_zero(rig: Rig) -> None:
     np.testing.assert_allclose(seen.time, time - 5.0, atol=1e-12)
     np.testing.assert_allclose(np.diff(seen.readings[3:6, 0]), [0.0, 0.2], atol=1e-12)
     assert seen.interval == pytest.approx(0.1)
+
+
+def window_of(rig: Rig, log: Log, **sensor: object) -> Window:
+    """Return half a second of the log with its truth as the reference."""
+    changed = rig.bare().with_values({f"sensors.encoder.{key}": value for key, value in sensor.items()})
+    described, references = with_references(changed, replace(log, truth_source=FROM_SENSOR))
+    runner = AdaptiveFilter(described, compiled=False, references=references)
+    truths = log.truth["theta"][:, None]
+    read = samples_of(log, runner.channels[: len(runner.channels) - 1])
+    samples = np.column_stack([read, truths])
+    return Window.of(runner, runner.initial(0.0, first_values(samples)), log, samples, truths, 0.5)
+
+
+@pytest.mark.parametrize(("mean", "used"), [(1.47, True), (1.53, False)])
+def test_numbers_are_used_whose_errors_are_one_and_a_half_variances_at_most(
+    mean: float, used: bool, rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mean of e²/P over the window, without the samples that have no reference."""
+    window = window_of(rig, log)
+
+    def errors(self: Window, carries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = np.full((len(carries), 1), np.nan)
+        found[::2, 0] = 0.1 * np.sqrt(mean) * np.sqrt(2.0) * (np.arange(len(found[::2])) % 2)
+        return found, np.full((len(carries), 1), 0.01)
+
+    monkeypatch.setattr(Window, "errors", errors)
+    assert (numbers_filtered(window) is not None) is used
+
+
+def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(rig: Rig, log: Log) -> None:
+    """e = truth − angle − offset, its variance that of the angle and the encoder's noise; it starts at the first truth."""
+    window = window_of(rig, log, noise="0.5 deg", resolution="0.1 deg", bias={"value": 0.0, "std": "1 deg"})
+    runner, n = window.runner, window.start.size
+    bias = runner.state_names.index("bias_encoder")
+    (channel,) = window.references
+    carries = np.tile(window.start.carry, (3, 1))
+    carries[:, 0], carries[:, bias] = [0.1, 0.2, -0.3], [0.01, -0.02, 0.03]
+    three = replace(window, truths=window.truths[:3])
+    errors, variances = three.errors(carries)
+    np.testing.assert_allclose(errors[:, 0], window.truths[:3, 0] - carries[:, 0] - carries[:, bias], atol=1e-15)
+    own = covariance_of(window.start.carry, n)[0, 0]
+    np.testing.assert_allclose(variances[:, 0], own + np.deg2rad(0.5) ** 2 + np.deg2rad(0.1) ** 2 / 12, rtol=1e-9)
+    truths = window.truths.copy()
+    truths[:2] = np.nan
+    begun = replace(window, truths=truths).anchored(window.start.carry)
+    covariance, before = covariance_of(begun, n), covariance_of(window.start.carry, n)
+    assert begun[0] == truths[2, 0]
+    assert covariance[0, 0] == pytest.approx(START_STD**2 + np.deg2rad(1.0) ** 2)
+    np.testing.assert_array_equal(covariance[0, 1:], 0.0)
+    np.testing.assert_array_equal(covariance[1:, 0], 0.0)
+    np.testing.assert_array_equal(covariance[1:, 1:], before[1:, 1:])
+    np.testing.assert_array_equal(begun[1:n], window.start.carry[1:n])
+    assert np.isnan(window.unaided[:, channel]).all()
+    assert len(window.time) == np.count_nonzero(log.time < 0.5)

@@ -14,7 +14,9 @@ from distal import estimate, load_rig, simulate
 from distal.errors import RigError, ScenarioError
 from distal.model import Mechanism, interval_step, joint_frequency
 from distal.rig import Rig, build_rig
+from distal.rig.insertions.polynomial import Polynomial
 from distal.simulation import build_scenario
+from tests.helpers import finite_difference
 
 FINGER = "finger-n-plus-1"
 
@@ -455,3 +457,39 @@ def test_a_polynomial_counts_from_zero() -> None:
         np.testing.assert_allclose(plain(*angles)[0], shifted(*angles)[0], atol=1e-15)
     with pytest.raises(RigError, match="'pip' has no term with a power of it"):
         with_crossings([polynomial(terms[:1], bounds)])
+
+
+def test_the_arms_of_a_polynomial_are_the_slopes_of_its_length() -> None:
+    """Within its range, and beyond it for each joint whose neighbours are in the middle of theirs; one joint is enough."""
+    powers, sizes = ([1, 0], [2, 1], [0, 3]), (5e-3, 2e-3, 1e-3)
+    terms: list[dict[str, Any]] = [{"powers": power, "coefficient": size} for power, size in zip(powers, sizes)]
+    raw = {**polynomial(terms, [(-0.4, 1.0), (-0.2, 1.2)]), "scale": 1.3}
+    shape = Polynomial.model_validate(raw)
+    numbers = {f"terms.{k}.coefficient": term["coefficient"] for k, term in enumerate(terms)} | {"scale": 1.3}
+
+    def length(angles: np.ndarray) -> np.ndarray:
+        found = shape.elongation(lambda name: ca.SX(numbers[name]), 1, [ca.SX(a) for a in angles.tolist()], ca.SX(0.01))
+        return np.array([float(ca.Function("l", [], [found])()["o0"])])
+
+    assert length(np.zeros(2))[0] == pytest.approx(0.01)
+    for angles in ((0.0, 0.0), (0.7, 0.3), (-0.3, 1.1), (1.5, 0.5), (0.3, -0.6), (0.3, 1.9)):
+        slopes = -finite_difference(length, np.array(angles))[0]
+        at = np.array(angles)
+        outside = (at < [-0.4, -0.2]) | (at > [1.0, 1.2])
+        arms = np.array(list(shape.arms(dict(zip(("mcp", "pip"), angles))).values()))
+        # beyond an end the others' arms are those at the end
+        np.testing.assert_allclose(
+            arms[outside | ~outside.any()], slopes[outside | ~outside.any()], rtol=1e-6, atol=1e-12
+        )
+    expected = 1.3 * (5e-3 + 2 * 2e-3 * 0.7 * 0.3), 1.3 * (2e-3 * 0.49 + 3e-3 * 0.09)
+    assert tuple(shape.arms({"mcp": 0.7, "pip": 0.3}).values()) == pytest.approx(expected)
+    one = polynomial([{"powers": [1], "coefficient": 5e-3}], [(-1.0, 1.0)], ["mcp"])
+    assert Polynomial.model_validate(one).arms({}) == {"mcp": 5e-3}
+    for empty in ({"joints": []}, {"terms": []}, {"range": []}):
+        with pytest.raises(ValueError, match="at least 1 item"):
+            Polynomial.model_validate({**one, **empty})
+    for powers in ([10], [-1]):
+        with pytest.raises(ValueError, match="must be from 0 to 9"):
+            Polynomial.model_validate({**one, "terms": [{"powers": powers, "coefficient": 1e-3}, *one["terms"]]})
+    highest = {"powers": [9], "coefficient": 1e-3}
+    assert Polynomial.model_validate({**one, "terms": [highest]}).arms({"mcp": 1.0})["mcp"] == pytest.approx(9e-3)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from distal.regression import (
 )
 from distal.regression.affine import affine_kind
 from distal.regression.beyond_homing import cost_beyond
-from distal.regression.features import beyond_homing
+from distal.regression.features import beyond_homing, drawn_in, fade, half_ranges, limits, middles, squared_distances
 from distal.regression.kernel import map_function, memory_size, numbers_of
 from distal.regression.learn_map import Kind, Terms, choose_terms
 from distal.rig import Discrepancy
@@ -305,3 +307,52 @@ def test_errors_beyond_the_references_noise() -> None:
     assert rms_beyond_noise(errors) == pytest.approx(2.0)
     assert rms_beyond_noise(errors, 2.0) == pytest.approx((np.sqrt(5.0) + 0.3 * 2.0) / 2)
     assert np.isnan(rms_beyond_noise([[(np.zeros(0), np.zeros(0), np.zeros(0))]]))
+
+
+def ranged(margin: float) -> SimpleNamespace:
+    """Return of a map of two readings and an angle, learned in [−1, 3], [2, 2.5] and [−0.5, 0.5], what says its range."""
+    return SimpleNamespace(
+        low=(-1.0, 2.0, -0.5), high=(3.0, 2.5, 0.5), centre=(0.8, 2.3, 0.1), scale=(0.5, 0.1, 0.2), used=(0, 2),
+        margin=margin, channels=("a", "b"), distance=((2.0, 0.5), (0.5, 1.0)), reach=1.5, fades_over=0.5,
+    )  # fmt: skip
+
+
+def at(a: float, b: float, angle: float) -> Samples:
+    one = np.zeros((1, 1))
+    return Samples("log", np.zeros(1), np.array([[a, b]]), np.array([[angle]]), one, one, 0.01)
+
+
+def test_terms_go_on_to_a_share_of_half_the_range_beyond_its_ends() -> None:
+    """Just within the limits a reading enters as it is, just beyond it is drawn in; one that no term uses never is."""
+    learned: Any = ranged(0.25)
+    low, high = limits(learned)
+    half, middle = np.array([2.0, 0.25, 0.5]), np.array([1.0, 2.25, 0.0])
+    np.testing.assert_allclose(half_ranges(learned), half)
+    np.testing.assert_allclose(middles(learned), middle)
+    np.testing.assert_allclose(low, middle - 1.25 * half)
+    np.testing.assert_allclose(high, middle + 1.25 * half)
+    for end, side in ((low, -1.0), (high, 1.0)):
+        for i in (0, 2):
+            inside, beyond = middle.copy(), middle.copy()
+            inside[i], beyond[i] = end[i] - side * 1e-6, end[i] + side * half[i]
+            assert drawn_in(learned, at(*inside))[0] == 1.0
+            (share,) = drawn_in(learned, at(*beyond))
+            assert middle[i] + share * (beyond[i] - middle[i]) == pytest.approx(end[i])
+    assert drawn_in(learned, at(1.0, 99.0, 0.0))[0] == 1.0
+    assert drawn_in(cast(Any, ranged(np.inf)), at(99.0, 0.0, 0.0))[0] == 1.0
+    assert half_ranges(cast(Any, SimpleNamespace(low=(1.0,), high=(1.0,))))[0] > 0.0
+
+
+def test_how_far_a_log_is_outside_is_the_largest_excess() -> None:
+    """One for half a range beyond an end; of a new combination of readings that of its distance zᵀ M z over the largest."""
+    learned: Any = ranged(0.25)
+    assert outside(learned, at(0.8, 2.3, 0.1))[0] == 0.0
+    # the Mahalanobis distance is in the way of no angle
+    assert outside(learned, at(0.8, 2.3, 0.5 + 0.5 * 0.7))[0] == pytest.approx(0.7)
+    assert outside(learned, at(0.8, 2.3, -0.5 - 0.5 * 0.3))[0] == pytest.approx(0.3)
+    z = np.array([(2.3 - 0.8) / 0.5, (2.5 - 2.3) / 0.1])
+    squared = 2.0 * z[0] ** 2 + 2 * 0.5 * z[0] * z[1] + z[1] ** 2
+    assert squared_distances(learned, at(2.3, 2.5, 0.0))[0] == pytest.approx(squared)
+    assert outside(learned, at(2.3, 2.5, 0.0))[0] == pytest.approx(np.sqrt(squared) / 1.5 - 1.0)
+    # so far beyond its range that a term counts half, and three times as far
+    assert [float(fade(learned, far)) for far in (0.0, 0.5, 1.5)] == pytest.approx([1.0, 0.5, 0.1])  # type: ignore[type-var]

@@ -13,7 +13,7 @@ from distal.errors import StudyError
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.study.design_space import rig_of, space_of
-from distal.study.kernels import Kernels
+from distal.study.kernels import Kernels, _masked
 from distal.study.plants import built_values, draws_of, scores
 from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
 from tests.study.plans import small, still
@@ -114,3 +114,20 @@ def test_a_closed_loop_is_asked_for_its_reference() -> None:
         space_of(small(vary={"feedback": ["encoder"]}))
     with pytest.raises(StudyError, match=r"vary\.feedback: unknown 'encodr'; did you mean 'encoder'\?"):
         space_of(small(vary={"feedback": ["encodr"]}))
+
+
+def test_numbers_have_one_structure_where_the_equations_ask_the_same_of_them() -> None:
+    """Absent, one, known, and known to a half or to a fifth: across these a kernel is not shared, within them it is."""
+
+    def of(value: float, std: float, **more: object) -> object:
+        return _masked({"part": [{"value": value, "std": std, **more}]})
+
+    alike = [(3.0, 0.0), (-4.0, 0.0)], [(3.0, 0.3), (-4.0, 0.7)], [(3.0, 0.9), (-4.0, 1.9)], [(3.0, 1.6), (-4.0, 9.0)]
+    alike += [(0.0, 0.0)], [(1.0, 0.0)], [(1.0, 0.1)], [(0.0, 1.0), (0.0, 2.0)]
+    kinds = [{repr(of(*pair)) for pair in group} for group in alike]
+    assert all(len(kind) == 1 for kind in kinds)
+    assert len(set.union(*kinds)) == len(kinds)
+    shared = {"name": "all", "std": 0.1}
+    more = [{}, {"hold": True}, {"drift": 0.1}, {"shared": shared}, {"shared": {"name": "some", "std": 0.1}}]
+    assert len({repr(of(3.0, 0.3, **each)) for each in more}) == len(more)
+    assert of(3.0, 0.3, shared=shared) == of(3.0, 0.3, shared={"name": "all", "std": 0.2})

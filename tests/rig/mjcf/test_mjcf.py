@@ -316,6 +316,8 @@ def test_millimetres_are_seen_and_taken() -> None:
         assert one.link is not None
         assert other.link is not None
         assert one.link.inertia == pytest.approx(other.link.inertia, rel=1e-4)
+        assert one.link.centre == pytest.approx(other.link.centre, rel=1e-4)
+        assert one.link.mass.value == pytest.approx(other.link.mass.value, rel=1e-4)
     assert found.tendons[0].arms() == pytest.approx(metres.tendons[0].arms(), rel=1e-4)
 
 
