@@ -224,3 +224,13 @@ def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
     slider = load_rig("paper-2008").with_values({"drives.left.limit": "20 N"})
     force = next(sensor for sensor in slider.sensors_of("force") if sensor.of == "left")
     assert travel_of(force, slider) == (0.0, 20.0)
+
+
+def test_an_encoder_of_a_loop_counts_whole_degrees_unless_it_is_said_otherwise(rig: Rig) -> None:
+    """What the controller is told is the true angle to the nearest step, its std that of rounding."""
+    for said, step in (({}, 1.0), ({"encoder_resolution": "0.25 deg"}, 0.25)):
+        run = closed_loop(rig, scenario(control={**PID, **said}), feedback="encoder")
+        counts = np.rad2deg(run.estimates) / step
+        np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+        assert np.abs(np.rad2deg(run.estimates - run.angles)).max() <= step / 2 + 1e-9
+        np.testing.assert_allclose(np.rad2deg(run.stds), step / np.sqrt(12.0))

@@ -297,3 +297,9 @@ def test_three_samples_say_nothing_of_states() -> None:
 
     assert left_their_priors(cut(3)) == []
     assert [finding.subject for finding in left_their_priors(cut(4))] == ["factor"]
+
+
+def test_the_share_that_is_said_is_that_of_the_channel_that_is_compared_least() -> None:
+    values = np.random.default_rng(3).normal(size=(1000, 2))
+    values[:400, 1] = np.nan
+    assert "u1, u2 agree with the rig, 60 % compared" in diagnose(made(values)).text

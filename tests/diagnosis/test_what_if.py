@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -13,10 +14,11 @@ from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.comparison import stretch
 from distal.diagnosis.explanations import _best_ratio
-from distal.diagnosis.rerun import Change, Rerun
+from distal.diagnosis.gears import out_of_reach
+from distal.diagnosis.rerun import OUTLIER, Change, Rerun
 from distal.diagnosis.what_if import ARM, STIFF, TURNS, _numbers, _suspects, _unseen, overconfidence
 from distal.estimators import StateKind
-from distal.rig import named
+from distal.rig import build_rig, named
 from distal.run.offline import runner_for
 
 
@@ -197,3 +199,36 @@ def test_without_forces_the_stretch_is_that_of_what_the_nominal_force_may_be() -
     force = 2 * BAND * rig.drives[0].nominal_force.total_std / radius + 2 * (0.02 / radius + 0.1 * tension)
     log = Log(np.arange(3) / 10.0, {"motor_angle": np.zeros(3)})
     np.testing.assert_allclose(stretch(log, rig, "jaw"), force / (0.2 * 2e4 * 2) / abs(arm), rtol=1e-9)
+
+
+def test_a_rerun_is_a_run_of_the_changed_log() -> None:
+    """A channel that is doubled, and a number of the rig that is taken times 1.1, as if log and rig had been so."""
+    scenario = load_scenario("series-2", ['duration="0.5 s"'])
+    rig = scenario_rig(scenario)
+    log = simulate(rig, scenario, 1)
+    rerun = Rerun(log, cast(Any, runner_for(log, rig, "adaptive", compiled=False)))
+    doubled = replace(log, channels={**log.channels, "u1": 2.0 * log.channels["u1"]})
+    expected = Rerun(doubled, cast(Any, runner_for(doubled, rig, "adaptive", compiled=False))).base
+    found = rerun(Change(channels={"u1": 2.0}))
+    np.testing.assert_allclose(found.means, expected.means, rtol=1e-9, atol=1e-12)
+    name = rerun.runner.state_names[-1]
+    moved = rerun(Change(shifts={name: 1e-3}))
+    assert not np.array_equal(moved.means, rerun.base.means)
+    # ln p typed out, an outlier beyond 9 S counting as in the filter
+    compared = [(v, s) for v, s in zip(found.innovations.ravel(), found.innovation_variances.ravel()) if np.isfinite(v)]
+    inflated = [(v, s * max(1.0, v**2 / s / OUTLIER)) for v, s in compared]
+    assert found.log_likelihood == pytest.approx(-0.5 * sum(v**2 / s + np.log(s) for v, s in inflated))
+
+
+def test_how_far_a_joint_would_turn_is_over_its_stops_or_what_any_turns() -> None:
+    """What the motor's angle is worth at the joint, R/r of it, over 40° between its stops, or over 270°."""
+    log = Log(np.arange(3) / 10.0, {"motor_angle": np.array([0.0, 30.0, 10.0])})
+    rig = load_rig("capstan-joint")
+    turned = 30.0 * rig.drives[0].radius.value / rig.tendons[0].total_arm  # type: ignore[union-attr]
+    for stops, room in ((["-15 deg", "25 deg"], np.deg2rad(40.0)), (None, np.deg2rad(270.0))):
+        raw = rig.model_dump()
+        raw["joints"][0]["stops"] = None
+        each = build_rig(raw, "rig") if stops is None else rig.with_values({"joints.0.stops": stops})
+        (finding,) = out_of_reach(log, each)
+        assert finding.text == sentences.looks_geared_at_least("motor_angle", turned / room).text
+    assert out_of_reach(Log(log.time, {"motor_angle": np.array([0.0, 1.0, 0.5])}), rig) == []

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, load_rig
+from distal.confidence import BAND
 from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.map_samples import filtered, partly_homed, reference_std, with_reference_error, without_offset
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
-from distal.regression.band import share_of_few
+from distal.regression.band import OWNS, conformal_factor, share_of_few, sized
 
 
 def log(source: TruthSource | str) -> Log:
@@ -134,3 +135,48 @@ def test_a_homing_move_over_half_of_the_range_is_on_the_side_where_it_begins(mon
     # of the first 20 ms too few samples are on that side
     assert partly_homed(logs, [finger] * 31, 0.1, False) == {}
     assert partly_homed(logs, [finger] * 31, None, False) == {}
+
+
+def test_the_filters_own_std_counts_by_what_its_errors_are_of_it() -> None:
+    """Errors twice as large of a filter twice as unsure need the same share of its std."""
+    rng = np.random.default_rng(2)
+    errors = 0.4 * rng.normal(size=40000)
+    shares = [share_of_few([[(scale * errors, np.ones(40000), np.full(40000, scale**2))]]) for scale in (1.0, 2.0, 0.1)]
+    assert shares == pytest.approx([0.4] * 3, rel=0.02)  # a quantile of 40000 values errs by 0.6 %
+
+
+def test_a_bands_factor_holds_95_percent_of_each_log() -> None:
+    """The smallest c with |e| ≤ 1.96 √(c² u + v) for 95 %, each log weighing the same however long it is; within bounds."""
+    rng = np.random.default_rng(3)
+    logs = [
+        (size * rng.normal(size=n), np.full(n, 0.5), np.full(n, 0.2))
+        for size, n in ((1.0, 503), (2.0, 47), (0.5, 4999))
+    ]
+
+    def held(c: float) -> float:
+        return float(np.mean([np.mean(np.abs(e) <= BAND * np.sqrt(c**2 * u + v)) for e, u, v in logs]))
+
+    c = conformal_factor(logs, 0.1, 100.0)
+    assert held(c * (1 + 1e-9)) >= 0.95
+    assert held(c * (1 - 1e-9)) < 0.95
+    assert conformal_factor(logs, 0.1, 0.5 * c) == 0.5 * c
+    assert conformal_factor(logs, 2.0 * c, 100.0) == 2.0 * c
+    assert conformal_factor([], 0.1, 100.0) == 1.0
+
+
+def test_the_share_of_the_filters_std_is_that_of_the_narrowest_band(rig: Rig) -> None:
+    """Where its variance says when errors are large, all of it; where it is large and errors are not, none."""
+    assert rig.discrepancy is not None
+    learned = rig.discrepancy.model_copy(update={"band": (2.0,), "own": 1.0})
+    rng = np.random.default_rng(4)
+    v = np.where(np.arange(4000) % 2, 4.0, 0.01)
+    honest = [[(np.sqrt(v + 0.01) * rng.normal(size=4000), np.full(4000, 0.01), v)]] * 3
+    blind = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), v)]] * 3
+    assert sized(learned, honest, True).own == max(OWNS)
+    assert sized(learned, blind, True).own == min(OWNS)
+    found = sized(learned, blind, True)
+    parts = [(e, u, found.own**2 * v) for ((e, u, v),) in blind]
+    assert found.band[0] == pytest.approx(2.0 * conformal_factor(parts, 1e-3, 1e3))
+    # of a map without a filter nothing is shared
+    alone = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), np.zeros(4000))]]
+    assert sized(learned, alone, True).own == 1.0

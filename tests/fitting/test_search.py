@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from distal.fitting import search as search_module
 from distal.fitting.free_number import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.search import Optimum, first_widths, hessian, search, widths_at
+from distal.fitting.search import MOST_BENT, Optimum, _bent, first_widths, hessian, search, widths_at
 
 Floats = NDArray[np.float64]
 
@@ -174,3 +177,21 @@ def test_a_filters_search_ends_where_its_kinks_begin() -> None:
         ends.append(search(curve, np.array([-3.0])))  # type: ignore[arg-type]
     assert ends[0].converged
     assert ends[1].iterations > ends[0].iterations
+
+
+@pytest.mark.parametrize(("size", "share"), [(0.1, 1.0), (1.5, 0.5), (100.0, 0.0075)])
+def test_a_step_is_bent_by_three_quarters_of_its_own_length_at_most(
+    size: float, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lengths are in standard deviations: half the correction is added, scaled down where it is longer than 0.75 of it."""
+    stds, step = np.array([0.1, 10.0]), np.array([0.06, 8.0])  # of length 1 in stds, as is the next
+    correction = size * stds * np.array([0.8, -0.6])
+    monkeypatch.setattr(search_module, "hessian", lambda *arguments: np.diag(1 / stds**2))
+    monkeypatch.setattr(search_module, "damped_step", lambda *arguments: (correction, 0.0))
+    problem: Any = SimpleNamespace(bends=lambda z, logs, steps: [np.zeros(2)] * len(steps))
+    derivatives = Derivatives(0.0, np.zeros(2), np.eye(2), np.eye(2), 1)
+    ((damping, bent),) = _bent(problem, np.zeros(2), derivatives, np.ones(2, dtype=bool), [(0.5, step)])
+    assert damping == 0.5
+    np.testing.assert_allclose(bent, step + 0.5 * share * correction)
+    if share < 1.0:
+        assert np.linalg.norm((bent - step) / stds) == pytest.approx(0.5 * MOST_BENT)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from distal import Log, Rig, at_known_angle, estimate
+from distal import Log, Rig, at_known_angle, estimate, load_rig
 from distal.errors import EstimationError
+from distal.homing.reference import homing_filter
 from tests.fitting.helpers import logs_of, start_rig
 
 
@@ -63,3 +64,13 @@ def test_home_angles_that_are_none() -> None:
     for angle, std in ((np.nan, 0.0), (1e6, 0.0), (0.0, -1.0), (0.0, np.inf)):
         with pytest.raises(EstimationError, match="a homing angle is at most"):
             at_known_angle(log, rig, 0.5, angle, std)
+
+
+def test_where_a_joint_stands_is_known_exactly_unless_it_is_said_otherwise() -> None:
+    """Only with a std is there an offset between that angle and the joint's own, and it begins with that std."""
+    rig = load_rig("capstan-joint")
+    assert not [name for name in homing_filter(rig, compiled=False).state_names if name.startswith("bias_home")]
+    runner = homing_filter(rig, 0.02, compiled=False)
+    (index,) = [i for i, name in enumerate(runner.state_names) if name.startswith("bias_home")]
+    assert runner.states.stds[index] == pytest.approx(0.02)
+    assert runner.channels[-1] == "home"

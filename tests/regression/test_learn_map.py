@@ -29,7 +29,7 @@ from distal.regression.affine import affine_kind
 from distal.regression.beyond_homing import cost_beyond
 from distal.regression.features import beyond_homing, drawn_in, fade, half_ranges, limits, middles, squared_distances
 from distal.regression.kernel import map_function, memory_size, numbers_of
-from distal.regression.learn_map import Kind, Terms, choose_terms
+from distal.regression.learn_map import Kind, Terms, choose_terms, frame
 from distal.rig import Discrepancy
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
@@ -356,3 +356,20 @@ def test_how_far_a_log_is_outside_is_the_largest_excess() -> None:
     assert outside(learned, at(2.3, 2.5, 0.0))[0] == pytest.approx(np.sqrt(squared) / 1.5 - 1.0)
     # so far beyond its range that a term counts half, and three times as far
     assert [float(fade(learned, far)) for far in (0.0, 0.5, 1.5)] == pytest.approx([1.0, 0.5, 0.1])  # type: ignore[type-var]
+
+
+def test_the_frame_of_a_map_is_that_of_its_logs() -> None:
+    """Mean, std (1 of what stands still), smallest and largest of each reading; one that tells nothing has its noise."""
+    data = [run(0), run(1)]
+    still = [
+        replace(each, readings=np.column_stack([each.readings[:, 0], np.full(len(each.time), 0.4)])) for each in data
+    ]
+    learned, columns = frame(still, kind(), Terms("lines", ("1", "a", "b")))
+    a = np.concatenate([each.readings[:, 0] for each in still])
+    np.testing.assert_allclose(learned.centre, [a.mean(), 0.4])
+    np.testing.assert_allclose(learned.scale, [a.std(), 1.0])
+    np.testing.assert_allclose(learned.low, [a.min(), 0.4 - 3 * NOISE[1]])
+    np.testing.assert_allclose(learned.high, [a.max(), 0.4 + 3 * NOISE[1]])
+    np.testing.assert_allclose(learned.distance, [[1.0, 0.0], [0.0, 0.0]], atol=1e-9)
+    assert learned.reach == pytest.approx(np.abs(a - a.mean()).max() / a.std())
+    assert columns == [0, 1]

@@ -98,6 +98,9 @@ def test_a_short_event_does_not_flatten_the_errors(result: Estimate) -> None:
     assert axes.get_ylim()[1] < 1.5 * usual < 10.0
     marks = [line for line in axes.lines if line.get_marker() == "^"]
     assert len(marks) == 1
+    # at the edge, but within the axis
+    assert (np.array(marks[0].get_ydata()) / axes.get_ylim()[1] > 0.9).all()
+    assert (np.array(marks[0].get_ydata()) < axes.get_ylim()[1]).all()
     np.testing.assert_allclose(marks[0].get_xdata()[-5:], result.time[400:405], atol=1e-9)
     share = float(np.mean(np.abs(np.rad2deg(means[:, 0] - result.truth)) <= axes.get_ylim()[1]))
     said = f"ekf: {100 * share:.1f} % of the time shown, largest error 40.2° (marked)"

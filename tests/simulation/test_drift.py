@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from distal import estimate, load_rig, load_scenario, scenario_rig
+from distal.confidence import BAND
 from distal.errors import EstimationError, ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism
@@ -159,3 +161,33 @@ def test_six_hours_are_streamed() -> None:
     rig = scenario_rig(described)
     (hour,) = by_hour(estimate_pieces(simulate_pieces(rig, described), rig))
     assert hour.inside > 0.9
+
+
+def test_each_hours_curves_are_error_band_and_share(tmp_path: Path) -> None:
+    """Two pieces of hours 0 and 1, typed out: RMS, share inside and mean half-width; the figure shows these numbers."""
+    rng = np.random.default_rng(5)
+    pieces: list[Any] = []
+    for begin in (0.0, 3000.0):
+        time = begin + np.arange(100) * 30.0
+        stds, truths = rng.uniform(0.01, 0.03, (100, 1)), rng.normal(size=(100, 1))
+        angles = truths + stds * rng.normal(size=(100, 1)) * 1.5
+        pieces.append(SimpleNamespace(log=SimpleNamespace(time=time), angles=angles, truths=truths, angle_stds=stds))
+    hours = by_hour(pieces)
+    time = np.concatenate([piece.log.time for piece in pieces])
+    errors = np.concatenate([(piece.angles - piece.truths).ravel() for piece in pieces])
+    halves = np.concatenate([BAND * piece.angle_stds.ravel() for piece in pieces])
+    assert [hour.index for hour in hours] == [0, 1]
+    for hour in hours:
+        rows = (time >= 3600 * hour.index) & (time < 3600 * (hour.index + 1))
+        assert hour.rms == pytest.approx(np.sqrt(np.mean(errors[rows] ** 2)))
+        assert hour.half_band == pytest.approx(np.mean(halves[rows]))
+        assert hour.inside == pytest.approx(np.mean(np.abs(errors[rows]) <= halves[rows]))
+    above, below = plot_hours({"one": hours}).axes
+    np.testing.assert_allclose(above.lines[0].get_ydata(), np.rad2deg([hour.rms for hour in hours]))
+    np.testing.assert_allclose(above.lines[1].get_ydata(), np.rad2deg([hour.half_band for hour in hours]))
+    np.testing.assert_allclose(below.lines[0].get_ydata(), [100 * hour.inside for hour in hours])
+    np.testing.assert_allclose(below.lines[0].get_xdata(), [1, 2])
+    np.testing.assert_allclose(below.lines[1].get_ydata(), 95.0)
+    low, high = below.get_ylim()
+    assert low < 100 * min(hour.inside for hour in hours)
+    assert high > 100.0

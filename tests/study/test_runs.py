@@ -57,6 +57,7 @@ def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_p
     """Nothing moves and nothing but the angle at the start is unknown: the error is that angle's, N(0, 3°)."""
     plan = still(tmp_path, designs=50, seeds=2, requirement={"joint": "link", "within": "3 deg"})
     rows = run_chunk(plan, range(50))
+    assert all(0.0 < float(str(seconds)) < 10.0 for seconds in rows["seconds"])  # for each run
     score = np.array(rows["built: joints.link.initial"], dtype=float)
     np.testing.assert_allclose(np.array(rows["rms_deg"], dtype=float), np.abs(3.0 * score), atol=0.1)
     share, expected = np.mean(np.array(rows["met"], dtype=bool)), erf(1 / sqrt(2))

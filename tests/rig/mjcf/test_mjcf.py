@@ -11,6 +11,7 @@ from distal import Rig, estimate, load_rig, read_log
 from distal.errors import RigError
 from distal.model import Mechanism
 from distal.rig import Imported, Joint, build_rig, compare_lengths, from_mujoco, parse_toml
+from distal.rig.mjcf.bodies import _roll_pitch_yaw
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -364,3 +365,19 @@ def test_a_vendors_lengths(rig: Rig) -> None:
         compare_lengths(rig, {"mcp": [0.0]})
     with pytest.raises(RigError, match="an angle of 90 came; the table's angles are radians"):
         compare_lengths(rig, {"mcp": [90.0], "flexor": [0.0]})
+
+
+@pytest.mark.parametrize("pitch", [-90.0, -40.0, 0.0, 75.0, 90.0])
+def test_roll_pitch_and_yaw_make_the_turn_again(pitch: float) -> None:
+    """R_z(yaw) R_y(pitch) R_x(roll), upright, too, where roll and yaw turn about one axis."""
+
+    def turn(roll: float, pitch: float, yaw: float) -> np.ndarray:
+        (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
+        about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        return about_z @ about_y @ about_x
+
+    for roll, yaw in ((0.0, 0.0), (0.4, -1.2), (-2.8, 2.0)):
+        matrix = np.round(turn(roll, np.deg2rad(pitch), yaw), 15)  # upright, what is 0 is 0
+        np.testing.assert_allclose(turn(*_roll_pitch_yaw(matrix)), matrix, atol=1e-9)

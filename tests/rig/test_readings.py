@@ -1,0 +1,78 @@
+"""What sensors of drives read of a motion, and from where to where they can: naive twins."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from distal import Rig, load_rig
+from distal.rig.joints import REACH
+from distal.rig.sensors.force import Force, largest_effort
+from distal.rig.sensors.position import Position, drive_travel
+
+
+def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:
+    """A drive at 2 that moves with 3/s, commanded 0.1 s ahead, is told 2.3; its encoder reads 2."""
+    motion: Any = SimpleNamespace(place=lambda part: 2.0 + part, rate=lambda part: 3.0, effort=lambda part: 7.0 + part)
+    for lag, read in ((0.0, 2.0), (0.1, 2.3)):
+        sensor: Any = SimpleNamespace(lag=lag)
+        assert Position().read(sensor, motion, 0, {}) == pytest.approx(read)
+        assert Position().read(sensor, motion, 1, {}) == pytest.approx(read + 1.0)
+    assert Force().read(cast(Any, None), motion, 1, {}) == 8.0
+
+
+def test_a_capstan_turns_as_far_as_its_joint_takes_it() -> None:
+    """±1.2 rad of the joint at r/R; a slider the same about the stretch by its nominal force; stops come first."""
+    rig = load_rig("capstan-joint")
+    arm, radius = rig.tendons[0].total_arm, rig.drives[0].radius.value  # type: ignore[union-attr]
+    assert drive_travel(rig, 0) == pytest.approx((-REACH * arm / radius, REACH * arm / radius))
+    stopped = rig.with_values({"drives.0.stops": [-1.0, 2.5]})
+    assert drive_travel(stopped, 0) == (-1.0, 2.5)
+    raw = load_rig("paper-2008").model_dump()
+    for drive in raw["drives"]:
+        drive["stops"] = None
+        drive["nominal_force"] = {"value": 4.03, "std": 0.0}
+    slider = Rig.model_validate(raw)
+    centre, reach = 4.03 / slider.tendons[0].stiffness.value, REACH * slider.tendons[0].total_arm
+    assert drive_travel(slider, 0) == pytest.approx((centre - reach, centre + reach))
+
+
+def test_a_tendon_over_several_joints_moves_as_far_as_their_stops_allow() -> None:
+    """Σ of each arm times the end of its joint that draws it in, and the one that lets it out."""
+    raw = load_rig("finger-2n").model_dump()
+    for drive in raw["drives"]:
+        drive["stops"] = None
+    rig = Rig.model_validate(raw)
+    stops = {joint.name: joint.travel for joint in rig.joints}
+    assert any(len(tendon.joints) > 1 for tendon in rig.tendons)
+    for i, drive in enumerate(rig.drives):
+        tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+        if len(tendon.joints) < 2:
+            continue
+        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        turned = tendon.winding / lever if drive.kind == "capstan" else 1.0
+        centre = 0.0 if drive.kind == "capstan" else drive.nominal_force.value / tendon.stiffness.value
+        ends = [[turned * arm * end for end in stops[name]] for name, arm in tendon.arms().items()]
+        expected = centre + sum(map(min, ends)), centre + sum(map(max, ends))
+        assert drive_travel(rig, i) == pytest.approx(expected)
+
+
+def test_the_largest_effort_is_the_limit_or_twice_that_at_rest() -> None:
+    """Of a motor in both directions, of a slider only to pull; never less than a newton's."""
+    rig = load_rig("capstan-joint")
+    radius, pretension = rig.drives[0].radius.value, rig.tendons[0].pretension.value  # type: ignore[union-attr]
+    rest = 2 * 2 * pretension * radius
+    for changes, largest in (
+        ({}, rest),
+        ({"drives.0.nominal_force": 0.5}, 1.0),
+        ({"drives.0.nominal_force": -0.5}, 1.0),
+        ({"drives.0.limit": 0.3}, 0.3),
+        ({"tendons.*.pretension": 0.0}, 1.0 * radius),
+    ):
+        changed = rig.with_values(changes)
+        assert largest_effort(changed, 0) == pytest.approx(largest)
+        assert Force().travel(cast(Any, None), changed, 0) == pytest.approx((-largest, largest))
+    slider = load_rig("paper-2008").with_values({"drives.*.nominal_force": 4.0})
+    assert Force().travel(cast(Any, None), slider, 1) == pytest.approx((0.0, 8.0))
