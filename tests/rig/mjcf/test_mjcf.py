@@ -12,6 +12,7 @@ from distal.errors import RigError
 from distal.model import Mechanism
 from distal.rig import Imported, Joint, build_rig, compare_lengths, from_mujoco, parse_toml
 from distal.rig.mjcf.bodies import _roll_pitch_yaw
+from distal.rig.mjcf.springs import _as_spring
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -381,3 +382,19 @@ def test_roll_pitch_and_yaw_make_the_turn_again(pitch: float) -> None:
     for roll, yaw in ((0.0, 0.0), (0.4, -1.2), (-2.8, 2.0)):
         matrix = np.round(turn(roll, np.deg2rad(pitch), yaw), 15)  # upright, what is 0 is 0
         np.testing.assert_allclose(turn(*_roll_pitch_yaw(matrix)), matrix, atol=1e-9)
+
+
+def test_a_torque_over_a_range_is_a_cubic_or_a_weak_spring_far_away() -> None:
+    """−(k x + q x² + c x³) about its rest comes back; a constant pull is one that changes by 1 % over the range."""
+    angles = np.linspace(-0.4, 1.1, 50)
+    x = angles - 0.25
+    found = _as_spring(angles, -(0.02 * x + 0.006 * x**2 + 0.03 * x**3))
+    wanted = {"stiffness": 0.02, "rest_angle": 0.25, "quadratic": 0.006, "cubic": 0.03}
+    assert found == pytest.approx(wanted, rel=1e-4)
+    straight = _as_spring(angles, -0.02 * x)
+    assert (straight["stiffness"], straight["rest_angle"]) == pytest.approx((0.02, 0.25), rel=1e-4)
+    for pull in (0.3, -0.3):
+        weak = _as_spring(angles, np.full(50, pull))
+        torque = -weak["stiffness"] * (angles - weak["rest_angle"])
+        assert torque[25] == pytest.approx(pull, rel=1e-3)
+        assert np.ptp(torque) == pytest.approx(0.01 * abs(pull), rel=1e-6)

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 POINTS = 41
 """Angles at which a spring's torque is taken."""
 
+FARTHEST = 100.0
+"""A spring is relaxed at so many ranges of its joint from the middle, at most."""
+
 
 def spring_tendons(model: mujoco.MjModel) -> list[int]:
     """Return the indices of the tendons that are springs."""
@@ -60,19 +63,22 @@ def joint_springs(
 
 def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
     """Return the spring whose torque over the range is nearest; its stiffness where it is relaxed is not negative."""
+    span = float(angles[-1] - angles[0])
     for degree in (3, 1):
         fitted = np.polynomial.Polynomial.fit(angles, torque, degree).convert()
         slope = fitted.deriv()
         middle = (angles[0] + angles[-1]) / 2
-        roots = [float(root.real) for root in fitted.roots() if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0]
+        relaxed = [float(root.real) for root in fitted.roots() if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0]
+        # further away it is rounding that bends the curve
+        roots = [root for root in relaxed if abs(root - middle) <= FARTHEST * span]
         if roots:
             zero = min(roots, key=lambda root: abs(root - middle))
             second, third = fitted.deriv(2)(zero) / 2, fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0
             spring = {"stiffness": -slope(zero), "rest_angle": zero, "quadratic": -second, "cubic": -third}
             return {name: float(f"{size:.6g}") for name, size in spring.items() if size or name == "stiffness"}
     # pulled the same all over the range: a weak spring far away
-    mean, span = float(np.mean(torque)), float(angles[-1] - angles[0])
-    weak = abs(mean) / (100.0 * span)
+    mean = float(np.mean(torque))
+    weak = abs(mean) / (FARTHEST * span)
     return {"stiffness": weak, "rest_angle": float(middle + mean / weak)}
 
 
