@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from benchmarks.strangers.rough_plants import described, log_of
 
 from distal import Log, Rig, estimate, load_rig
 from distal.errors import FitError
+from distal.fitting.angle_observability import LOST, Observability
 from distal.fitting.log_checks import check_logs
 from distal.rig import build_rig
 
@@ -67,3 +69,30 @@ def test_a_truth_may_have_another_zero() -> None:
     channels = {"motor_angle": motor, "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time)}
     expected = estimate(Log(time, channels), rig, "elastic").theta
     check_logs([Log(time, channels, {"theta": expected + 3.0})], rig)
+
+
+def test_a_truth_without_values_is_refused_where_it_is_the_only_joints() -> None:
+    """Of several joints one may be unknown in a log; of one joint a truth that is nowhere known is a mistake."""
+    rig = load_rig("capstan-joint")
+    time = np.arange(0.0, 2.0, 0.01)
+    channels = {"motor_angle": 0.5 * np.sin(6 * time), "motor_torque": 0.01 + 1e-4 * np.sin(time)}
+    with pytest.raises(FitError, match="has 0 values; at least 10 are needed"):
+        check_logs([Log(time, channels, {"theta": np.full(len(time), np.nan)})], rig)
+    few = np.full(len(time), np.nan)
+    few[:9] = 0.1
+    with pytest.raises(FitError, match="has 9 values"):
+        check_logs([Log(time, channels, {"theta": few})], rig)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"), [(0.19, "seen"), (0.21, "hardly seen"), (0.69, "hardly seen"), (0.71, "not seen")]
+)
+def test_an_angle_is_seen_where_forces_find_it_to_a_fifth(share: float, said: str) -> None:
+    """What a window found stands at its end: what is in it before, still lost, does not count."""
+    time = np.arange(400) / 100.0
+    at_end = np.isclose((time + 0.01) % 0.5, 0.0, atol=1e-6) | np.isclose((time + 0.01) % 0.5, 0.5, atol=1e-6)
+    found = np.where(at_end, share * LOST, LOST)
+    seen = Observability(time, found, np.full(400, 0.01), 0.5, cast(Any, None))
+    assert [line[4] for line in seen.table(4)] == [said] * 4
+    np.testing.assert_allclose([line[:2] for line in seen.table(4)], [(0.9975 * k, 0.9975 * (k + 1)) for k in range(4)])
+    assert all(line[2:4] == pytest.approx((0.01, share * LOST)) for line in seen.table(4))

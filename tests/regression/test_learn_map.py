@@ -373,3 +373,9 @@ def test_the_frame_of_a_map_is_that_of_its_logs() -> None:
     np.testing.assert_allclose(learned.distance, [[1.0, 0.0], [0.0, 0.0]], atol=1e-9)
     assert learned.reach == pytest.approx(np.abs(a - a.mean()).max() / a.std())
     assert columns == [0, 1]
+
+
+def test_of_one_log_each_half_judges_what_the_other_teaches() -> None:
+    """A direction that comes again in both halves is taken, a line where there is nothing more."""
+    assert "slip(a)" in choose_terms([run(0, turning=0.05)], kind(), [0], None).terms
+    assert "slip(a)" not in choose_terms([run(0)], kind(), [0], None).terms

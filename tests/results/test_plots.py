@@ -136,3 +136,15 @@ def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:
     blind = replace(result, truths=None)
     assert [row["RMS error [deg]"] for row in blind.summary()] == [None]
     assert "RMS" not in repr(blind)
+
+
+def test_an_angles_axis_holds_the_curves_and_not_a_band_that_is_much_wider(result: Estimate) -> None:
+    """It ends 0.3 of the curves' range beyond them where the band would take it further, else where matplotlib ends it."""
+    angles, truth = np.rad2deg(result.theta), np.rad2deg(result.truth)
+    lowest, highest = min(angles.min(), truth.min()), max(angles.max(), truth.max())
+    wide = replace(result, variances=result.variances * 1e8).plot().axes[0]
+    room = 0.3 * (highest - lowest)
+    assert wide.get_ylim() == pytest.approx((lowest - room, highest + room))
+    low, high = result.plot().axes[0].get_ylim()
+    assert lowest - room < low < lowest
+    assert highest < high < highest + room

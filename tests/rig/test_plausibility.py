@@ -60,3 +60,22 @@ def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
     said = doubts(rubbing.with_values({"sensors": sensors}))
     assert len(said) == 1
     assert "sensor cell measures the tension of tendon left behind the friction of its path" in said[0]
+
+
+@pytest.mark.parametrize(("wrong", "more"), [(3, ""), (4, " (and 1 more problem)"), (6, " (and 3 more problems)")])
+def test_the_first_three_problems_are_said_and_the_others_counted(wrong: int, more: str) -> None:
+    from distal.errors import RigError
+
+    places = (
+        "joints.0.inertia",
+        "joints.0.damping",
+        "drives.0.mass",
+        "drives.1.mass",
+        "drives.0.damping",
+        "drives.1.damping",
+    )
+    with pytest.raises(RigError) as caught:
+        load_rig("template", [f'{place}="3 degg"' for place in places[:wrong]])
+    line = str(caught.value)
+    assert line.count("; also ") == 2
+    assert line.endswith(more) if more else "more problem" not in line

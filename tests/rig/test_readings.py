@@ -11,6 +11,7 @@ from distal import Rig, load_rig
 from distal.rig.joints import REACH
 from distal.rig.sensors.force import Force, largest_effort
 from distal.rig.sensors.position import Position, drive_travel
+from distal.run.drive_range import place_range
 
 
 def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:
@@ -76,3 +77,20 @@ def test_the_largest_effort_is_the_limit_or_twice_that_at_rest() -> None:
         assert Force().travel(cast(Any, None), changed, 0) == pytest.approx((-largest, largest))
     slider = load_rig("paper-2008").with_values({"drives.*.nominal_force": 4.0})
     assert Force().travel(cast(Any, None), slider, 1) == pytest.approx((0.0, 8.0))
+
+
+def test_a_place_is_possible_a_little_beyond_the_stops_or_far_beyond_what_the_joint_takes_it() -> None:
+    """By 5 % of the travel of a drive with stops, by ten times that of one without, and by the sensor's errors."""
+    errors = {"noise": 0.01, "linearity": 0.02, "bias": {"value": 0.3, "std": 0.0}}
+    rig = load_rig("capstan-joint").with_values(
+        {f"sensors.motor_angle.{name}": error for name, error in errors.items()}
+    )
+    position, force = rig.sensors[0], rig.sensors[1]
+    low, high = drive_travel(rig, 0)
+    room = 10.0 * (high - low) + 0.02 + 10 * 0.01
+    assert place_range(rig, position) == pytest.approx((low - room + 0.3, high + room + 0.3))
+    stopped = rig.with_values({"drives.0.stops": [-1.0, 3.0]})
+    room = 0.05 * 4.0 + 0.02 + 10 * 0.01
+    assert place_range(stopped, position) == pytest.approx((-1.0 - room + 0.3, 3.0 + room + 0.3))
+    assert place_range(rig, force)[0] < -1e100
+    assert place_range(rig, force)[1] > 1e100
