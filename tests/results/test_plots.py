@@ -148,3 +148,14 @@ def test_an_angles_axis_holds_the_curves_and_not_a_band_that_is_much_wider(resul
     low, high = result.plot().axes[0].get_ylim()
     assert lowest - room < low < lowest
     assert highest < high < highest + room
+
+
+def test_an_axis_of_innovations_holds_98_percent_of_them(result: Estimate) -> None:
+    """Five standard deviations at least, and 1.2 times the 98 % quantile of those that are larger."""
+    small = replace(result, innovation_variances=result.innovation_variances * 100.0)
+    large = replace(result, innovation_variances=result.innovation_variances / 100.0)
+    assert small.plot(panels=["innovations"]).axes[-1].get_ylim() == pytest.approx((-5.0, 5.0))
+    low, high = large.plot(panels=["innovations"]).axes[-1].get_ylim()
+    sizes = np.abs(large.innovations / np.sqrt(large.innovation_variances)).ravel()
+    assert np.mean(sizes[np.isfinite(sizes)] <= high / 1.2) == pytest.approx(0.98, abs=0.001)
+    assert low == -high

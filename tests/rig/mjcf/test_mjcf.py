@@ -11,7 +11,8 @@ from distal import Rig, estimate, load_rig, read_log
 from distal.errors import RigError
 from distal.model import Mechanism
 from distal.rig import Imported, Joint, build_rig, compare_lengths, from_mujoco, parse_toml
-from distal.rig.mjcf.bodies import _roll_pitch_yaw
+from distal.rig.mjcf.bodies import _roll_pitch_yaw, carried_by, parent_of
+from distal.rig.mjcf.excursion import _fitted, _judged
 from distal.rig.mjcf.springs import _as_spring
 from tests.rig.mjcf.models import FINGER, written_as_mjcf
 
@@ -398,3 +399,47 @@ def test_a_torque_over_a_range_is_a_cubic_or_a_weak_spring_far_away() -> None:
         torque = -weak["stiffness"] * (angles - weak["rest_angle"])
         assert torque[25] == pytest.approx(pull, rel=1e-3)
         assert np.ptp(torque) == pytest.approx(0.01 * abs(pull), rel=1e-6)
+
+
+TREE = """<mujoco><worldbody>
+  <body name="palm"><geom size="0.01"/>
+    <body name="two"><geom size="0.01"/><joint name="a" axis="1 0 0"/><joint name="b" axis="0 1 0"/>
+      <body name="first"><geom size="0.01"/><joint name="c"/>
+        <body name="rigid"><geom size="0.01"/><body name="tip"><geom size="0.01"/><joint name="d"/></body></body></body>
+      <body name="second"><geom size="0.01"/><joint name="e"/></body>
+    </body>
+    <body name="thumb"><geom size="0.01"/><joint name="f"/></body>
+  </body>
+</worldbody></mujoco>"""
+
+
+def test_each_joint_sits_on_the_link_of_the_one_before_it_in_the_tree() -> None:
+    """Of two in one body the second sits on the first; fingers beside each other sit on what carries both."""
+    model = model_of(TREE)
+    joints = list(range(6))
+
+    def parents(kept: list[int]) -> dict[str, str]:
+        carrier = carried_by(model, kept)
+        found = {joint: parent_of(model, joint, kept, carrier) for joint in kept}
+        return {"abcdef"[joint]: "abcdef"[parent] if parent >= 0 else "" for joint, parent in found.items()}
+
+    assert parents(joints) == {"a": "", "b": "a", "c": "b", "d": "c", "e": "b", "f": ""}
+    # one that is held is part of the link before it
+    assert parents([0, 3, 4, 5]) == {"a": "", "d": "a", "e": "a", "f": ""}
+
+
+def test_what_a_polynomial_leaves_of_moment_arms_is_that_of_the_joint_it_fits_worst() -> None:
+    """On the poses that are kept to judge by: RMS of each joint's arm, and what 92 % of the worst one's are within."""
+    rng = np.random.default_rng(1)
+    angles = rng.uniform(-1.0, 1.0, (400, 2))
+    waves = 0.002 * np.sin(40.0 * angles[:, 1])
+    arms = np.column_stack([np.full(400, 0.01), 0.02 + waves])
+    lengths = 0.01 * angles[:, 0] + 0.02 * angles[:, 1] - 0.002 / 40.0 * np.cos(40.0 * angles[:, 1])
+    found = _fitted(np.array([[1, 0], [0, 1]]), angles, lengths, arms)
+    assert found.coefficients == pytest.approx([0.01, 0.02], rel=0.02)  # a wave of a tenth over 300 poses: 0.4 %
+    judged = _judged(angles)
+    left = np.abs(arms[judged] - found.coefficients) / np.abs(arms).max(axis=0)
+    np.testing.assert_allclose(found.arm_rms, np.sqrt(np.mean(left**2, axis=0)))
+    assert np.mean(left[:, 1] <= found.arm_most * (1 + 1e-9)) >= 0.91
+    assert np.mean(left[:, 1] > found.arm_most * (1 - 1e-9)) >= 0.07
+    assert found.arm_most > 5 * left[:, 0].max()
