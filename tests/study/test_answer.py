@@ -15,8 +15,8 @@ import pytest
 from distal.errors import StudyError
 from distal.reports import study_report
 from distal.study import Plan, Space, space_of
-from distal.study.answer import Answer, answer_of, influences_of, proportion, quantity
-from distal.study.runs import MEASURES, run_chunk
+from distal.study.answer import CASES, Answer, _worst, answer_of, influences_of, proportion, quantity
+from distal.study.runs import MEASURES, Task, run_chunk
 from distal.study.storage import Columns
 from tests.study.plans import small, still
 
@@ -136,6 +136,33 @@ def test_a_study_of_which_some_runs_failed_has_an_answer(linear: tuple[Plan, Spa
         answer = answer_of(plan, space, columns)
         assert answer.problems == {"no room": failed}
         assert answer.overall.met == 1200 - failed
+
+
+def test_the_worst_cases_are_those_with_the_largest_errors_and_none_that_failed(
+    linear: tuple[Plan, Space], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are run again in their order; where fewer than three runs gave an error, there are fewer."""
+    plan, space = linear
+    asked: list[Task] = []
+
+    def run(plan: Plan, tasks: list[Task], space: Space) -> list[object]:
+        asked[:] = tasks
+        return [StudyError("not run here")] * len(tasks)
+
+    monkeypatch.setattr("distal.study.answer.run_tasks", run)
+    rms = np.linspace(0.1, 0.5, 1200)
+    rms[[7, 900, 30]] = [2.0, 5.0, np.nan]
+    columns = made(plan, space, rms)
+    assert _worst(plan, space, columns) == ()
+    expected = [(int(columns["design"][k]), int(columns["seed"][k])) for k in (900, 7, 1199)]
+    assert [(task.index, task.seed) for task in asked] == expected
+    assert len(expected) == CASES
+    assert all(task.design == space.design(task.index) for task in asked)
+    rms[:] = np.nan
+    rms[3] = 0.2
+    columns = made(plan, space, rms)
+    _worst(plan, space, columns)
+    assert [(task.index, task.seed) for task in asked] == [(int(columns["design"][3]), int(columns["seed"][3]))]
 
 
 @pytest.fixture(scope="module")
