@@ -34,6 +34,10 @@ class EstimationError(DistalError):
     """An estimator cannot run on this rig or this sample."""
 
 
+class DivergedError(EstimationError):
+    """An estimate left all bounds: the rig, its units or its signs do not fit the log."""
+
+
 class FitError(DistalError):
     """A rig cannot be fitted to these logs."""
 

@@ -73,7 +73,7 @@ class TestExplanations:
     @pytest.mark.parametrize(
         ("factors", "subject", "words"),
         [
-            ({"x2": -1.0}, "x2", "x2 looks as if its sign were wrong"),
+            ({"x2": -1.0}, "x2", "x2 looks as if its sign, or the side of its tendon, were wrong"),
             pytest.param({"u1": -1.0}, "u1", "u1 looks as if its sign were wrong", marks=pytest.mark.slow),
             ({"u1": 1 / 4.4482216}, "u1", "u1 looks like pounds"),
             pytest.param({"u2": 1000.0}, "u2", "u2 looks like millinewtons", marks=pytest.mark.slow),

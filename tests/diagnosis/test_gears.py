@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log, simulate
-from distal.diagnosis.gears import geared, out_of_reach
+from distal.diagnosis.against_truth import causes
+from distal.diagnosis.gears import out_of_reach
 from distal.logs import write_log
+
+ERROR = np.deg2rad(20.0)
+"""What such gears make of the angle."""
 
 
 @pytest.fixture(scope="module")
@@ -30,17 +34,23 @@ def scaled(log: Log, factor: float) -> Log:
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"),
+    ("factor", "ratio", "said"),
     [
-        (30.0, "motor_angle looks like a gear of about 30 that the rig file does not have"),
-        (7.0, "motor_angle looks like a gear of about 7 that the rig file does not have"),
-        (1 / 30.0, "motor_angle looks about 30 times too small, as if a gear were taken off twice"),
+        (30.0, 30.0, "like a gear of about {} that the rig file does not have"),
+        (7.0, 7.0, "like a gear of about {} that the rig file does not have"),
+        (1 / 30.0, 30.0, "about {} times too small, as if a gear were taken off twice"),
     ],
 )
-def test_the_ratio_is_that_by_which_the_log_was_scaled(rig: Rig, log: Log, factor: float, said: str) -> None:
+def test_the_ratio_is_that_by_which_the_log_was_scaled(
+    rig: Rig, log: Log, factor: float, ratio: float, said: str
+) -> None:
+    """To 5 %: friction and stretch are between motor and joint."""
     wrong = scaled(log, factor)
     found = diagnose(estimate(wrong, rig), wrong, rig)
-    assert said in found.text
+    text = next(finding.text for finding in found.findings if finding.kind == "looks like")
+    number = text.split("about ")[1].split()[0]
+    assert text == f"motor_angle looks {said.format(number)}"
+    assert float(number) == pytest.approx(ratio, rel=0.05)
     assert not found.consistent
 
 
@@ -50,9 +60,11 @@ def test_a_gear_that_is_wrong_in_the_rig_file(log: Log, tmp_path: Path, gear: in
     bench = load_rig("lab-bench")
     write_log(log, bench, tmp_path / "log.csv")
     other = bench.with_values({"sensors.motor_angle.gear": gear})
-    (finding,) = geared(read_log(tmp_path / "log.csv", other), other)
+    finding = causes(read_log(tmp_path / "log.csv", other), other, ERROR)[0]
     instead = "that the rig file does not have" if gear == 1 else f", where the rig file has {gear}"
-    assert finding.text == f"motor_angle looks like a gear of about 30 {instead}".replace(" ,", ",")
+    number = finding.text.split("about ")[1].split()[0].rstrip(",")
+    assert finding.text == f"motor_angle looks like a gear of about {number} {instead}".replace(" ,", ",")
+    assert float(number) == pytest.approx(30, rel=0.05)
 
 
 def test_a_log_of_another_program(rig: Rig) -> None:
@@ -63,22 +75,22 @@ def test_a_log_of_another_program(rig: Rig) -> None:
     assert drive.kind == "capstan"
     angle = motor * drive.radius.value / tendon.total_arm - 0.05 * np.sign(np.cos(1.3 * time))
     truth = {"theta": angle + np.deg2rad(0.1) * rng.normal(size=len(time))}
-    channels = {"motor_angle": 19.0 * motor, "motor_torque": 0.1 * np.sin(1.3 * time)}
-    (finding,) = geared(Log(time, channels, truth), rig)
+    channels = {"motor_angle": 19.0 * motor, "motor_torque": 0.1 * np.sin(2.9 * time)}
+    finding = causes(Log(time, channels, truth), rig, ERROR)[0]
     assert (finding.kind, finding.subject) == ("looks like", "motor_angle")
     ratio = float(finding.text.split("about ")[1].split()[0])
     assert ratio == pytest.approx(19.0, rel=0.05)
 
 
 def test_a_right_log_has_none(rig: Rig, log: Log) -> None:
-    assert geared(log, rig) == out_of_reach(log, rig) == []
-    assert geared(replace(log, truth={}), rig) == []
+    assert causes(log, rig, ERROR) == out_of_reach(log, rig) == []
+    assert causes(replace(log, truth={}), rig, ERROR) == []
     still = {name: np.zeros(len(log)) for name in log.channels}
-    assert geared(replace(log, channels=still), rig) == []
+    assert causes(replace(log, channels=still), rig, ERROR) == []
 
 
 def test_degrees_are_no_gear(rig: Rig, log: Log) -> None:
-    assert [one.text for one in geared(scaled(log, 57.29578), rig)] == ["motor_angle looks like degrees"]
+    assert causes(scaled(log, 57.29578), rig, ERROR)[0].text == "motor_angle looks like degrees"
 
 
 def test_without_the_joints_angle_the_least_ratio_is_named(rig: Rig, log: Log) -> None:

@@ -22,7 +22,7 @@ from distal.cli.options import (
     settings,
 )
 from distal.cli.paths import check_outputs, to_file
-from distal.errors import DistalError, EstimationError
+from distal.errors import DistalError, DivergedError, EstimationError
 
 if TYPE_CHECKING:
     from distal.logs import Log
@@ -212,8 +212,16 @@ def _estimates(
     if lost is not None:
         if is_known and results:
             _compare(results, failed)
-        raise lost
+        raise _explained(lost, log, rig, home) if isinstance(lost, DivergedError) else lost
     return results, failed
+
+
+def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -> DivergedError:
+    """Return the error that an estimate left all bounds, with what would explain it, if anything does."""
+    from distal.diagnosis import why_diverged
+
+    found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
+    return DivergedError(f"{found}: {problem}") if found else problem
 
 
 def _picture(log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path) -> bytes:

@@ -1,9 +1,18 @@
 """Self-diagnosis: what was tested, what disagrees, and what no sensor there can test."""
 
 from distal.diagnosis.channels import LARGE_RATIO
-from distal.diagnosis.diagnose import diagnose
+from distal.diagnosis.diagnose import diagnose, why_diverged
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 from distal.diagnosis.what_if import cannot_test
 
-__all__ = ["LARGE_RATIO", "Diagnosis", "Finding", "Kind", "cannot_test", "diagnose", "diagnose_estimate"]
+__all__ = [
+    "LARGE_RATIO",
+    "Diagnosis",
+    "Finding",
+    "Kind",
+    "cannot_test",
+    "diagnose",
+    "diagnose_estimate",
+    "why_diverged",
+]

@@ -8,10 +8,11 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.diagnosis import sentences
+from distal.diagnosis.against_truth import against_truth, causes
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
-from distal.diagnosis.gears import geared, out_of_reach
+from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 from distal.diagnosis.rerun import Rerun
 from distal.diagnosis.what_if import overconfidence, untestable
@@ -22,6 +23,9 @@ from distal.results import Estimate
 from distal.rig import Rig
 from distal.run.drive_range import place_range
 from distal.run.offline import runner_for
+
+LOST = float(np.deg2rad(10.0))
+"""An estimate that left all bounds errs by this at least [rad]."""
 
 OUTSIDE_SHARE = 0.05
 """Share of a log outside of where it can be, or of what a fit has seen, from which on that is said."""
@@ -39,10 +43,10 @@ def diagnose(
 ) -> Diagnosis:
     """Return what was tested, what disagrees, and what no sensor there can test.
 
-    From the result alone: its innovations, and states that left their priors. With log and rig also: displacements where
-    no drive can be, a motor that turns many times as far as the joint's known angle asks for, a kinematic estimate that
-    excludes this one, a band that hangs on the start, and, by running `adaptive` again with one thing changed, what would
-    explain a disagreement, or else what cannot be tested.
+    From the result alone: its innovations, and states that left their priors. With log and rig also: a truth outside of the
+    band with its likeliest cause, displacements where no drive can be, a kinematic estimate that excludes this one, a band
+    that hangs on the start, and, by running `adaptive` again with one thing changed, what would explain a disagreement, or
+    else what cannot be tested.
 
     Args:
         homing: for how long the truth was used [s], or None.
@@ -56,8 +60,12 @@ def diagnose(
         raise EstimationError("diagnose needs both the log and the rig, or neither; one of them came")
     if log is None or rig is None:
         return diagnose_estimate(result)
-    gears = geared(log, rig)
-    further = [*gears, *elsewhere(log, rig), *out_of_range(log, _learned_range(rig) if ranges is None else ranges)]
+    truth = against_truth(result, log, rig)
+    further = [
+        *truth,
+        *elsewhere(log, rig),
+        *out_of_range(log, _learned_range(rig) if ranges is None else ranges),
+    ]
     if result.estimator != "adaptive":
         return diagnose_estimate(result, further)
     runner = runner_for(log, rig, "adaptive", compiled, homing)
@@ -73,11 +81,24 @@ def diagnose(
         return first
     against = [finding for finding in first.findings if finding.contradicts]
     if any(finding.kind != "overconfident" for finding in against):
-        explained = [] if gears else [*explanations(rerun), *out_of_reach(log, rig)]
+        explained = [] if truth else [*explanations(rerun), *out_of_reach(log, rig)]
         return diagnose_estimate(result, [*explained, *further])
     if against:
         return first
     return diagnose_estimate(result, [*further, *untestable(rerun)])
+
+
+def why_diverged(log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True) -> list[Finding]:
+    """Return what would explain that `adaptive` left all bounds on a log: by its truth, else by running it with changes.
+
+    The truth is used for `homing` [s], or not at all.
+    """
+    found = causes(log, rig, LOST)
+    if not found:
+        runner = runner_for(log, rig, "adaptive", compiled, homing)
+        assert isinstance(runner, AdaptiveFilter)
+        found = [*explanations(Rerun(log, runner, homing)), *out_of_reach(log, rig)]
+    return found
 
 
 def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:

@@ -72,7 +72,7 @@ def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
         powers = {sensors[kind]: power for kind, power in kinds.items() if sensors.get(kind) in channels}
         if drive.kind == "capstan" and sensors.get("position") in channels:
             ratio = _best_ratio(rerun, powers)
-            yield sentences.looks_geared(drive.name, ratio), _geared(powers, ratio)
+            yield sentences.looks(drive.name, sentences.like_a_gear(ratio)), _geared(powers, ratio)
 
 
 def _geared(powers: dict[str, int], ratio: float) -> Change:

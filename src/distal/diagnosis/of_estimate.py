@@ -63,8 +63,17 @@ def diagnose_estimate(estimate: Estimate, further: Sequence[Finding] = ()) -> Di
     states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
     # what would explain it comes right after what disagrees, before what follows from it
     looks = [finding for finding in further if finding.kind == "looks like"]
-    consequences = [finding for finding in further if finding.kind != "looks like"]
-    findings = [*channels.findings(), *looks, *states, *consequences]
+    truth = [finding for finding in further if finding.kind == "against the truth"]
+    consequences = [finding for finding in further if finding.kind not in ("looks like", "against the truth")]
+    # the truth has the last word, so it is said first
+    findings = [
+        *truth,
+        *(looks if truth else ()),
+        *channels.findings(),
+        *(() if truth else looks),
+        *states,
+        *consequences,
+    ]
     contradicting = [finding for finding in findings if finding.contradicts]
     silent = [finding for finding in findings if not finding.contradicts]
     statistics = channels.names, channels.ratios, channels.correlations, channels.since

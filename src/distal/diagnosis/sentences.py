@@ -102,20 +102,20 @@ def map_disagrees(share: float) -> Finding:
 
 def looks(subject: str, like: str) -> Finding:
     """Return a possible explanation why a log disagrees with its rig: what a sensor, drive or number of it looks like."""
-    return Finding("looks like", subject, f"{subject} looks {like}")
+    return Finding("looks like", subject, f"{subject} {'look' if ' and ' in subject else 'looks'} {like}")
 
 
-def looks_geared(subject: str, ratio: float, gear: float = 1.0) -> Finding:
-    """Return that a gear between motor and capstan would explain that a log disagrees with its rig.
+SMALLEST_GEAR = 1.7
+"""A ratio below this may be friction or stretch, 1.1 on right rigs: a motor that turns back moves its joint later."""
 
-    The subject is the angle's sensor, or the drive where its torque is geared too; `ratio` is turns in the log for one
-    turn that the rig expects, `gear` is what the rig file has.
-    """
+
+def like_a_gear(ratio: float, gear: float = 1.0) -> str:
+    """Return what an angle looks like that turns `ratio` times as far as the rig, with its `gear`, expects."""
     if gear != 1.0:
-        return looks(subject, f"like a gear of about {gear * ratio:.2g}, where the rig file has {gear:g}")
+        return f"like a gear of about {gear * ratio:.2g}, where the rig file has {gear:g}"
     if ratio < 1.0:
-        return looks(subject, f"about {1 / ratio:.2g} times too small, as if a gear were taken off twice")
-    return looks(subject, f"like a gear of about {ratio:.2g} that the rig file does not have")
+        return f"about {1 / ratio:.2g} times too small, as if a gear were taken off twice"
+    return f"like a gear of about {ratio:.2g} that the rig file does not have"
 
 
 def looks_geared_at_least(subject: str, ratio: float) -> Finding:
@@ -133,3 +133,44 @@ def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
     place = f"{'where' if is_angle else 'what'} {state} is"
     text = f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on {place} at first"
     return Finding("overconfident", state, text)
+
+
+def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
+    """Return that a joint's true angle is inside the band for a small share of the samples, with its error `rms` [rad]."""
+    text = f"the truth contradicts: {joint} errs by {np.rad2deg(rms):.2g}° RMS, {100 * share:.0f} % inside the band"
+    return Finding("against the truth", joint, text)
+
+
+def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
+    """Return what a drive's readings look like that are `factor` times as large as joints and `gear` ask for."""
+    if factor < 0:
+        size = "" if abs(np.log(-factor)) < 0.1 else f" (and {-factor:.3g} times too large)"
+        return f"as if its sign, or the side of its tendon, were wrong{size}"
+    if not is_capstan:
+        return f"{factor:.3g} times too large: unit or moment arm"
+    if not 1 / SMALLEST_GEAR < factor < SMALLEST_GEAR:
+        return like_a_gear(factor, gear)
+    return f"{factor:.3g} times too large: gear {gear * factor:.3g} for {gear:g}, its spool, unit or moment arm"
+
+
+def like_an_arm(factor: float) -> str:
+    """Return what a moment arm looks like whose joint asks for a `factor` of it."""
+    return f"as if its moment arm were {factor:.3g} times the rig's" + (" (wrong side)" if factor < 0 else "")
+
+
+def like_a_compliance(factor: float, drive: str) -> str:
+    """Return what a force looks like that stretches the tendons of a drive `factor` times as far as the rig says."""
+    if factor < 0:
+        return "as if its sign were wrong"
+    return f"as if it stretched the tendons of {drive} {factor:.2g} times as far: their stiffness, or the force's scale"
+
+
+def like_a_delay(delay: float) -> str:
+    """Return what readings look like that are late by a `delay` [s]."""
+    return f"{abs(delay):.2g} s {'late' if delay > 0 else 'early'}"
+
+
+def like_a_zero(off: float, unit: str) -> str:
+    """Return what readings look like that are `off` from where they should be, in their SI unit."""
+    size = f"{np.rad2deg(off):.2g}°" if unit == "rad" else f"{1e3 * off:.2g} mm"
+    return f"{size} off: its zero, or the pre-tension"

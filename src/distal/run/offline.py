@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Floats
-from distal.errors import DistalWarning, EstimationError
+from distal.errors import DistalWarning, DivergedError, EstimationError
 from distal.estimators import (
     DEFAULT,
     LARGEST_ANGLE,
@@ -205,7 +205,7 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     bad = out_of_bounds(means, spreads, len(run.runner.rig.joints))
     if len(bad):
         row = int(bad[0])
-        raise EstimationError(
+        raise DivergedError(
             f"{run.log.source}: {run.runner.name} left all bounds at {run.log.time[row]:g} s; check the units of the log "
             "and the rig's stiffness and masses, or shorten stepping.largest_step"
         )
