@@ -43,6 +43,9 @@ LEAST = 0.03
 ALIKE = 0.15
 """A factor as near to that of a unit, as logarithms, is that unit."""
 
+LOST = float(np.deg2rad(10.0))
+"""A filter that errs by more [rad] is lost: what led it there may be smaller than its error."""
+
 MOVES = float(np.deg2rad(1.0))
 """A joint that turns by less [rad] says nothing of its arms."""
 
@@ -100,7 +103,7 @@ def causes(log: Log, rig: Rig, error: float, *, beyond: bool = False) -> list[Fi
 
     Of all causes, or only of those `beyond` what the rig's own stds allow.
     """
-    angles = true_angles(log, [joint.name for joint in rig.joints])
+    angles, error = true_angles(log, [joint.name for joint in rig.joints]), min(error, LOST)
     if angles is None:
         return []
     drives = [_of_drive(log, rig, angles, sensor, error) for sensor in rig.sensors_of("position")]

@@ -8,7 +8,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.diagnosis import sentences
-from distal.diagnosis.against_truth import against_truth, causes
+from distal.diagnosis.against_truth import LOST, against_truth, causes
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
@@ -23,9 +23,6 @@ from distal.results import Estimate
 from distal.rig import Rig
 from distal.run.drive_range import place_range
 from distal.run.offline import runner_for
-
-LOST = float(np.deg2rad(10.0))
-"""An estimate that left all bounds errs by this at least [rad]."""
 
 OUTSIDE_SHARE = 0.05
 """Share of a log outside of where it can be, or of what a fit has seen, from which on that is said."""

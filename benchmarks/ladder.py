@@ -1,0 +1,143 @@
+"""Wrong rigs beside a known truth: is the cause named? `python -m benchmarks.ladder SEED`, on the rigs in `newcomer`.
+
+Each number of the given joint and finger × 0.5, 0.67, 0.9, 1.1, 1.5 and 2, each sign, unit and zero, one at a time. A step
+counts where the truth is inside the band for less than 85 % or the error is above twice the right rig's. Named is a cause
+in words of the thing that was changed; gear, spool and moment arm of a drive are one, as are stiffness and a force's scale.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from distal import Log, Rig, diagnose, estimate, load_rig, read_log
+from distal.diagnosis import why_diverged
+from distal.errors import DivergedError
+
+FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
+UNITS = {"rad": 57.3, "m": 1000.0, "N": 4.448, "N m": 1000.0}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing that is wrong: by overrides of the rig file, or a factor on a channel and what is added to it."""
+
+    name: str
+    causes: tuple[str, ...]
+    overrides: tuple[str, ...] = ()
+    channel: str = ""
+    factor: float = 1.0
+    added: float = 0.0
+
+
+def steps(rig: Rig) -> Iterator[Step]:
+    """Yield the right rig, then all wrong ones, each with words of which one has to be in what is said of its cause."""
+    yield Step("right", ())
+    for sensor in rig.sensors:
+        if sensor.measures in ("position", "force"):
+            words = (
+                (sensor.name,)
+                if sensor.measures == "position"
+                else (sensor.name, "stretched the tendons of " + sensor.of)
+            )
+            yield Step(f"sign of {sensor.name}", words, (f"sensors.{sensor.name}.sign=-1",))
+            yield Step(f"unit of {sensor.name}", words, channel=sensor.name, factor=UNITS[sensor.si])
+            for key in ("gear", "torque_constant_motor"):
+                if getattr(sensor, key, None) not in (None, 1.0):
+                    yield from _scaled(f"sensors.{sensor.name}.{key}", float(getattr(sensor, key)), words)
+        if sensor.measures == "position":
+            yield Step(
+                f"zero of {sensor.name}", words, channel=sensor.name, added=0.35 if sensor.si == "rad" else 1.5e-3
+            )
+    for tendon in rig.tendons:
+        places = tuple(
+            sensor.name for sensor in rig.sensors if sensor.of == tendon.drive and sensor.measures == "position"
+        )
+        force = tuple(sensor.name for sensor in rig.sensors if sensor.of == tendon.drive and sensor.measures == "force")
+        yield from _scaled(f"tendons.{tendon.name}.stiffness", tendon.stiffness.value, force)
+        yield from _scaled(f"tendons.{tendon.name}.pretension", tendon.pretension.value, (*places, *force))
+        for path, shape in tendon.shapes():
+            radius = getattr(shape, "radius", None)
+            if radius is not None:
+                joint = tendon.joints[int(path.split(".")[1])] if "." in path else tendon.joints[0]
+                words = (f"{tendon.drive} at {joint}", *(places if len(tendon.joints) == 1 else ()))
+                yield from _scaled(f"tendons.{tendon.name}.{path}.radius", radius.value, words)
+    for drive in rig.drives:
+        if drive.kind == "capstan":
+            places = tuple(
+                sensor.name for sensor in rig.sensors if sensor.of == drive.name and sensor.measures == "position"
+            )
+            yield from _scaled(f"drives.{drive.name}.radius", drive.radius.value, places)
+
+
+def _scaled(path: str, value: float, causes: tuple[str, ...]) -> Iterator[Step]:
+    for factor in FACTORS:
+        yield Step(f"{path} × {factor:g}", causes, (f"{path}={value * factor:.9g}",))
+
+
+def log_of(name: str, seed: int, folder: Path) -> Path:
+    """Return a log of one of the given plants."""
+    spec = importlib.util.spec_from_file_location(
+        name, Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}_plant.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    plant: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(plant)
+    path = folder / f"{name}.csv"
+    if name == "joint":
+        plant.write(str(path), *plant.traj_random(20, -5, 75, seed), seed + 50)
+    else:
+        plant.write(str(path), seed, T=15)
+    return path
+
+
+def main() -> None:
+    """Print each step that counts with what is said, and how many were named."""
+    seed, counted, named, consistent = int(sys.argv[1]), 0, 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("joint", "finger"):
+            file, path = Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}.toml", log_of(name, seed, Path(folder))
+            right = np.inf
+            for step in steps(load_rig(file)):
+                rig = load_rig(file, step.overrides)
+                log = read_log(path, rig)
+                if step.channel:
+                    log = _changed(log, step)
+                try:
+                    result = estimate(log, rig)
+                    rms, inside, said = result.rms_error(), result.inside_band(), diagnose(result, log, rig)
+                    findings, text, agrees = said.findings, said.text, said.consistent
+                except DivergedError as problem:
+                    rms, inside, agrees = np.inf, 0.0, False
+                    findings, text = tuple(why_diverged(log, rig)), str(problem)
+                right = rms if step.name == "right" else right
+                if step.name == "right" or (inside >= 0.85 and rms <= 2 * right):
+                    continue
+                looks = [finding for finding in findings if finding.kind == "looks like"][:2]
+                is_named = any(cause in finding.text for finding in looks for cause in step.causes)
+                counted, named, consistent = counted + 1, named + is_named, consistent + agrees
+                verdict = "named" if is_named else "CONSISTENT" if agrees else "other"
+                shown = "; ".join(finding.text for finding in looks) or text
+                print(
+                    f"{name:7} {step.name:42} {np.rad2deg(rms):7.2f}° {100 * inside:3.0f} %  {verdict:10} {shown[:150]}",
+                    flush=True,
+                )
+    share = f"{named} named among the first two ({100 * named / counted:.0f} %)"
+    print(f"{counted} steps count: {share}, {consistent} 'consistent'")
+
+
+def _changed(log: Log, step: Step) -> Log:
+    return replace(log, channels={**log.channels, step.channel: step.factor * log.channels[step.channel] + step.added})
+
+
+if __name__ == "__main__":
+    main()
