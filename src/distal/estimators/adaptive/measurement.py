@@ -45,6 +45,7 @@ class Row:
         drive: index of the drive whose friction is in it, or None.
         measured: whether a sensor measures it; else the pull is nominal.
         trusted: a reference, which is never taken as wild.
+        lasting: so many samples tell as much of the joints' speeds as one (16b).
     """
 
     name: str
@@ -56,6 +57,7 @@ class Row:
     drive: int | None = None
     measured: bool = True
     trusted: bool = False
+    lasting: float = 1.0
 
 
 def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector) -> list[Row]:
@@ -105,7 +107,10 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
     for sensor in (*context.channels.angles, *context.channels.others):
         read, trusted = context.value(x, sensor), sensor in context.channels.angles
         residual = read - moment.read(sensor, unknowns) - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, context.noise(sensor), context.mask(x, sensor), trusted=trusted))
+        noise, mask = context.noise(sensor), context.mask(x, sensor)
+        # a speed errs alike for as long as the friction that made it
+        lasting = 1.0 if trusted else max(1.0, context.robustness.sticking_time * sensor.rate)
+        rows.append(Row(sensor.name, residual, noise, mask, trusted=trusted, lasting=lasting))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))

@@ -44,7 +44,8 @@ def updated(
         interval: with its sample.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
+    tracks, x, p = interval.tracks, interval.x, interval.p
+    nj, nd = states.context.n_joints, states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
     sure = sure_of_stops(states, prior, prediction.covariance, p)
@@ -66,8 +67,12 @@ def updated(
         spread = -along(slopes.residual, across)
         spread += comparison.by_limit * along(slopes.limit, across)
         spread += comparison.by_asymmetry * along(slopes.asymmetry, across)
+        variance = comparison.variance
+        if row.lasting > 1.0:
+            by_speeds = ca.vertcat(ca.MX(nj, 1), slopes.residual[nj : 2 * nj], ca.MX(len(states) - 2 * nj, 1))
+            variance += (row.lasting - 1.0) * along(by_speeds, covariance.times(by_speeds))  # (16b)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
-            spread + comparison.variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
+            spread + variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
         )
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted)
@@ -83,7 +88,7 @@ def updated(
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
-        spreads.append(spread + comparison.variance)
+        spreads.append(spread + variance)
     measured = [k for k, at in enumerate(rows) if at.row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), kept, y
