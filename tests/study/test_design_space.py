@@ -95,3 +95,9 @@ def test_shipped_studies_fit_their_rigs() -> None:
         assert len(space_of(load_study(name))) >= 60
     with pytest.raises(StudyError, match="unknown study 'papr'; did you mean 'paper'"):
         load_study("papr")
+
+
+def test_a_scenario_of_another_rig_is_refused_before_any_run() -> None:
+    """Every run would fail for the same reason: one line says it, and nothing is answered."""
+    with pytest.raises(StudyError, match="scenario 'wrist' does not fit the rig '.*': .*"):
+        plan_of({**RAW, "scenarios": ["wrist"]})

@@ -12,10 +12,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.errors import StudyError
+from distal.errors import DistalError, StudyError
 from distal.estimators import DEFAULT, ESTIMATORS
 from distal.rig import Description, In, Rig, load_rig, parse_toml, read_text, validated
 from distal.simulation import Scenario, load_scenario
+from distal.simulation.simulate import prepare
 from distal.suggestions import did_you_mean
 
 MOST_DESIGNS = 1_000_000
@@ -143,4 +144,9 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     scenarios = [load_scenario(place(name)) for name in study.scenarios]
     if study.duration is not None:
         scenarios = [scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios]
+    for name, scenario in zip(study.scenarios, scenarios):
+        try:
+            prepare(rig, scenario)
+        except DistalError as problem:  # every run would fail for it
+            raise StudyError(f"{source}: scenario '{name}' does not fit the rig '{study.rig}': {problem}") from None
     return Plan(study, rig, tuple(scenarios))
