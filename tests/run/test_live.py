@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import gc
+import pickle
 import tracemalloc
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy, deepcopy
 
 import casadi as ca
 import numpy as np
@@ -138,3 +142,32 @@ def test_variances_are_never_negative_however_absurd_the_noise(seed: int) -> Non
         reading = monitor.take(0.01 * k, np.array([1e-3 * np.sin(k / 20), 0.0, 2.0 + np.sin(k / 20), 2.0]))
         assert np.diagonal(live.covariance).min() >= 0.0
         assert np.isfinite(reading.angle_std) or reading.health == "bad"
+
+
+@pytest.mark.parametrize("again", [LiveEstimator.clone, copy, deepcopy, lambda live: pickle.loads(pickle.dumps(live))])
+@pytest.mark.parametrize("name", ["pulley-antagonist", "finger-2n"])
+def test_a_copy_goes_on_alone(name: str, again: Callable[[LiveEstimator], LiveEstimator]) -> None:
+    """From the same belief both give the same numbers, and what one takes in does not reach the other."""
+    live = LiveEstimator(load_rig(name), compiled=False)
+    samples = np.random.default_rng(4).normal(0.0, 1e-4, (30, len(live.channels)))
+    for k in range(10):
+        live.step(0.01 * k, samples[k])
+    other = again(live)
+    np.testing.assert_array_equal(other.covariance, live.covariance)
+    stood = np.array(other.mean)
+    expected = [np.array(live.step(0.01 * k, samples[k])) for k in range(10, 20)]
+    np.testing.assert_array_equal(other.mean, stood)
+    np.testing.assert_array_equal([np.array(other.step(0.01 * k, samples[k])) for k in range(10, 20)], expected)
+    np.testing.assert_array_equal(other.innovations, live.innovations)
+
+
+def test_threads_with_a_clone_each_give_the_numbers_of_one() -> None:
+    first = LiveEstimator(load_rig("pulley-antagonist"), compiled=False)
+    samples = np.random.default_rng(4).normal(0.0, 1e-4, (50, len(first.channels)))
+
+    def run(live: LiveEstimator) -> list[float]:
+        return [float(np.asarray(live.step(0.01 * k, sample))) for k, sample in enumerate(samples)]
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(run, [first.clone() for _ in range(4)]))
+    assert found == [run(first)] * 4

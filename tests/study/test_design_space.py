@@ -99,5 +99,5 @@ def test_shipped_studies_fit_their_rigs() -> None:
 
 def test_a_scenario_of_another_rig_is_refused_before_any_run() -> None:
     """Every run would fail for the same reason: one line says it, and nothing is answered."""
-    with pytest.raises(StudyError, match="scenario 'wrist' does not fit the rig '.*': .*"):
+    with pytest.raises(StudyError, match="scenario 'wrist' does not fit the rig"):
         plan_of({**RAW, "scenarios": ["wrist"]})

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from math import inf, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +58,7 @@ class LiveEstimator:
         runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
         if not runner.has_kernel:
             raise EstimationError(f"{runner.name} is for logs; live, use adaptive or another one with a kernel")
+        self._made_of = rig, estimator, compiled
         self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
         self._loop = runner.kernel.loop(runner.numbers)
         self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
@@ -185,6 +187,26 @@ class LiveEstimator:
         self._begin = (angles, angle_std)
         self._samples, self._time = 0, nan
         self._innovations[:] = np.nan
+
+    def clone(self) -> LiveEstimator:
+        """Return another one at the same belief, with arrays of its own: each goes on alone, in its own thread too."""
+        return _at(LiveEstimator(self.rig, self._runner), self._belief())
+
+    def __copy__(self) -> LiveEstimator:
+        """Return a clone: buffers are never shared."""
+        return self.clone()
+
+    def __deepcopy__(self, memo: object) -> LiveEstimator:
+        """Return a clone."""
+        return self.clone()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how to make it again in another process: its rig, its estimator by name, and its belief."""
+        return _made_again, (*self._made_of, self._belief())
+
+    def _belief(self) -> tuple[object, ...]:
+        arrays = (self._carry, self._state, self._spread, self._innovations)
+        return *(array.copy() for array in arrays), self._begin, self._time, self._samples
 
     @property
     def runner(self) -> KernelEstimator:
@@ -323,3 +345,17 @@ def _view(array: Floats) -> Floats:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _at(live: LiveEstimator, belief: tuple[Any, ...]) -> LiveEstimator:
+    """Return a live estimator, put to a belief."""
+    arrays = (live._carry, live._state, live._spread, live._innovations)
+    for array, values in zip(arrays, belief):
+        array[:] = values
+    live._begin, live._time, live._samples = belief[len(arrays) :]
+    return live
+
+
+def _made_again(rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: tuple[Any, ...]) -> LiveEstimator:
+    """Return a live estimator that was pickled."""
+    return _at(LiveEstimator(rig, estimator, compiled), belief)
