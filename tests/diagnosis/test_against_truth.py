@@ -143,3 +143,26 @@ def test_why_a_run_left_all_bounds_is_said(seen: Log, finger: Rig) -> None:
     log = simulate(rig, load_scenario("series-2", ['duration="4 s"']), 1)
     again = replace(log, channels={**log.channels, "x1": 1000 * log.channels["x1"]}, truth={})
     assert "x1" in {finding.subject for finding in why_diverged(again, rig, compiled=False)}
+
+
+def test_a_pull_stretches_from_pre_tension_on(finger: Rig) -> None:
+    """s = A θ + (F − F_0)/k: with the pre-tension in the rig file that was in the log, nothing is off."""
+    tense, log = finger.with_values({f"tendons.{k}.pretension": 5.0 for k in range(4)}), log_of()
+    shifted = {name: values - 5.0 / STIFFNESS * name.startswith("x_") for name, values in log.channels.items()}
+    assert causes(replace(log, channels=shifted), tense, np.deg2rad(0.1)) == []
+    assert "look 2 mm off: its zero, or the pre-tension" in causes(log, tense, ERROR)[0].text
+
+
+@pytest.mark.parametrize(("outside", "contradicts"), [(0.12, False), (0.18, True)])
+def test_the_truth_contradicts_where_less_than_85_percent_are_inside(
+    seen: Log, finger: Rig, outside: float, contradicts: bool
+) -> None:
+    result = estimate(seen, finger, compiled=False)
+    truths = np.array(result.angles)
+    truths[: round(outside * len(truths)), 1] += 10 * result.angle_stds[: round(outside * len(truths)), 1]
+    said = [
+        one for one in against_truth(replace(result, truths=truths), seen, finger) if one.kind == "against the truth"
+    ]
+    assert [one.subject for one in said] == (["pip"] if contradicts else [])
+    if contradicts:
+        assert said[0].text.endswith("82 % inside the band")
