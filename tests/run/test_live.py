@@ -171,3 +171,18 @@ def test_threads_with_a_clone_each_give_the_numbers_of_one() -> None:
     with ThreadPoolExecutor(4) as pool:
         found = list(pool.map(run, [first.clone() for _ in range(4)]))
     assert found == [run(first)] * 4
+
+
+def test_a_reset_widens_the_angles_alone() -> None:
+    """Of the prior's covariance only the diagonal at the joints' angles is raised, to the std that was given."""
+    rig = load_rig("finger-2n")
+    live = LiveEstimator(rig, compiled=False)
+    sample, n = np.zeros(len(live.channels)), len(live.state_names)
+    live.reset([0.1, 0.2], 0.7)
+    live._start(0.0, sample)  # what the first step begins with
+    prior = make_estimator("adaptive", rig, compiled=False).initial(0.0, sample)
+    expected = np.array(prior.covariance)
+    expected[[0, 1], [0, 1]] = 0.7**2
+    np.testing.assert_array_equal(live.covariance, expected)
+    np.testing.assert_array_equal(live.mean[:2], [0.1, 0.2])
+    np.testing.assert_array_equal(live.mean[2:n], np.array(prior.mean)[2:])
