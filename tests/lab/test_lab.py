@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,11 +14,14 @@ from typer.testing import CliRunner
 
 from distal import Rig, estimate, load_rig, read_log
 from distal.cli.app import app
+from distal.confidence import BAND
 from distal.errors import ExportError
 from distal.estimators import external_torques_of, make_estimator
 from distal.export.plant import c_plant
 from distal.kernels import Kernel
 from distal.lab import lab_page
+from distal.model import Mechanism
+from distal.rig import number
 from distal.simulation.inputs import BodyInputs
 from distal.simulation.plant import at_rest, plant_function
 from tests.browser import BROWSER, Page, opened
@@ -28,6 +32,7 @@ pytestmark = [
     pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang"),
 ]
 LOAD = "document.querySelector('input[name=load]')"
+BUTTONS = "document.querySelectorAll('button[data-set]')"
 NAMES = ("template", "wrist-instrument", "da-vinci-grasper")
 
 
@@ -59,8 +64,13 @@ def page(path: Path) -> Iterator[Page]:
         yield page
 
 
-def moved(rig: Rig, pulls: np.ndarray) -> np.ndarray:
-    """Return the coordinates after each sample, by the plant's kernel in Python."""
+def moved(rig: Rig, pulls: np.ndarray, truth: Rig | None = None, whole: bool = False) -> np.ndarray:
+    """Return the coordinates after each sample, by the plant's kernel in Python.
+
+    Args:
+        truth: with the numbers that are true from the first step on; default the rig.
+        whole: return all that the kernel puts out.
+    """
     made = c_plant(rig, "plant")
     n, nj = made.plant.n_bodies, made.plant.n_joints
     held = BodyInputs(np.zeros((1, n)), np.zeros((1, n)), np.zeros((1, n, 3)))
@@ -70,8 +80,26 @@ def moved(rig: Rig, pulls: np.ndarray) -> np.ndarray:
     rows = np.column_stack(
         [np.repeat(pulls, made.parts, axis=0), np.full(made.parts * len(pulls), made.interval / made.parts)]
     )
-    ys = kernel.scan(carry, rows, made.plant.parameters.values)[1]
-    return ys[made.parts - 1 :: made.parts, :nj]
+    ys = kernel.scan(carry, rows, Mechanism(truth or rig, remembers=True).parameters.values)[1]
+    return ys[made.parts - 1 :: made.parts, : None if whole else nj]
+
+
+def text(page: Page, name: str) -> str:
+    return str(page.value(f"document.getElementById('{name}').textContent"))
+
+
+def set_by_hand(page: Page, value: str, name: str) -> None:
+    """Move a slider as a hand does: with its event."""
+    page.value(
+        f"(() => {{ const one = document.querySelector('input[name={name}]'); one.value = {value}; "
+        "one.dispatchEvent(new Event('input')); }})()".replace("}}", "}")
+    )
+
+
+def choose(page: Page, joint: int) -> None:
+    """Show a joint in the curves."""
+    page.value(f"document.getElementById('joint').value = '{joint}'")
+    page.value("document.getElementById('joint').dispatchEvent(new Event('change'))")
 
 
 @pytest.mark.compiled
@@ -113,9 +141,8 @@ def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Pat
     names, nj = [joint.name for joint in rig.joints], len(rig.joints)
     assert len(torques) == sum(joint.external_torque.std > 0 for joint in rig.joints)
     for k, (_, _, joint) in enumerate(torques):
-        page.value(f"document.getElementById('joint').value = '{joint}'")
-        page.value("document.getElementById('joint').dispatchEvent(new Event('change'))")
-        page.value(f"{LOAD}.value = {LOAD}.max")
+        choose(page, joint)
+        set_by_hand(page, f"{LOAD}.max", "load")
         found = page.value("(lab.begin(), lab.run(3), { last: lab.last(), acted: lab.acted(), csv: lab.csv() })")
         row = np.array(found["last"][1 + 4 * nj + 3 * k :][:3])
         assert row[0] == found["acted"][joint] > 0.0
@@ -124,7 +151,201 @@ def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Pat
         at = external_torques_of(make_estimator("adaptive", rig))[names[joint]]
         assert row[1] == pytest.approx(known.means[-1, at], abs=1e-9)
         assert row[2] == pytest.approx(np.sqrt(known.variances[-1, at]), abs=1e-9)
-    page.value(f"{LOAD}.value = 0; lab.begin()")
+    set_by_hand(page, "0", "load")
+
+
+def times(rig: Rig, factor: float, *names: str) -> dict[str, object]:
+    """Return the numbers of a rig whose path ends with one of some names, times a factor."""
+    paths = [path for path in Mechanism(rig).parameters.names if re.search(rf"({'|'.join(names)})$", path)]
+    return {path: factor * number(rig, path).value for path in paths}
+
+
+def changed(rig: Rig, settings: dict[str, float]) -> Rig:
+    """Return the rig that is true: what sliders say, written down without looking at the page's list of numbers."""
+    friction = times(
+        rig, settings["friction"], r"friction\.(coefficient|constant|load)", r"hysteresis\.(constant|slope)"
+    )
+    stiffness = times(rig, settings["stiffness"], r"tendons\.\d+\.stiffness")
+    pretension = times(rig, settings["pretension"], r"pretension")
+    arms = times(rig, settings["arm"], r"(insertion|crossings\.\d+)\.(radius|offset|lever|arm)")
+    return rig.with_values({**friction, **stiffness, **pretension, **arms})
+
+
+ACT = """(() => {{ {first}; lab.begin(); const pulls = [];
+  for (let k = 0; k < {steps}; k++) {{ lab.run({interval}); pulls.push(lab.acted()); }}
+  const drawn = lab.drawn(), settings = {{}};
+  for (const one of document.querySelectorAll('input[type=range]'))
+    settings[one.name] = one.dataset.log === undefined ? Number(one.value) : 2 ** Number(one.value);
+  return {{ pulls, drawn, settings, csv: lab.csv() }}; }})()"""
+
+
+def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[str, float]:
+    """Act, and compare each number that is drawn after 5 s with Python's; return the sliders' values."""
+    interval, n, nj = 1 / max(sensor.rate for sensor in rig.sensors), len(rig.joints) + len(rig.drives), len(rig.joints)
+    found = page.value(ACT.format(first=first, steps=round(5.0 / interval), interval=interval))
+    (folder / "drawn.csv").write_text(found["csv"])
+    log = read_log(folder / "drawn.csv", rig)
+    known, plain = estimate(log, rig), estimate(log, rig, "inextensible")
+    pulls = np.array(found["pulls"])
+    whole = moved(rig, pulls, changed(rig, found["settings"]), whole=True)
+    truth, told, half = (
+        np.rad2deg(column[:, joint]) for column in (whole[:, :nj], known.angles[1:], BAND * known.angle_stds[1:])
+    )
+    rough = np.rad2deg(plain.angles[1:, joint])
+
+    def agree(drawn: list[list[float]], columns: list[np.ndarray]) -> None:
+        rows = np.array(drawn)
+        rows = rows[rows[:, 0] > 0.0]  # the first sample is before the first step
+        at = np.round(rows[:, 0] / interval).astype(int) - 1
+        assert len(at) > 100
+        np.testing.assert_allclose(rows[:, 1:], np.column_stack(columns)[at], atol=1e-9)
+
+    agree(found["drawn"]["angles"], [truth, told, rough, told - half, told + half])
+    agree(found["drawn"]["errors"], [told - truth, rough - truth, -half, half])
+    name = rig.joints[joint].name
+    torques = external_torques_of(make_estimator("adaptive", rig))
+    if name in torques:
+        touched, std = known.means[1:, torques[name]], np.sqrt(known.variances[1:, torques[name]])
+        agree(found["drawn"]["torque"], [pulls[:, joint], touched, touched - BAND * std, touched + BAND * std])
+    else:
+        assert found["drawn"]["torque"] == []
+    now, halves, true, tensions = found["drawn"]["pictured"]
+    np.testing.assert_allclose(now, known.angles[-1], atol=1e-9)
+    np.testing.assert_allclose(halves, BAND * known.angle_stds[-1], atol=1e-9)
+    np.testing.assert_allclose(true, whole[-1, :nj], atol=1e-9)
+    # a tendon of 20 kN/m turns 1e-13 m into 2e-9 N
+    np.testing.assert_allclose(tensions, whole[-1, 2 * n : 2 * n + len(rig.tendons)], rtol=1e-9, atol=1e-7)
+    return dict(found["settings"])
+
+
+@pytest.mark.compiled
+def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(page: Page, rig: Rig, folder: Path) -> None:
+    """Angle, band, torques true and told, and tensions, of each joint; what one experiment set the next one has not."""
+    page.value("lab.pause()")
+    for joint in range(len(rig.joints)):
+        choose(page, joint)
+        for k in range(page.value(f"{BUTTONS}.length")):
+            settings = compare(page, rig, folder, f"{BUTTONS}[{k}].click()", joint)
+            wanted = page.value(f"JSON.parse({BUTTONS}[{k}].dataset.set)")
+            for name, value in settings.items():
+                plain = {"load": 0.0, "range": 0.7, "speed": 0.15}.get(name, 1.0)
+                expected = wanted.get(name, 0.0) if name == "load" else 2 ** wanted[name] if name in wanted else plain
+                assert value == pytest.approx(expected, rel=0.02), name  # a slider moves in steps
+            assert page.value("document.querySelectorAll('input[type=checkbox]:checked').length") == len(
+                wanted.get("dead", [])
+            )
+            assert text(page, "why") == page.value(f"{BUTTONS}[{k}].dataset.why")
+            pressed = page.value(f"[...{BUTTONS}].map((one) => one.getAttribute('aria-pressed'))")
+            assert [one == "true" for one in pressed] == [i == k for i in range(len(pressed))]
+
+
+@pytest.mark.compiled
+def test_each_control_changes_what_is_true(page: Page, rig: Rig, folder: Path) -> None:
+    """Each slider alone, to one of its ends, against Python; what is set by hand is said and is no experiment any more."""
+    page.value("lab.pause()")
+    for name in page.value("[...document.querySelectorAll('input[type=range]')].map((one) => one.name)"):
+        if page.value(f"document.querySelector('input[name={name}]').closest('label').hidden"):
+            continue
+        page.value(f"{BUTTONS}[0].click()")
+        set_by_hand(page, f"document.querySelector('input[name={name}]').min", name)
+        label = page.value(f"document.querySelector('input[name={name}]').labels[0].firstChild.textContent").strip()
+        assert text(page, "why").startswith(f"Set by hand: {label}")
+        assert page.value("document.querySelectorAll('[aria-pressed=true]').length") == 0
+        settings = compare(page, rig, folder, "", len(rig.joints) - 1)
+        assert settings[name] not in (1.0, 0.7, 0.15)
+    page.value(f"{BUTTONS}[0].click()")
+
+
+@pytest.mark.compiled
+def test_an_experiment_leaves_nothing_to_the_next_one(page: Page, rig: Rig) -> None:
+    """After a load and a dead sensor for 10 s "As described" gives the numbers of a page just opened, to the last bit."""
+    page.value("lab.pause(); document.getElementById('seed').value = 1")
+    run = f"({BUTTONS}[0].click(), lab.run(4), lab.drawn())"
+    fresh = page.value(run)
+    page.value(f"{BUTTONS}[{BUTTONS}.length - 1].click(); lab.run(5)")
+    set_by_hand(page, f"{LOAD}.max", "load")
+    set_by_hand(page, "1", "speed")
+    page.value("lab.run(5)")
+    assert page.value(run) == fresh
+
+
+@pytest.mark.compiled
+def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, rig: Rig) -> None:
+    """At least 88 % of the first 15 s after a click, and of those after the first 3 s, for each joint and three seeds."""
+    page.value("lab.pause()")
+    interval, band = 1 / max(sensor.rate for sensor in rig.sensors), BAND
+    tried = 0
+    for k in range(page.value(f"{BUTTONS}.length")):
+        why = page.value(f"{BUTTONS}[{k}].dataset.why")
+        if "the band need not hold" in why or "is dead" in why:
+            continue
+        for joint in range(len(rig.joints)):
+            choose(page, joint)
+            for seed in (1, 2, 3):
+                rows = page.value(
+                    f"(() => {{ document.getElementById('seed').value = {seed}; {BUTTONS}[{k}].click(); const rows = []; "
+                    f"for (let i = 0; i < {round(15 / interval)}; i++) {{ lab.run({interval}); rows.push(lab.last()); }} "
+                    "return rows; })()"
+                )
+                kept = np.array([[np.nan if x is None else x for x in row] for row in rows])
+                true, told, stds = (kept[:, 1 + 4 * joint + what] for what in range(3))
+                inside = np.abs(told - true) <= band * stds
+                assert min(inside.mean(), inside[kept[:, 0] > 3.0].mean()) >= 0.88, (why, joint, seed)
+                tried += 1
+    page.value("document.getElementById('seed').value = 1")
+    assert tried >= 3 * len(rig.joints)
+
+
+def test_a_screen_reader_is_spoken_to_every_five_seconds_at_most(page: Page) -> None:
+    """Clicks and sliders without pause for 12 s: one live region, whose text changes at most every 5 s."""
+    assert page.value("document.querySelectorAll('[aria-live], [role=status], [role=alert]').length") == 1
+    page.value("document.getElementById('play').textContent === 'Pause' || document.getElementById('play').click()")
+    page.value(
+        "lab.heard = []; new MutationObserver(() => lab.heard.push([performance.now(), "
+        "document.getElementById('live').textContent])).observe(document.getElementById('live'), {childList: true})"
+    )
+    begun = time.monotonic()
+    while time.monotonic() - begun < 12.0:
+        page.value(f"{BUTTONS}[1].click()")
+        set_by_hand(page, "1", "friction")
+        time.sleep(0.1)
+    heard = page.value("lab.heard")
+    assert 2 <= len(heard) <= 3
+    assert np.diff([stamp for stamp, _ in heard]).min() >= 4900.0
+    assert any("Set by hand" in said or "Without a sensor" in said or "first second" in said for _, said in heard)
+
+
+def test_slow_motion_is_said(page: Page) -> None:
+    """On a processor that is made slow the page says at which share of real time it moves, and stays usable."""
+    page.value("document.getElementById('play').textContent === 'Pause' || document.getElementById('play').click()")
+    page.value(f"{BUTTONS}[0].click()")
+    time.sleep(2.5)
+    assert text(page, "pace") == ""
+    page.value("lab.slow = performance.now; performance.now = () => 60 * lab.slow.call(performance)")
+    page.ask("Emulation.setCPUThrottlingRate", rate=60)
+    time.sleep(6.0)
+    said = text(page, "pace")
+    page.ask("Emulation.setCPUThrottlingRate", rate=1)
+    page.value("performance.now = lab.slow")
+    assert re.fullmatch(r"Slow motion: this computer reaches 0\.\d+ of real time\.", said), said
+    time.sleep(3.0)
+    assert text(page, "pace") == ""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1400, 900), (400, 800)])
+def test_the_sliders_are_beside_the_curves_and_the_verdict(path: Path, width: int, height: int) -> None:
+    """In a wide window all sliders of what is true and two curves are seen at once, on a telephone a slider and the verdict."""
+    box = "(id) => (({top, bottom}) => [top, bottom])(document.getElementById(id).getBoundingClientRect())"
+    with opened(path, "", width, height) as page:
+        time.sleep(1.0)
+        if width == 400:
+            page.value("document.getElementById('set-load').scrollIntoView({block: 'center'})")
+            time.sleep(0.5)
+        seen = ("verdict", "set-load") if width == 400 else ("verdict", "set-friction", "set-load", "angles", "errors")
+        for name in seen:
+            top, bottom = page.value(f"({box})('{name}')")
+            assert top >= 0.0, name
+            assert bottom <= height, name
 
 
 @pytest.mark.compiled

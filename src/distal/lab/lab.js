@@ -19,12 +19,12 @@
   // what is kept of each sample: time, true angles, angles and stds told, inextensible angles, torques true and told
   const torques = data.torques.map(([value, std, joint]) => [at(value), at(std), joint]);
   const width = 1 + 4 * nj + 3 * torques.length, KEPT = Math.ceil(data.window / interval);
-  const kept = new Float64Array(width * KEPT), readings = [];
-  let count = 0, nominal = null, hand = null, playing = true, joint = nj - 1, work = 0, frames = 0, broken = false;
+  const kept = new Float64Array(width * KEPT), readings = [], { most } = data.shape;
+  let count = 0, nominal = null, hand = null, playing = true, joint = nj - 1, loaded = joint, frames = 0, broken = false;
 
   const settings = Object.fromEntries([...lab.querySelectorAll("input[type=range]")].map((input) => [input.name, input]));
   const setting = (name) => (settings[name].dataset.log !== undefined ? 2 ** Number(settings[name].value) : Number(settings[name].value));
-  const said = (name) => { const x = setting(name), unit = settings[name].dataset.unit; return unit === "×" ? `${x.toFixed(2)} ×` : `${+x.toPrecision(2)} ${unit}`; };
+  const said = (name) => { const x = setting(name), unit = settings[name].dataset.unit; return unit === "×" ? `${x.toFixed(x < 2 ? 2 : 1)} ×` : `${+x.toPrecision(2)} ${unit}`; };
 
   // x(θ) of the drives: what stands still at each joint's angle, added up over the joints
   function places(angles) {
@@ -48,7 +48,7 @@
     }
     for (let j = 0; j < nj; j++) {
       const held = hand && hand.joint === j;
-      effort[j] = j === joint ? setting("load") : 0;
+      effort[j] = j === loaded ? setting("load") : 0;
       stiffness[j] = held ? data.hand[0] : 0; damping[j] = held ? data.hand[1] : 0; target[j] = held ? hand.angle : 0;
     }
     for (const [name, indices] of Object.entries(data.factors)) for (const i of indices) numbers[i] = nominal[i] * setting(name);
@@ -67,7 +67,7 @@
     count += 1;
   }
   function begin() {
-    count = 0; readings.length = 0; broken = false;
+    count = 0; readings.length = 0; broken = false; hand = null; data.shape.most = most;
     dead.fill(0);  // the first sample fills what has no prior
     wasm.lab_begin(Number(by("seed").value) >>> 0);
     nominal = nominal || Float64Array.from(numbers);
@@ -93,8 +93,10 @@
   // curves over time
   function curves(id, unit) {
     const canvas = by(id), pen = canvas.getContext("2d"), left = 56, bottom = 18;
-    let box = { width: 1, height: 1 };
+    let box = { width: 1, height: 1 }, drawn = [];
     return {
+      // time and every number of what was drawn, for each column of it
+      numbers: () => drawn[0].map((row) => [kept[row], ...drawn[1].map((line) => line[0](row)), ...drawn[2].flat().map((edge) => edge(row))]),
       fit() {
         const ratio = window.devicePixelRatio || 1;
         box = canvas.getBoundingClientRect();
@@ -108,6 +110,7 @@
         let low = Infinity, top = -Infinity;
         const rows = [];
         for (let k = first - (first % every) + (first % every ? every : 0); k < count; k += every) rows.push(width * (k % KEPT));
+        drawn = [rows, lines, bands];
         for (const row of rows) for (const value of [...lines.map((l) => l[0]), ...bands.flat()]) {
           const y = value(row);
           if (y < low) low = y;
@@ -155,22 +158,31 @@
   }
   const angles = curves("angles", "angle [°]"), errors = curves("errors", "error [°]");
   const touch = torques.length ? curves("torque", "torque [N m]") : null, plots = [angles, errors, ...(touch ? [touch] : [])];
+  let pictured = [];
 
   function draw() {
     const halves = each(2).map((std) => data.band * std), tensions = [...truth.subarray(tensionsAt, tensionsAt + data.tendons.length)];
     data.shape.most = Math.max(data.shape.most, ...tensions.filter((x) => x < 1e4));
-    picture.draw(each(1), halves, each(0), tensions);
+    pictured = [each(1), halves, each(0), tensions];
+    picture.draw(...pictured);
     const of = (what, scale = 1 / DEGREE) => (row) => kept[row + 1 + 4 * joint + what] * scale;
     const half = (row) => (data.band * kept[row + 1 + 4 * joint + 2]) / DEGREE;
     const plain = [of(3), data.colours.plain, 1.5, [5, 3]];
     angles.draw([[of(0), colours.ink, 2, []], [of(1), colours.estimate, 1.5, []], ...(data.plain ? [plain] : [])], [[(r) => of(1)(r) - half(r), (r) => of(1)(r) + half(r)]], 10);
     const off = (what) => (row) => of(what)(row) - of(0)(row);
     errors.draw([[off(1), colours.estimate, 1.5, []], ...(data.plain ? [[off(3), data.colours.plain, 1.5, [5, 3]]] : [])], [[(r) => -half(r), half]], 2);
-    if (touch) {
-      const base = 1 + 4 * nj + 3 * Math.max(torques.findIndex((t) => t[2] === joint), 0);
+    const touched = torques.findIndex((t) => t[2] === joint);
+    if (touched >= 0) {
+      const base = 1 + 4 * nj + 3 * touched;
       const value = (k) => (row) => kept[row + base + k], reach = (row) => data.band * kept[row + base + 2];
       touch.draw([[value(0), colours.ink, 2, []], [value(1), colours.estimate, 1.5, []]], [[(r) => kept[r + base + 1] - reach(r), (r) => kept[r + base + 1] + reach(r)]], 0.01 * data.loadMost);
     }
+  }
+  // a screen reader hears what an action brought and then the verdict, or a change of health; at most every 5 s
+  let toSay = [], heard = "", silentUntil = 0;
+  function speak(stamp) {
+    if (!toSay.length || stamp < silentUntil) return;
+    by("live").textContent = toSay.splice(0, 1).map((id) => by(id).textContent)[0]; silentUntil = stamp + 5000;
   }
   // numbers and words, four times a second
   function tell() {
@@ -187,24 +199,30 @@
     const word = data.health[told[at("health")]] || ["", ""];
     by("health").textContent = `${word[0]}: ${word[1]}`; by("health").className = word[0] === "ok" || word[0] === "untested" ? "yes" : "no";
     by("most").textContent = data.shape.most.toPrecision(2); by("clock").textContent = `${(count * interval).toFixed(1)} s`;
-    if (n) {
-      const compared = data.plain ? ` Taken as inextensible, the tendons are wrong by up to ${degrees(plainWorst)}.` : "";
-      by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : `Without a sensor in ${names[joint]}, its angle is ${angle(joint, 2) < Math.PI / 2 ? `known to ± ${degrees(data.band * angle(joint, 2))}` : "not known"}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
-    }
+    const compared = data.plain ? ` Tendons taken as inextensible: wrong by up to ${degrees(plainWorst)}.` : "";
+    by("verdict").textContent = broken ? "The motion left all bounds; press Begin anew." : !n ? "The first second, in which the filter finds its zero." : `Without a sensor in ${names[joint]}, its angle is ${angle(joint, 2) < Math.PI / 2 ? `known to ± ${degrees(data.band * angle(joint, 2))}` : "not known"}. In the last ${Math.min(data.window, Math.round(count * interval))} s it was wrong by ${degrees(Math.sqrt(square / n))} (RMS) and at most ${degrees(worst)}, and the band contained the truth for ${Math.round((100 * inside) / n)} % of the time.${compared}`;
+    if (word[0] !== heard && count > 1) { heard = word[0]; if (!toSay.includes("health")) toSay.push("health"); }
     for (const name of Object.keys(settings)) { by(`${name}-said`).textContent = said(name); settings[name].setAttribute("aria-valuetext", said(name)); }
   }
 
-  let before = null, due = 0, spoken = -1e9;
+  let before = null, due = 0, spoken = -1e9, wall = 0, moved = 0;
   function frame(stamp) {
     const begun = performance.now();
     if (playing && !broken) {
-      due += before === null ? 0 : Math.min((stamp - before) / 1000, 0.1);
-      while (due >= interval && !broken) { step(); due -= interval; }
+      const gap = before === null ? 0 : (stamp - before) / 1000;
+      due += Math.min(gap, 0.1);
+      // a frame that computes for longer than this is not fluent: then the motion is slower than real time
+      while (due >= interval && !broken && performance.now() - begun < 50) { step(); due -= interval; moved += interval; }
+      due = Math.min(due, 0.1); wall += gap;
+      if (wall >= 1) {
+        by("pace").textContent = moved < 0.9 * wall ? `Slow motion: this computer reaches ${(moved / wall).toPrecision(1)} of real time.` : "";
+        wall = moved = 0;
+      }
     }
     before = stamp;
     draw();
-    if (stamp - spoken > 250) { spoken = stamp; tell(); }
-    work += performance.now() - begun; frames += 1;
+    if (stamp - spoken > 250) { spoken = stamp; tell(); speak(stamp); }
+    frames += 1;
     lab.dataset.frames = frames;
     (lab.times = lab.times || []).push(performance.now() - begun);
     if (lab.times.length > 600) lab.times.shift();
@@ -238,14 +256,33 @@
 
   by("play").addEventListener("click", () => { playing = !playing; by("play").textContent = playing ? "Pause" : "Go on"; });
   by("again").addEventListener("click", () => { begin(); tell(); });
-  by("joint").addEventListener("change", (e) => { joint = Number(e.target.value); tell(); });
-  for (const button of lab.querySelectorAll("button[data-set]"))
+  function choose(j) {
+    joint = j;
+    if (setting("load") === 0) loaded = j;
+    if (touch) { by("torque").closest("figure").hidden = !torques.some((t) => t[2] === j); touch.fit(); }
+    tell();
+  }
+  by("joint").addEventListener("change", (e) => choose(Number(e.target.value)));
+  // what is set by hand is no experiment any more
+  function byHand(input) {
+    if (input.name === "load") loaded = joint;
+    const named = (one) => `${one.labels[0].firstChild.textContent.trim()}${one.name === "load" ? ` (${names[loaded]})` : ""} ${said(one.name)}`;
+    const changed = Object.values(settings).filter((one) => one.value !== one.defaultValue).map(named);
+    const unplugged = data.read.filter((i) => by(`dead-${i}`).checked).map((i) => `${sensors[i]} dead`);
+    for (const button of experiments) button.setAttribute("aria-pressed", "false");
+    by("why").textContent = changed.length + unplugged.length ? `Set by hand: ${[...changed, ...unplugged].join(", ")}.` : "As the rig file says again. The filter goes on with what it has learned; Begin anew resets it.";
+    toSay = ["verdict"]; tell();
+  }
+  // an experiment begins anew: plant and filter from the start, and nothing is left of another one
+  const experiments = [...lab.querySelectorAll("button[data-set]")];
+  for (const button of experiments)
     button.addEventListener("click", () => {
       const wanted = JSON.parse(button.dataset.set);
-      for (const input of Object.values(settings)) if (input.dataset.kept === undefined) input.value = input.defaultValue;
+      for (const input of Object.values(settings)) input.value = wanted[input.name] ?? input.defaultValue;
       for (const i of data.read) by(`dead-${i}`).checked = (wanted.dead || []).includes(i);
-      for (const [name, value] of Object.entries(wanted)) if (settings[name]) settings[name].value = value;
-      by("why").textContent = button.dataset.why; tell();
+      for (const one of experiments) one.setAttribute("aria-pressed", String(one === button));
+      loaded = joint; by("why").textContent = button.dataset.why; by("saved").textContent = "";
+      toSay = ["why", "verdict"]; begin(); tell();
     });
   function csv() {
     const lines = [data.columns.map((c) => (/[",]/.test(c) ? `"${c.replaceAll('"', '""')}"` : c)).join(",")];
@@ -256,17 +293,19 @@
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([csv()], { type: "text/csv" })); link.download = "lab.csv"; link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-    by("why").textContent = `Saved ${readings.length < count ? `the first ${data.longest} s` : `${readings.length} samples, from the beginning`}; ${data.command}`;
+    by("saved").textContent = `Saved ${readings.length < count ? `the first ${data.longest} s` : `${readings.length} samples, from the beginning`}; ${data.command}`;
   });
   window.addEventListener("resize", fitted);
-  for (const input of Object.values(settings)) input.addEventListener("input", tell);
+  for (const input of [...Object.values(settings), ...data.read.map((i) => by(`dead-${i}`))]) input.addEventListener("input", () => byHand(input));
 
   // what a test needs: run on without waiting, and say what was kept
   lab.run = (seconds) => { for (const end = count + Math.round(seconds / interval); count < end; ) step(); };
   lab.begin = begin; lab.csv = csv; lab.pause = () => { playing = false; };
   lab.last = () => [...kept.subarray(width * ((count - 1) % KEPT)).subarray(0, width)];
   lab.acted = () => [...pull];
-  begin(); fitted(); draw(); tell();
+  lab.drawn = () => { draw(); return { angles: angles.numbers(), errors: errors.numbers(), torque: touch && !by("torque").closest("figure").hidden ? touch.numbers() : [], pictured }; };
+  by("why").textContent = experiments[0].dataset.why;
+  begin(); choose(joint); fitted(); draw();
   lab.dataset.first = performance.now().toFixed(1);  // since the page was opened [ms]
   requestAnimationFrame(frame);
 })();

@@ -7,6 +7,7 @@ import json
 import re
 from html import escape
 from importlib import resources
+from math import inf, log, log1p
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from distal.logs import write_whole
 from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
 from distal.reports.page import page, script_with
 from distal.results import COLOURS
-from distal.rig import Rig, angle_names, log_factor, std_name
+from distal.rig import Rig, angle_names, log_factor, number, std_name
 from distal.run.health import HEALTH
 from distal.simulation.inputs import BodyInputs
 from distal.simulation.plant import equilibrium
@@ -48,14 +49,13 @@ LABELS = {"friction": "friction", "stiffness": "tendon stiffness", "pretension":
 
 EXPERIMENTS = {
     "As described": "Everything is as the rig file says: the band is as wide as what the file leaves unknown.",
-    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns how much, if its prior "
-    "allows it.",
+    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns how much, as far as its "
+    "prior allows.",
     "Soft tendons": "Tendons half as stiff stretch twice as far: that is what inextensible tendons leave out.",
-    "Hang a load on": "A constant torque pulls the joint. If the rig file allows no torque from outside, the filter takes "
-    "it for friction or for something else.",
-    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. Where the file says that "
-    "they are known better, the band is too narrow. Then a reference is needed once, to fit.",
-    "Unplug a sensor": f"The first sensor is dead. After {DEAD:g} s the health says so, and the band grows: what the "
+    "Hang a load on": "A constant torque pulls the joint. What is not declared is taken for friction or something else.",
+    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. A reference is needed once, "
+    "to fit.",
+    "Unplug a sensor": f"$sensor$ is dead. After {DEAD:g} s the health says so, and the band grows: what the "
     "sensor told is not known any more.",
 }
 """What to look at in an experiment."""
@@ -65,6 +65,9 @@ SWING = 0.5
 
 POSTURES = 17
 """Angles of each joint at which the places of the drives are computed."""
+
+ALLOWED = 2.0
+"""A rig file allows for a truth that is off by at most so many of its standard deviations."""
 
 STIFF = 20.0
 """Stiffness of the drives' position loops, in that of their tendons."""
@@ -202,9 +205,9 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
         present = bool(constants["factors"][name]) or (name == "pretension" and any(constants["effort"]))
         reach = 0.3 if name == "arm" else 2.0  # a power of two
         sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
-    sliders.append(_slider("load", "torque on the joint in the curves", (-most, most, 0.0), "N m"))
-    motion = _slider("range", "range", (0.0, 1.0, 0.7), "", "data-kept")
-    motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz", "data-kept")
+    sliders.append(_slider("load", "load torque", (-most, most, 0.0), "N m"))
+    motion = _slider("range", "range", (0.0, 1.0, 0.7), "")
+    motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz")
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
@@ -212,8 +215,9 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
     plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
     blanks = {
         "experiments": "".join(
-            f"<button type='button' data-set='{escape(json.dumps(settings))}' data-why='{escape(why)}'>{name}</button>"
-            for name, settings, why in _experiments(constants)
+            f"<button type='button' aria-pressed='{str(not settings).lower()}' data-set='{escape(json.dumps(settings))}' "
+            f"data-why='{escape(why)}'>{name}</button>"
+            for name, settings, why in _experiments(rig, module, constants)
         ),
         "scale": tension_scale("<span id='most'></span> N"),
         "rows": "".join(
@@ -254,7 +258,7 @@ def _slider(
     )
 
 
-def _experiments(constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
+def _experiments(rig: Rig, module: LabModule, constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried with a rig: a name, the settings, and what to look at."""
     settings: dict[str, dict[str, Any]] = {
         "As described": {},
@@ -266,4 +270,28 @@ def _experiments(constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], s
     }
     factors = constants["factors"]
     possible = [name for name, changes in settings.items() if all(factors.get(key, [0]) for key in changes)]
-    return [(name, settings[name], EXPERIMENTS[name]) for name in possible]
+    dead = {"sensor": ", ".join(constants["sensors"][i] for i in constants["read"][:1])}
+    return [
+        (name, settings[name], filled(EXPERIMENTS[name], dead) + _allowed(rig, module, constants, settings[name]))
+        for name in possible
+    ]
+
+
+def _allowed(rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]) -> str:
+    """Return in words whether the rig file's stds allow for a change of what is true: whether the band should hold."""
+    factor = next((key for key in changes if key in LABELS), None)
+    if factor is not None:
+        numbers = [number(rig, module.plant.numbers[i]) for i in constants["factors"][factor]]
+        share = min(one.std / abs(one.value) for one in numbers if one.value)
+        stds = abs(changes[factor]) * log(2.0) / log1p(share) if share else inf
+        known = f"{LABELS[factor]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"
+    elif "load" in changes:
+        std = min(joint.external_torque.std for joint in rig.joints)
+        stds = changes["load"] / std if std else inf
+        known = f"a torque from outside as {f'± {std:.2g} N m' if std else 'none'}"
+    else:
+        return ""
+    if stds <= ALLOWED:
+        return " The rig file allows for that, and the band should hold."
+    off = "" if stds == inf else f" This is {stds:.0f} standard deviations off."
+    return f" The rig file takes {known}, so the band need not hold the truth.{off}"
