@@ -141,6 +141,12 @@ def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
     return Finding("against the truth", joint, text)
 
 
+def errs_inside(joint: str, rms: float, share: float) -> Finding:
+    """Return that the band holds the truth for a `share` of the samples, but a joint errs by `rms` [rad]."""
+    text = f"the band holds the truth ({100 * share:.0f} %), but {joint} errs by {np.rad2deg(rms):.2g}° RMS"
+    return Finding("errs inside", joint, text)
+
+
 def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
     """Return what a drive's readings look like that are `factor` times as large as joints and `gear` ask for."""
     if factor < 0:
@@ -162,7 +168,8 @@ def like_a_compliance(factor: float, drive: str) -> str:
     """Return what a force looks like that stretches the tendons of a drive `factor` times as far as the rig says."""
     if factor < 0:
         return "as if its sign were wrong"
-    return f"as if it stretched the tendons of {drive} {factor:.2g} times as far: their stiffness, or the force's scale"
+    times = f"as if it stretched the tendons of {drive} {factor:.2g} times as far"
+    return f"{times}: their stiffness, its scale, or friction in it"
 
 
 def like_a_delay(delay: float) -> str:
