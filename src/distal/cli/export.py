@@ -82,6 +82,7 @@ def fmu_command(
     out: Annotated[Path, Option(help="The file, which ends in .fmu.")],
     estimator: ExportedOption = "adaptive",
     name: NameOption = None,
+    here: Annotated[bool, Option("--here", help="A binary for this platform alone.")] = False,
     set_: SetOption = None,
 ) -> None:
     """Write an estimator of a rig as an FMU (FMI 3.0, co-simulation): for Simulink, OpenModelica, Dymola and others."""
@@ -90,10 +91,13 @@ def fmu_command(
 
     check_outputs(to_file("--out", out), rig=rig)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
-    fmu = export_fmu(load_rig(rig, set_ or ()), out, estimator, name)
+    described = load_rig(rig, set_ or ())
+    if not here:
+        say("compiling; with ziglang for all platforms, which takes a minute or two the first time ...")
+    fmu = export_fmu(described, out, estimator, name, everywhere=not here)
     rows = [("inputs, NaN where missing", ", ".join(fmu.inputs)), ("outputs", ", ".join(fmu.outputs))]
     rows += [("step", f"{fmu.exported.interval:g} s"), ("binaries", ", ".join(fmu.platforms) or "none")]
     table(f"{fmu.exported.estimator} for {fmu.exported.rig}, FMI 3.0 co-simulation", ["what", "which"], rows)
     if fmu.without:
-        warn(f"no binary: {fmu.without}")
+        warn(f"no {'other ' * bool(fmu.platforms)}binary: {fmu.without}")
     say(f"wrote {out}; for other platforms a tool builds it from the sources in it")
