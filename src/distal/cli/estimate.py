@@ -16,6 +16,7 @@ from distal.cli.options import (
     RigOption,
     SetOption,
     TruthOption,
+    UnitOption,
     estimators,
     joint_angle,
     seconds,
@@ -84,7 +85,7 @@ def estimate_command(
     what_if: Annotated[
         bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
     ] = True,
-    unit: Annotated[str, Option(help="Of the angles in --out: rad or deg.")] = "rad",
+    unit: UnitOption = "rad",
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
@@ -94,14 +95,12 @@ def estimate_command(
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
     from distal.logs import file_of, read_log, true_angles, write_together
-    from distal.results import ANGLE_UNITS, PANELS, check_panels, plot_kind
+    from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import load_rig
     from distal.run import smooth as smoothed
 
     if out is None and (unit != "rad" or every):
         raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
-    if unit not in ANGLE_UNITS:
-        raise EstimationError(f"--unit {unit}: angles are written in {' or '.join(ANGLE_UNITS)}")
     home = seconds(homing)
     if len(logs) > 1:
         _check_for_many(len(logs), homing_angle, plot, smooth, passes, estimator)
