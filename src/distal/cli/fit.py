@@ -158,9 +158,8 @@ def _say(result: Fit) -> None:
     determined = [number for number in result.fitted if number.identified and not number.noise]
     undetermined = [number.name for number in result.fitted if not number.identified]
     rows = [(number.name, *number.sizes) for number in determined[:MOST_ROWS]]
-    count = f"{len(result.logs)} log{'s' if len(result.logs) > 1 else ''}"
     if rows:
-        table(f"fitted to {count}, {result.duration:.0f} s", ["number", "rig file", "fitted", "unit"], rows)
+        table(f"fitted to {result.learned_from}", ["number", "rig file", "fitted", "unit"], rows)
     if len(determined) > MOST_ROWS:
         say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
     if undetermined:
