@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from distal.cli.console import failure, say, table
+from distal.cli.console import failure, say, table, working
 from distal.cli.options import (
     MemoryOption,
     PlotOption,
@@ -128,12 +128,14 @@ def estimate_command(
     if smooth:
         if home is not None:
             raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
-        results.insert(0, smoothed(log, description))
+        with working("smoothing"):
+            results.insert(0, smoothed(log, description))
     files: dict[Path, bytes | str] = {}
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
     if plot is not None:
-        files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
+        with working("drawing"):
+            files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
     write_together(files)
     if is_known:
         read = "not read" if homing_angle else "used"
@@ -202,12 +204,14 @@ def _estimates(
     missing = comparing and rig.affine is None and home is None and "affine" in names
     results, failed = list["Estimate"](), {"affine": f"affine {NEEDS}"} if missing else {}
     lost: DistalError | None = None
-    for name in (name for name in names if name not in failed):
-        try:
-            results.append(estimate(log, rig, name, passes, homing=home))
-        except DistalError as problem:
-            failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
-            lost = lost or (problem if name == names[0] else None)
+    with working("estimating") as show:
+        for name in (name for name in names if name not in failed):
+            show(f"estimating with {name}")
+            try:
+                results.append(estimate(log, rig, name, passes, homing=home))
+            except DistalError as problem:
+                failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+                lost = lost or (problem if name == names[0] else None)
     if lost is not None:
         if is_known and results:
             _compare(results, failed)
@@ -219,7 +223,8 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     """Return the error that an estimate left all bounds, with what would explain it, if anything does."""
     from distal.diagnosis import why_diverged
 
-    found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
+    with working("looking for what made the estimate leave all bounds"):
+        found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
     return DivergedError(f"{found}: {problem}") if found else problem
 
 
@@ -245,7 +250,9 @@ def _say(
         if note != final.unseen:
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
-    say(diagnose(final, log, rig, home, what_if=what_if).text)
+    with working("testing what the log says of the rig"):
+        told = diagnose(final, log, rig, home, what_if=what_if).text
+    say(told)
     for path in filter(None, written):
         say(f"wrote {path}")
     if final.unseen is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -132,7 +133,9 @@ def _progress() -> Iterator[Callable[[Doing], None]]:
 
     printed = began = time.monotonic()
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
-    with Progress(*columns, console=err(), transient=True, disable=not err().is_terminal) as bar:
+    with Progress(
+        *columns, console=err(), transient=True, disable=not err().is_terminal, redirect_stdout=sys.stdout.isatty()
+    ) as bar:
         task = bar.add_task("fitting", total=1.0)
 
         def show(doing: Doing) -> None:

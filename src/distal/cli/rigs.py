@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import say, table, warn
+from distal.cli.console import say, table, warn, working
 from distal.cli.options import RigArgument, SetOption
 from distal.cli.paths import check_outputs, to_file
 from distal.errors import OutputError
@@ -102,7 +102,9 @@ def draw_command(
 
     plot_kind(out)
     check_outputs(to_file("--out", out), rig=rig)
-    save_figure(draw_rig(load_rig(rig, set_ or ())), out)
+    description = load_rig(rig, set_ or ())
+    with working("drawing"):
+        save_figure(draw_rig(description), out)
     say(f"wrote {out}")
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import warn
+from distal.cli.console import warn, working
 from distal.cli.options import EstimatorOption, RigOption, SetOption, UnitOption
 from distal.cli.paths import check_outputs, to_file
 from distal.errors import LogError, OutputError, printable
@@ -71,7 +71,8 @@ def stream_command(
         raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
     check_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
     described = load_rig(rig, set_ or ())
-    live = LiveEstimator(described, estimator)
+    with working("preparing the filter"):
+        live = LiveEstimator(described, estimator)
     monitor, reader = Monitor(live), MessageReader(described, live.channels)
     with ExitStack() as stack:
         source = stack.enter_context(_bound(udp)) if udp is not None else None
