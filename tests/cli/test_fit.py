@@ -36,11 +36,17 @@ def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tm
     out, report = tmp_path / "fitted.toml", tmp_path / "report"
     ran = run("fit", *logs, "--rig", "paper-2008-printed", *SET, *FREE, "--out", out, "--report", report)
     assert ran.code == 0, ran.err
-    for said in ("stiffness of all tendons", "friction coefficient of joint", "N/mm", "fitted to 2 logs", "wrote"):
+    for said in (
+        "stiffness of all tendons",
+        "friction coefficient of joint",
+        "N/mm",
+        "fitted to 2 logs of 10 s in all",
+        "wrote",
+    ):
         assert said in ran.out
     assert len(ran.out.splitlines()) <= 25
     text = out.read_text()
-    assert text.startswith("# Fitted by `distal fit` to 2 logs (10 s)")
+    assert text.startswith("# Fitted by `distal fit` to 2 logs of 10 s in all")
     assert "# moment of inertia" in text or "# " in text.split("\n\n", 1)[1]  # the file's own comments stay
     fitted = load_rig(out)
     assert fitted.tendons[0].stiffness.value != 806.0

@@ -82,6 +82,35 @@ def test_csv_in_csv_out(run: Run, rig: Rig, log: Log, csv: str) -> None:
     assert "300 samples in" in err
 
 
+def test_angles_in_degrees(run: Run, csv: str, tmp_path: Path) -> None:
+    """As `distal estimate --unit deg`, in CSV and JSON; a recording stays in the units of its schema."""
+    mcap_reader = pytest.importorskip("mcap.reader")
+    radians = pl.read_csv(run(csv)[0].encode())
+    record = tmp_path / "run.mcap"
+    out, err, code = run(csv, "--unit", "deg", "--record", str(record))
+    assert code == 0, err
+    rows = pl.read_csv(out.encode())
+    for name in ("theta", "theta_std"):
+        np.testing.assert_allclose(rows[f"{name} [deg]"], np.rad2deg(radians[f"{name} [rad]"]), rtol=1e-12)
+    first = json.loads(run(csv, "--unit", "deg", "--json")[0].splitlines()[0])
+    assert first["theta"] == rows["theta [deg]"][0]
+    with record.open("rb") as file:
+        (_, _, first), *_ = mcap_reader.make_reader(file).iter_messages("distal/estimate")
+    assert json.loads(first.data)["theta"] == pytest.approx(radians["theta [rad]"][0], rel=1e-12)
+    assert run(csv, "--unit", "grad")[1:] == ("error: --unit grad: angles are written in rad or deg\n", 2)
+
+
+def test_all_joints_of_a_chain_in_degrees() -> None:
+    command = [sys.executable, "-m", "distal", "stream", "--rig", "finger-underactuated", "--unit", "deg"]
+    text = "time,phi_flexor,tau_flexor\n0,0.1,0.01\n"
+    head, row = subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout.splitlines()
+    units = dict(zip(head.split(","), row.split(",")))
+    angles = [name for name in units if name.startswith("theta_")]
+    assert len(angles) == 6
+    assert all(name.endswith(" [deg]") for name in angles)
+    assert float(units["theta_mcp_std [deg]"]) == pytest.approx(3.0, rel=0.5)  # the rig file's 3° at first
+
+
 @pytest.mark.slow
 def test_a_process_of_its_own_says_the_same(run: Run, csv: str) -> None:
     out, err, code = own_process(csv)

@@ -101,7 +101,7 @@ def test_a_product_is_named(rig: Rig) -> None:
         ("joints.0.friction.coefficient", "joints.0.friction.radius"),
         noise=False,
     )
-    assert any("only as a product" in line and "friction radius" in line for line in found.combinations)
+    assert any("only the product of" in line and "friction radius" in line for line in found.combinations)
 
 
 @pytest.mark.slow

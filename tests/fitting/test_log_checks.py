@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any, cast
 
@@ -31,6 +32,19 @@ def test_a_drive_that_is_held_in_one_log_and_moves_in_another(rig: Rig) -> None:
     one, whole = log_of("held", 0, 0), log_of("held", 0, 3)
     check_logs([held(one, "phi1", "tau1"), whole], rig)
     check_logs([held(one, "phi1"), whole], rig)  # its motor still holds against the others
+
+
+@pytest.mark.parametrize("source", ["", "column 'encoder'"])
+def test_a_truth_of_the_wrong_sign_is_named_with_where_it_is_from(source: str) -> None:
+    """A log built in Python may not say where: then nothing stands in brackets."""
+    rig = load_rig("template")
+    time = np.arange(0.0, 10.0, 0.01)
+    stroke, arm = 3e-3 * np.sin(time), 0.01
+    channels = {"x1": stroke, "x2": -stroke, "u1": 20.0 + 0 * time, "u2": 20.0 + 0.1 * stroke}
+    log = Log(time, channels, {"theta": -stroke / arm}, "mine.csv", truth_source=source)
+    named = f" ({source})" if source else ""
+    with pytest.raises(FitError, match=re.escape(f"mine.csv: the truth{named} moves against the drives")):
+        check_logs([replace(log, channels={**channels, "u1": 20.0 + stroke})], rig)
 
 
 @pytest.mark.parametrize("dead", [("tau0",), ("phi1",)])

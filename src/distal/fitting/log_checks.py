@@ -132,7 +132,7 @@ def _constant(log: Log, name: str) -> bool:
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
     """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
     has_truth = np.isfinite(truth)
-    subject = f"{log.source}: the truth ({log.truth_source})"
+    subject = f"{log.source}: the truth" + (f" ({log.truth_source})" if str(log.truth_source) else "")
     if has_truth.sum() < 10:
         raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
