@@ -14,12 +14,13 @@ import pytest
 from fmuloader.fmi3 import Fmi3Slave
 from typer.testing import CliRunner
 
-from distal import Log, Rig, load_scenario, scenario_rig, simulate
+from distal import LiveEstimator, Log, Rig, load_rig, load_scenario, scenario_rig, simulate
 from distal.cli.app import app
 from distal.estimators import make_estimator
 from distal.export import Fmu, export_fmu
 from distal.export.binaries import ZIG_TARGETS, this_platform
 from distal.run import samples_of
+from tests.estimators.test_discrepancy import made as discrepancy
 from tests.export.test_export import CC
 from tests.export.test_fmu import at_the_ends
 
@@ -126,6 +127,24 @@ def test_a_step_that_is_too_long_to_predict_keeps_the_last_outputs(one: Imported
     before = one.told("angle", "angle_std")
     one.step(0.0, 1e6, row)
     assert one.told("time", "angle", "angle_std") == (1e6, *before)
+
+
+def test_with_a_learned_map(tmp_path: Path) -> None:
+    """Before the first sample no map has spoken; a step's end is the map's too."""
+    rig = load_rig("capstan-joint").with_values({"discrepancy": discrepancy().model_dump()})
+    export_fmu(rig, tmp_path / "map.fmu", everywhere=False)
+    one, live = Imported(tmp_path / "map.fmu"), LiveEstimator(rig)
+    one.slave.enter_initialization_mode(start_time=0.0)
+    prior = live.runner.initial(0.0, np.full(2, np.nan))
+    assert one.told("angle", "angle_std") == pytest.approx((prior.mean[0], np.sqrt(prior.covariance[0, 0])), abs=1e-12)
+    for k in range(20):
+        time, row = 0.005 * k, np.array([0.3 * np.sin(0.1 * k), 0.02])
+        live.step(time, row)
+        end = live.clone()
+        end.step(time + 0.005, np.full(2, np.nan))
+        one.step(time, 0.005, row)
+        assert one.told("angle", "angle_std") == pytest.approx((end.angle, end.angle_stds[0]), abs=1e-9)
+    one.slave.free_instance()
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang")
