@@ -123,6 +123,12 @@ def looks_geared_at_least(subject: str, ratio: float) -> Finding:
     return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
 
 
+SCALE = "gear, spool, moment arm, unit or sign"
+COMPLIANCE = "stiffness, or the force's scale,"
+ZERO = "zero, or pre-tension,"
+"""What nothing proximal tells apart."""
+
+
 def cannot_test(subject: str) -> Finding:
     """Return the finding that no sensor tests this sensor, drive or number of the rig."""
     return Finding("cannot test", subject, f"{subject}: an error there changes the angle but no innovation")
