@@ -104,14 +104,14 @@ def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels:
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
     """Return the parts as one line, and what cannot be tested; what does not fit is left out and counted, a list is cut."""
-    line, cannot = parts[0], f"cannot test: {', '.join(beyond)}"
+    line, cannot = parts[0], f"cannot test: {'; '.join(beyond)}"
     more = [*parts[1:], cannot] if beyond else parts[1:]
     for k, part in enumerate(more):
         if len(line) + len(part) + 2 > LONGEST:
             room = LONGEST - len(line) - 10
-            cut = part[: max(room, 0)].rpartition(", ")[0]
+            cut = part[: max(room, 0)].rpartition("; ")[0]
             if cut and part is cannot:
-                return f"{line}; {cut}, …"
+                return f"{line}; {cut}; …"
             return f"{line}; and {len(more) - k} more"
         line = f"{line}; {part}"
     return line

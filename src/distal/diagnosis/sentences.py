@@ -124,8 +124,8 @@ def looks_geared_at_least(subject: str, ratio: float) -> Finding:
 
 
 SCALE = "gear, spool, moment arm, unit or sign"
-COMPLIANCE = "stiffness, or the force's scale,"
-ZERO = "zero, or pre-tension,"
+COMPLIANCE = "stiffness or the force's scale"
+ZERO = "zero or pre-tension"
 """What nothing proximal tells apart."""
 
 
