@@ -96,6 +96,14 @@ def test_degrees_and_all_states(run, log: Path, tmp_path: Path) -> None:
     assert (refused.code, refused.err) == (2, "error: --unit turns: angles are written in rad or deg\n")
 
 
+@pytest.mark.parametrize("name", ["est.xlsx", "est.mcap"])
+def test_no_csv_under_another_formats_name(run, log: Path, tmp_path: Path, name: str) -> None:
+    refused = run("estimate", log, "--rig", "paper-2008-printed", *SET, "-e", "inextensible", "--out", tmp_path / name)
+    assert refused.code == 2
+    assert refused.err.endswith(f"{name}: results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)\n")
+    assert not (tmp_path / name).exists()
+
+
 def test_both_sides_of_a_gear(run) -> None:
     """2000 counts in a turn of the motor are 0.18°, behind a gear of 30 they are 0.006°."""
     said = run("rig", "check", "lab-bench").out

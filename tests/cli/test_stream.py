@@ -311,6 +311,13 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
     assert answers[-1]["theta"] == pytest.approx(estimate(log, rig).theta[59], abs=0.1)
 
 
+def test_a_stream_without_its_header_says_what_the_first_line_lacks(run: Run) -> None:
+    """Not what the last row of numbers lacks as a header."""
+    out, err, code = run("ms,x_1\n0,1.5\n10,2.5\n")
+    assert (out, code) == ("", 2)
+    assert err.splitlines()[-1] == "error: the stream's header lacks the time column 't' (it has ms, x_1)"
+
+
 @pytest.mark.slow
 def test_what_cannot_begin_is_one_line(run: Run, csv: str, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:

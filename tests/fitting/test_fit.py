@@ -178,7 +178,7 @@ class TestBadLogs:
             fit([self.changed(log, truth=np.rad2deg(log.truth["theta"]))], rig)
 
     def test_a_truth_of_the_wrong_sign(self, rig: Rig, log: Log) -> None:
-        with pytest.raises(FitError, match="its sign is wrong"):
+        with pytest.raises(FitError, match=r"truth of the joint .*a sign is wrong: turn that of the angle sensor or"):
             fit([self.changed(log, truth=-log.truth["theta"])], rig)
 
     def test_a_dead_encoder(self, rig: Rig, log: Log) -> None:

@@ -72,6 +72,10 @@ def test_plant_log_filter_and_c_agree(log: Log, tmp_path: Path) -> None:
     [
         ('sensors.tau_flexor.unit="N"', "unit 'N' has the wrong dimension; .*a load cell in N needs its lever"),
         ('sensors.tau_flexor.unit="A"', "unit 'A' has the wrong dimension; .*a current a torque_constant"),
+        (
+            'sensors.tau_flexor={ name = "i", measures = "force", of = "flexor", unit = "A", noise = "20 mA" }',
+            "sensors.i.unit: unit 'A' has the wrong dimension; .*a current a torque_constant$",
+        ),
         ('sensors.tau_flexor.lever="6 N"', "lever: unit 'N' has the wrong dimension"),
         ('sensors.tau_flexor.lever="6 mm"', "unit 'N m' has the wrong dimension; a unit like 'N' is allowed"),
     ],

@@ -76,29 +76,23 @@ class _Activity(logging.Handler):
     def __init__(self, show: Callable[[str], None], *, silent: bool) -> None:
         super().__init__()
         self._show, self._silent, self._doing, self._text = show, silent, "", ""
-        self._wait, self._timer = QUIET, Timer(0.0, self._print)
+        self._wait, self.timer = QUIET, Timer(0.0, self._print)
 
     def now(self, doing: str) -> None:
-        """Say what is done from now on."""
         self._doing = doing
         self._tell(doing)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Say what a kernel is doing for it, an empty message for nothing any more."""
-        detail = record.getMessage()
+        detail = record.getMessage()  # of a kernel; empty for nothing any more
         self._tell(f"{self._doing}: {detail}" if detail else self._doing)
-
-    def end(self) -> None:
-        """Say nothing more."""
-        self._timer.cancel()
 
     def _tell(self, text: str) -> None:
         self._text = text
         self._show(text)
-        if not self._silent and not self._timer.is_alive():
-            self._timer = Timer(self._wait, self._print)
-            self._timer.daemon = True
-            self._timer.start()
+        if not self._silent and not self.timer.is_alive():
+            self.timer = Timer(self._wait, self._print)
+            self.timer.daemon = True
+            self.timer.start()
 
     def _print(self) -> None:
         self._wait = LATER
@@ -110,13 +104,11 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
     """Show what a command is doing and for how long on a terminal, elsewhere a line; what is yielded says what is next."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    console, kernels = err(), logging.getLogger("distal.kernels")
+    shown, kernels = err(), logging.getLogger("distal.kernels")
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal, redirect_stdout=False
-    ) as bar:
+    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal, redirect_stdout=False) as bar:
         task = bar.add_task(doing, total=None)
-        activity = _Activity(lambda text: bar.update(task, description=text), silent=console.is_terminal)
+        activity = _Activity(lambda text: bar.update(task, description=text), silent=shown.is_terminal)
         kernels.addHandler(activity)
         kernels.setLevel(logging.INFO)
         try:
@@ -124,7 +116,7 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
             yield activity.now
         finally:
             kernels.removeHandler(activity)
-            activity.end()
+            activity.timer.cancel()
 
 
 @contextmanager
@@ -146,4 +138,4 @@ def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[...,
             activity.now(label)
             yield show
         finally:
-            activity.end()
+            activity.timer.cancel()

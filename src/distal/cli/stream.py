@@ -157,7 +157,8 @@ class Session:
                     # a logger may say something else before its header
                     if self.no_header is None:
                         warn(f"{problem}; waiting for a header")
-                    self.csv, self.no_header = None, problem
+                        self.no_header = problem
+                    self.csv = None
                     return
                 if self._reader.absent:
                     warn(f"the stream has no column {', '.join(self._reader.absent)}")

@@ -138,13 +138,11 @@ class Fit:
 
     def __repr__(self) -> str:
         """Return what it is in a few words."""
-        n_identified = sum(part.identified and not part.noise for part in self.fitted)
+        count = sum(part.identified and not part.noise for part in self.fitted)
         scores = [f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)" for name, rms, inside in self.scores()]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
-        return (
-            f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {n_identified} numbers determined{left_out}"
-        )
+        return f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {count} numbers determined{left_out}"
 
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""

@@ -66,9 +66,7 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
     if moved and rig.discrepancy is not None:
         is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)
-        torque = (
-            "; where something may touch the joint, declare external_torque.std before the fit" if is_torque else ""
-        )
+        torque = "; declare external_torque.std in the rig file before the fit" if is_torque else ""
         warnings.warn(
             f"{source}: [discrepancy] was learned with other numbers than {', '.join(moved)} now has: "
             f"fit again, or remove it{torque}",

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import In, Parameter
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.counts import COUNTS
-from distal.units import to_si
+from distal.units import to_si, unit_factor
 
 Gear = Annotated[float, In("", "positive")]
 Metres = Annotated[float, In("m", "nonnegative")]
@@ -111,6 +111,8 @@ class TorqueSensor(SensorBase):
             return "N", to_si(raw["lever"], "m")
         if raw.get("torque_constant_motor") is not None:
             return "A", to_si(raw["torque_constant_motor"], "N m/A") * to_si(raw.get("gear", 1.0), "")
+        if isinstance(unit := raw.get("unit"), str) and unit not in COUNTS:
+            unit_factor(unit, "N m")  # where it is none, that is said, and not what is written in it
         return None
 
     @model_validator(mode="after")
