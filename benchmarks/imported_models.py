@@ -40,13 +40,15 @@ def own_finger(seed: int, coupled: bool) -> str:
     lengths = [between(30e-3, 50e-3), between(20e-3, 35e-3)]
     rubs, damps, turns = between(5e-4, 5e-3), between(5e-4, 5e-3), between(1e-6, 3e-5)
     joint = f'armature="{turns}" damping="{damps}" frictionloss="{rubs}"'
-    stiff = [between(0.01, 0.02) if against else between(0.04, 0.07) for _ in range(2)]
+    stiff = [between(0.02, 0.04) if against else between(0.04, 0.07) for _ in range(2)]
     heavy = [between(5e-3, 20e-3) for _ in range(2)]
-    wrap, height = between(5e-3, 8e-3), between(8e-3, 10e-3)
+    wrap, height = between(3e-3, 4e-3), between(5e-3, 7e-3)
     if coupled:
         follower = f"""<body name="distal" pos="{lengths[1]} 0 0"><inertial pos="0.01 0 0" mass="0.004" diaginertia="1e-7 1e-7 1e-7"/>
           <joint name="dip" axis="0 1 0" range="0 1.6" armature="{turns}" damping="{damps / 2}" stiffness="{stiff[1] / 4}"/></body>"""
-    tie = f'<equality><joint joint1="dip" joint2="pip" solref="{between(0.005, 0.04)} 1"/></equality>' if coupled else ""
+    tie = (
+        f'<equality><joint joint1="dip" joint2="pip" solref="{between(0.005, 0.04)} 1"/></equality>' if coupled else ""
+    )
     fixed = "".join(
         f'<fixed name="{name}"><joint joint="mcp" coef="{side * arms[name][0]}"/>{pip}</fixed>'
         for name, side, pip in [
@@ -57,11 +59,11 @@ def own_finger(seed: int, coupled: bool) -> str:
     names = ["deep", "shallow", *(["extensor"] if against else [])]
     return f"""<mujoco model="own finger"><compiler angle="radian"/>
   <option timestep="5e-4" integrator="implicitfast"/>
-  <worldbody><body name="palm"><geom size="0.01" mass="0.1"/><site name="a" pos="-0.02 0 {-height}"/>
+  <worldbody><body name="palm"><geom size="0.01" mass="0.1"/><site name="a" pos="-0.005 0 {-height}"/>
     <body name="proximal" pos="0.01 0 0"><inertial pos="0.02 0 0" mass="{heavy[0]}" diaginertia="1e-6 2e-6 2e-6"/>
       <joint name="mcp" axis="0 1 0" range="-0.3 1.5" stiffness="{stiff[0]}" {joint}/>
       <geom name="knuckle" type="cylinder" size="{wrap} 0.01" quat="0.7071 0.7071 0 0" contype="0" conaffinity="0" mass="0"/>
-      <site name="side" pos="0 0 -0.02"/><site name="b" pos="0.02 0 {-height}"/>
+      <site name="side" pos="0 0 -0.02"/><site name="b" pos="0.012 0 {-height}"/>
       <body name="middle" pos="{lengths[0]} 0 0"><inertial pos="0.01 0 0" mass="{heavy[1]}" diaginertia="1e-7 4e-7 4e-7"/>
         <joint name="pip" axis="0 1 0" range="0 1.6" stiffness="{stiff[1]}" {joint}/>{follower}
       </body></body></body></worldbody>

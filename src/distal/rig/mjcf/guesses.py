@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,6 @@ STIFFNESS = Guess({"value": "20 N/mm", "std": "50 %"}, "series stiffness")
 PRETENSION = Guess({"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement")
 
 RATE = Guess(100.0, "rate of the sensors")
-PLACE_NOISE = Guess("0.02 mm", "noise of a position")
 FORCE_NOISE = Guess("0.2 N", "noise of a force")
 ENCODER_STEP = Guess("0.1 deg", "encoders, which are for learning and comparing only")
 
@@ -30,6 +30,18 @@ FRICTION_COEFFICIENT = 1e-3
 """Friction of a joint whose model has `frictionloss`: only its product with a radius counts [1]."""
 
 JOINT_FRICTION = Guess({"value": FRICTION_COEFFICIENT, "std": "30 %"}, "how well friction is known")
+
+
+PLACE_NOISE = 2e-5
+"""Of a position [m]."""
+
+LASTING = 3.0
+"""What a polynomial leaves of a length lasts as long as the pose, so that it counts as so many times as much noise [1]."""
+
+
+def place_noise(left: float) -> Guess:
+    """Return the noise of a tendon's position, of whose length a polynomial leaves so much [m, RMS]."""
+    return Guess(float(f"{hypot(PLACE_NOISE, LASTING * left):.2g}"), "noise of a position")
 
 
 def initial_angle(angle: float) -> Guess:
