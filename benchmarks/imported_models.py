@@ -3,7 +3,7 @@
 Plants, drawn by seed, are MuJoCo's own; they share no code with `distal.model`. Those of the hands in `benchmarks.models`
 need the folders of the unpacked wheels `playground` and `myo_sim`. Fingers of one's own are drawn with their models: arms,
 springs, `frictionloss`, damping, with motors that pull the tendons as the model has them (nothing stretches, the recorder's
-log), or behind drives with a stretch that the model does not say; their distal joint is free of a coupling or softly coupled.
+log), or behind drives with a stretch that the model does not say, without a third joint or with one that is softly coupled.
 """
 
 from __future__ import annotations
@@ -44,8 +44,10 @@ def own_finger(seed: int, coupled: bool) -> str:
     heavy = [between(5e-3, 20e-3) for _ in range(2)]
     wrap, height = between(3e-3, 4e-3), between(5e-3, 7e-3)
     if coupled:
-        follower = f"""<body name="distal" pos="{lengths[1]} 0 0"><inertial pos="0.01 0 0" mass="0.004" diaginertia="1e-7 1e-7 1e-7"/>
-          <joint name="dip" axis="0 1 0" range="0 1.6" armature="{turns}" damping="{damps / 2}" stiffness="{stiff[1] / 4}"/></body>"""
+        follower = f"""<body name="distal" pos="{lengths[1]} 0 0">
+          <inertial pos="0.01 0 0" mass="0.004" diaginertia="1e-7 1e-7 1e-7"/>
+          <joint name="dip" axis="0 1 0" range="0 1.6" armature="{turns}" damping="{damps / 2}"
+            stiffness="{stiff[1] / 4}"/></body>"""
     tie = (
         f'<equality><joint joint1="dip" joint2="pip" solref="{between(0.005, 0.04)} 1"/></equality>' if coupled else ""
     )
@@ -57,18 +59,21 @@ def own_finger(seed: int, coupled: bool) -> str:
         ]
     )
     names = ["deep", "shallow", *(["extensor"] if against else [])]
+    motors = "".join(f'<motor name="pull {name}" tendon="{name}" gear="-1"/>' for name in names)
     return f"""<mujoco model="own finger"><compiler angle="radian"/>
   <option timestep="5e-4" integrator="implicitfast"/>
   <worldbody><body name="palm"><geom size="0.01" mass="0.1"/><site name="a" pos="-0.005 0 {-height}"/>
     <body name="proximal" pos="0.01 0 0"><inertial pos="0.02 0 0" mass="{heavy[0]}" diaginertia="1e-6 2e-6 2e-6"/>
       <joint name="mcp" axis="0 1 0" range="-0.3 1.5" stiffness="{stiff[0]}" {joint}/>
-      <geom name="knuckle" type="cylinder" size="{wrap} 0.01" quat="0.7071 0.7071 0 0" contype="0" conaffinity="0" mass="0"/>
+      <geom name="knuckle" type="cylinder" size="{wrap} 0.01" quat="0.7071 0.7071 0 0"
+        contype="0" conaffinity="0" mass="0"/>
       <site name="side" pos="0 0 -0.02"/><site name="b" pos="0.012 0 {-height}"/>
       <body name="middle" pos="{lengths[0]} 0 0"><inertial pos="0.01 0 0" mass="{heavy[1]}" diaginertia="1e-7 4e-7 4e-7"/>
         <joint name="pip" axis="0 1 0" range="0 1.6" stiffness="{stiff[1]}" {joint}/>{follower}
       </body></body></body></worldbody>
-  <tendon>{fixed}<spatial name="shallow"><site site="a"/><geom geom="knuckle" sidesite="side"/><site site="b"/></spatial></tendon>
-  {tie}<actuator>{"".join(f'<motor name="pull {name}" tendon="{name}" gear="-1"/>' for name in names)}</actuator></mujoco>"""
+  <tendon>{fixed}
+    <spatial name="shallow"><site site="a"/><geom geom="knuckle" sidesite="side"/><site site="b"/></spatial></tendon>
+  {tie}<actuator>{motors}</actuator></mujoco>"""
 
 
 def unstretched(seed: int, coupled: bool) -> tuple[Rig, Log]:

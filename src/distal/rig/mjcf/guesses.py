@@ -19,7 +19,6 @@ DRIVE_MASS = Guess(0.02, "the drive's mass")
 
 PATH_FRICTION = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
 NOMINAL_FORCE = Guess({"value": "5 N", "std": "5 N"}, "usual force")
-STIFFNESS = Guess({"value": "20 N/mm", "std": "50 %"}, "series stiffness")
 PRETENSION = Guess({"value": "1 N", "std": "1 N"}, "tension at zero angle and zero displacement")
 
 RATE = Guess(100.0, "rate of the sensors")
@@ -35,13 +34,22 @@ JOINT_FRICTION = Guess({"value": FRICTION_COEFFICIENT, "std": "30 %"}, "how well
 PLACE_NOISE = 2e-5
 """Of a position [m]."""
 
-LASTING = 3.0
-"""What a polynomial leaves of a length lasts as long as the pose, so that it counts as so many times as much noise [1]."""
+LASTING = 6.0
+"""√ of the samples in which what a polynomial leaves of a length stays the same: 0.36 s; noise is new in each [1]."""
 
 
 def place_noise(left: float) -> Guess:
     """Return the noise of a tendon's position, of whose length a polynomial leaves so much [m, RMS]."""
     return Guess(float(f"{hypot(PLACE_NOISE, LASTING * left):.2g}"), "noise of a position")
+
+
+def series_stiffness(drives: int, joints: int) -> Guess:
+    """Return the series stiffness of tendons, for so many drives and joints that turn by themselves.
+
+    Any from a third of the value to no stretch at all is likely. Where drives pull against each other, their forces say
+    where the joints are, and are not to be explained by stiffness: docs/results/hands.md.
+    """
+    return Guess({"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness")
 
 
 def initial_angle(angle: float) -> Guess:

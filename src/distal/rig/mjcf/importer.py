@@ -13,6 +13,7 @@ from distal.rig.mjcf.actuators import driven_tendons
 from distal.rig.mjcf.bodies import Units, described_joints, joint_name
 from distal.rig.mjcf.choice import check_base, kept_joints, other_joints, turning_joints
 from distal.rig.mjcf.couplings import Coupled, couplings, kept_range
+from distal.rig.mjcf.guesses import series_stiffness
 from distal.rig.mjcf.loading import load_model, mujoco_module
 from distal.rig.mjcf.poses import over_ranges, turned_by
 from distal.rig.mjcf.springs import joint_springs
@@ -102,8 +103,9 @@ def from_mujoco(
         "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
     }
     tendons, off = [], dict[str, float]()
+    stiffness = series_stiffness(len(pulling), sum("coupled" not in joint for joint in described))
     for t, name in pulling.items():
-        tendon, off[name], left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], units)
+        tendon, off[name], left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], stiffness, units)
         tendons.append(tendon)
         notes += left
     raw |= {"tendons": tendons, "sensors": described_sensors(off, [joint_name(model, j) for j in kept])}

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import mujoco
 
 RETURN_TIME = 1e-3
-"""In this time a joint leaves a stop that it is pressed into [s]: where a filter's correction puts it is then left again."""
+"""In this time a joint leaves a stop that a correction of a filter has put it into [s]; MuJoCo takes twice solref's."""
 
 
 def described_stop(model: mujoco.MjModel, joint: int, units: Units) -> dict[str, float]:

@@ -17,7 +17,7 @@ from distal.rig.mjcf.guesses import (
     PATH_FRICTION,
     PRETENSION,
     RATE,
-    STIFFNESS,
+    Guess,
     place_noise,
 )
 from distal.rig.mjcf.poses import over_ranges, range_of, rest_lengths
@@ -48,7 +48,7 @@ def described_drive(model: mujoco.MjModel, tendon: int, name: str, units: Units)
 
 
 def described_tendon(
-    model: mujoco.MjModel, tendon: int, name: str, joints: Sequence[int], units: Units
+    model: mujoco.MjModel, tendon: int, name: str, joints: Sequence[int], stiffness: Guess, units: Units
 ) -> tuple[dict[str, object], float, list[str]]:
     """Return a raw tendon, what its polynomial leaves of its length [m, RMS], and that where it is much, in words.
 
@@ -88,7 +88,7 @@ def described_tendon(
     raw: dict[str, object] = {
         "name": name,
         "drive": name,
-        "stiffness": STIFFNESS,
+        "stiffness": stiffness,
         "pretension": PRETENSION,
         "crossings": crossings,
     }
