@@ -213,3 +213,12 @@ def test_a_gear_is_not_taken_for_a_force_of_the_wrong_sign(data: Path, tmp_path:
     found = causes(log, rig, np.deg2rad(4.0))
     assert "encoder" in [cause.subject for cause in found]
     assert not any("sign" in cause.text for cause in found)
+
+
+def test_a_truth_of_one_joint_of_a_chain_is_enough_for_its_own_drives(finger: Rig) -> None:
+    """Those of mcp pull at it alone; those of pip cross both joints, of which one is not known."""
+    log = log_of(scale=1.5)
+    half = replace(log, truth={**log.truth, "theta_pip": np.full(len(log), np.nan)})
+    assert [finding.text for finding in causes(half, finger, ERROR)] == [
+        "x_mcp_f looks 1.5 times too large: unit or moment arm"
+    ]

@@ -135,7 +135,10 @@ def _of_drive(log: Log, rig: Rig, angles: Floats, sensor: Sensor, error: float) 
     mechanism, readings = Mechanism(rig), log.channels[sensor.name]
     drive = [drive.name for drive in rig.drives].index(sensor.of)
     asked, slopes, compliance, standing = _asked(mechanism, drive, angles)
-    turned = [j for j in range(len(slopes)) if slopes[j] != 0.0 and np.nanstd(angles[:, j]) > MOVES]
+    asked = np.where(slopes != 0.0, asked, 0.0)  # of another joint the truth may be missing
+    turned = [
+        int(j) for j in np.flatnonzero(slopes) if np.isfinite(angles[:, j]).any() and np.nanstd(angles[:, j]) > MOVES
+    ]
     if not turned:
         return []
     force = next((s for s in rig.sensors_of("force") if s.of == sensor.of and s.name in log.channels), None)
