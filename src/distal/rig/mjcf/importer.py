@@ -12,12 +12,12 @@ from distal.rig.files import build_rig
 from distal.rig.mjcf.actuators import driven_tendons
 from distal.rig.mjcf.bodies import Units, described_joints, joint_name
 from distal.rig.mjcf.choice import check_base, kept_joints, other_joints, turning_joints
-from distal.rig.mjcf.couplings import Coupled, couplings, kept_range
+from distal.rig.mjcf.constraints import described_stop
+from distal.rig.mjcf.couplings import Coupled, couplings, kept_range, softened
 from distal.rig.mjcf.guesses import series_stiffness
 from distal.rig.mjcf.loading import load_model, mujoco_module
 from distal.rig.mjcf.poses import over_ranges, turned_by
 from distal.rig.mjcf.springs import joint_springs
-from distal.rig.mjcf.stops import described_stop
 from distal.rig.mjcf.tendons import described_drive, described_sensors, described_tendon
 from distal.rig.mjcf.writing import guesses, plain, written
 from distal.rig.rig import Rig
@@ -92,9 +92,8 @@ def from_mujoco(
     base, described = described_joints(model, kept, units)
     springs, left = joint_springs(model, kept, units)
     notes += left
-    _complete(
-        model, kept, described, springs, units, [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
-    )
+    inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
+    _complete(model, kept, described, springs, units, softened(inside, springs, units))
     raw: dict[str, object] = {
         "name": title,
         "log": {"time": {"column": "time", "unit": "s"}},
