@@ -100,7 +100,7 @@ results: $(STAMP)
 
 strangers: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers --compare benchmarks/recorded/release-0.1.json
-	$(BIN)/python -m benchmarks.ladder 5005
+	$(BIN)/python -m benchmarks.ladder 5011
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache

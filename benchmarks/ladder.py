@@ -115,17 +115,17 @@ def main() -> None:
                 try:
                     result = estimate(log, rig)
                     rms, inside, said = result.rms_error(), result.inside_band(), diagnose(result, log, rig)
-                    findings, text, agrees = said.findings, said.text, said.consistent
+                    findings, text = said.findings, said.text
                 except DivergedError as problem:
-                    rms, inside, agrees = np.inf, 0.0, False
+                    rms, inside = np.inf, 0.0
                     findings, text = tuple(why_diverged(log, rig)), str(problem)
                 right = rms if step.name == "right" else right
                 if step.name == "right" or (inside >= 0.85 and rms <= 2 * right):
                     continue
-                looks = [finding for finding in findings if finding.kind == "looks like"][:2]
+                looks = [finding for finding in findings if finding.kind in ("looks like", "would explain")][:2]
                 is_named = any(cause in finding.text for finding in looks for cause in step.causes)
-                counted, named, consistent = counted + 1, named + is_named, consistent + agrees
-                verdict = "named" if is_named else "CONSISTENT" if agrees else "other"
+                counted, named, consistent = counted + 1, named + is_named, consistent + text.startswith("consistent")
+                verdict = "named" if is_named else "CONSISTENT" if text.startswith("consistent") else "other"
                 shown = "; ".join(finding.text for finding in looks) or text
                 print(
                     f"{name:7} {step.name:42} {np.rad2deg(rms):7.2f}° {100 * inside:3.0f} %  {verdict:10} {shown[:150]}",

@@ -129,11 +129,14 @@ class Plant:
     load: Floats
 
 
-def plant(folders: list[Path], name: str, rig: Rig, seed: int) -> Plant:
-    """Return a drawn plant: stiffness within a factor of 2.5, friction along the path 2 to 15 %, joint friction ±20 %."""
+def specification(folders: list[Path], name: str) -> mujoco.MjSpec:
+    """Return one of `HANDS` as MuJoCo edits it."""
     file, _ = HANDS[name]
-    path = next(each for folder in folders for each in folder.rglob(file))
-    spec = mujoco.MjSpec.from_file(str(path))
+    return mujoco.MjSpec.from_file(str(next(each for folder in folders for each in folder.rglob(file))))
+
+
+def plant(spec: mujoco.MjSpec, rig: Rig, seed: int) -> Plant:
+    """Return a drawn plant: stiffness within a factor of 2.5, friction along the path 2 to 15 %, joint friction ±20 %."""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
             spec.delete(geom)
@@ -167,16 +170,22 @@ def plant(folders: list[Path], name: str, rig: Rig, seed: int) -> Plant:
     )
 
 
-def recorded(of: Plant, rig: Rig, seed: int) -> Log:
-    """Return a log of a plant: forces that wander between 2 and 15 N, held for a second now and then."""
+def wandering(draw: np.random.Generator, n: int, least: float, most: float) -> tuple[Floats, Floats]:
+    """Return times and the forces of n tendons at them: they wander from the least on, held for a second now and then."""
+    knots = np.arange(0.0, SECONDS + 1.0, 1.0)
+    forces = draw.uniform(least, most, (len(knots), n))
+    forces[0] = least
+    for k in range(3, len(knots), 4):
+        forces[k] = forces[k - 1]
+    return knots, forces
+
+
+def recorded(of: Plant, rig: Rig, seed: int, least: float = 2.0, most: float = 15.0) -> Log:
+    """Return a log of a plant under `wandering` forces [N]."""
     model, data, draw = of.model, mujoco.MjData(of.model), np.random.default_rng([seed, 242])
     mujoco.mj_forward(model, data)
     zero, n = data.ten_length[of.tendons].copy(), len(of.tendons)
-    knots = np.arange(0.0, SECONDS + 1.0, 1.0)
-    forces = draw.uniform(2.0, 15.0, (len(knots), n))
-    forces[0] = 2.0
-    for k in range(3, len(knots), 4):
-        forces[k] = forces[k - 1]
+    knots, forces = wandering(draw, n, least, most)
     ends = of.joints
     rows, every = [], round(PERIOD / STEP)
     slopes = np.zeros((n, model.nv))
@@ -209,7 +218,7 @@ def as_they_come(folders: list[Path], seeds: range) -> Iterator[list[str]]:
     for name in HANDS:
         rig = found(folders, name)[0].rig
         for seed in seeds:
-            log = recorded(plant(folders, name, rig, seed), rig, 10 * seed)
+            log = recorded(plant(specification(folders, name), rig, seed), rig, 10 * seed)
             yield [name, str(seed), scored([log], rig, "adaptive"), scored([log], rig, "elastic")]
 
 
@@ -218,7 +227,7 @@ def estimates(folders: list[Path], plants: int) -> Iterator[list[str]]:
     for name in HANDS:
         rig = found(folders, name)[0].rig
         for seed in range(plants):
-            of = plant(folders, name, rig, seed)
+            of = plant(specification(folders, name), rig, seed)
             logs = [recorded(of, rig, 10 * seed + k) for k in range(5)]
             began = time.process_time()
             fitted = fit(logs[:3], rig).rig

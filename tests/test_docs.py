@@ -114,11 +114,29 @@ def test_pages_have_examples() -> None:
 
 
 def test_pictures_and_pages_that_are_named_exist() -> None:
-    others = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    others = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")]
     for page in [*others, *(DOCS / name for name in PAGES)]:
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             if not target.startswith("http"):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_readme_says_what_a_command_needs_beside_the_package() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert "`distal lab` needs `'.[lab]'`, `distal study` `'.[study]'`" in readme
+
+
+def test_what_the_page_on_security_says_of_the_code_is_so() -> None:
+    """No pickle is loaded and nothing is evaluated; what it names is there; other programs are started in four files."""
+    said = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
+    sources = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "src/distal").rglob("*.py")}
+    for name, text in sources.items():
+        assert not re.search(r"(?<![\w.])(eval|exec)\(|pickle\.loads?\(|allow_pickle=True|shell=True", text), name
+    starts = {name for name, text in sources.items() if re.search(r"subprocess\.(run|Popen)", text)}
+    assert starts == {"compiler.py", "binaries.py", "webassembly.py", "reader_process.py"}
+    for variable in ("DISTAL_COMPILE", "DISTAL_CACHE"):
+        assert variable in said
+        assert any(variable in text for text in sources.values())
 
 
 def keys(model: type, seen: set[type]) -> set[str]:

@@ -79,7 +79,7 @@ def test_what_is_missing_fails(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="the extra 'docs' is not installed")
     for name in ("docs", "src", "tools", "examples"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("mkdocs.yml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE"):
+    for name in ("mkdocs.yml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "LICENSE"):
         shutil.copyfile(ROOT / name, tmp_path / name)
     with (tmp_path / "docs" / "how-to" / "live.md").open("a", encoding="utf-8") as file:
         file.write("\n[dead](nowhere.md) [dead](../explanation/model.md#nowhere)\n")

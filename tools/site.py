@@ -18,6 +18,7 @@ PAGES = {
     "index.md": "README.md",
     "contributing.md": "CONTRIBUTING.md",
     "changelog.md": "CHANGELOG.md",
+    "security.md": "SECURITY.md",
     "ros2.md": "examples/ros2/README.md",
 }
 """Page of the site → file of the repository."""

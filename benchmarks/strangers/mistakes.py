@@ -30,7 +30,7 @@ from benchmarks.strangers.library import (
 from benchmarks.strangers.plants import wide_rig
 from benchmarks.strangers.random_rigs import drawn_plant, random_case
 from benchmarks.strangers.scoring import Job, Record, Table, share
-from distal.rig import in_words
+from distal.diagnosis.sentences import COMPLIANCE, SCALE
 
 NAME = "mistakes"
 TAG = 77
@@ -50,14 +50,14 @@ class Mistake:
         what: of which part.
         rig: as the filters know it.
         log: as it is read.
-        names: subjects of a "cannot test" that name it.
+        names: groups and drives of a "cannot test" that name it.
     """
 
     kind: str
     what: str
     rig: Rig
     log: Log
-    names: frozenset[str] = frozenset()
+    names: frozenset[tuple[str, str]] = frozenset()
 
 
 def scaled(log: Log, factors: dict[str, float]) -> Log:
@@ -89,44 +89,43 @@ def times(rig: Rig, paths: list[str], factor: float) -> Rig:
 
 def mistakes(rig: Rig, log: Log) -> Iterator[Mistake]:
     """Return every rig and log with one mistake."""
-    names = [sensor.name for sensor in rig.sensors if sensor.measures in ("position", "force", "tension")]
-    for name in names:
-        own = frozenset({f"sign of {name}", f"scale of {name}"})
-        yield Mistake("sign of a sensor", name, rig, scaled(log, {name: -1.0}), own | {"direction of the joint"})
+    for sensor in (each for each in rig.sensors if each.measures in ("position", "force", "tension")):
+        name, group = sensor.name, SCALE if sensor.measures == "position" else COMPLIANCE
+        own = frozenset({(group, sensor.of)})
+        yield Mistake("sign of a sensor", name, rig, scaled(log, {name: -1.0}), own)
         for factor in (57.3, 1 / 57.3, 1000.0, 1e-3):
-            scale = frozenset({f"scale of {name}"})
             kind = "a unit, × 57.3" if factor in (57.3, 1 / 57.3) else "a unit, × 1000"
-            yield Mistake(kind, f"{name} × {factor:.3g}", rig, scaled(log, {name: factor}), scale)
-    for i, _ in enumerate(rig.tendons):
-        known = frozenset({f"side of tendons.{i}", "direction of the joint"})
+            yield Mistake(kind, f"{name} × {factor:.3g}", rig, scaled(log, {name: factor}), own)
+    scale_of = [frozenset({(SCALE, tendon.drive)}) for tendon in rig.tendons]
+    for i, known in enumerate(scale_of):
 
         def flip(raw: Any, i: int = i) -> None:
             raw["tendons"][i]["side"] *= -1
 
         yield Mistake("side of a tendon", str(i), changed(rig, flip), log, known)
     arms = [f"tendons.{i}.insertion.radius" for i in range(len(rig.tendons))]
-    capstans = [f"drives.{i}.radius" for i, drive in enumerate(rig.drives) if drive.kind == "capstan"]
+    every = frozenset[tuple[str, str]]().union(*scale_of)
     for factor in (0.8, 1.2):
-        for paths in [[path] for path in arms] + ([arms] if len(arms) > 1 else []):
-            own = frozenset(
-                {in_words(rig, path) for path in paths} | ({"all moment arms"} if len(paths) > 1 else set())
-            )
-            kind = "one moment arm ± 20 %" if len(paths) < len(arms) else "all moment arms ± 20 %"
-            yield Mistake(kind, f"{paths} × {factor}", times(rig, paths, factor), log, own)
-        for path in capstans:
-            own = frozenset({in_words(rig, path)})
-            yield Mistake("radius of a capstan ± 20 %", f"{path} × {factor}", times(rig, [path], factor), log, own)
+        for path, own in zip(arms, scale_of):
+            kind = "one moment arm ± 20 %" if len(arms) > 1 else "all moment arms ± 20 %"
+            yield Mistake(kind, f"{path} × {factor}", times(rig, [path], factor), log, own)
+        if len(arms) > 1:
+            yield Mistake("all moment arms ± 20 %", f"× {factor}", times(rig, arms, factor), log, every)
+        for i, drive in enumerate(rig.drives):
+            if drive.kind == "capstan":
+                path, own = f"drives.{i}.radius", frozenset({(SCALE, drive.name)})
+                yield Mistake("radius of a capstan ± 20 %", f"{path} × {factor}", times(rig, [path], factor), log, own)
     springs = [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]
+    stiff = frozenset((COMPLIANCE, tendon.drive) for tendon in rig.tendons)
     for factor in (1 / 3, 3.0):
-        own = frozenset({in_words(rig, *springs)})
-        yield Mistake("stiffness × 3", f"× {factor:.2g}", times(rig, springs, factor), log, own)
+        yield Mistake("stiffness × 3", f"× {factor:.2g}", times(rig, springs, factor), log, stiff)
     for drive in rig.drives:
         if drive.kind == "capstan":
             sensors = {s.measures: s.name for s in rig.sensors if s.of == drive.name}
             factors = {sensors["position"]: GEAR}
             if "force" in sensors:
                 factors[sensors["force"]] = 1 / GEAR
-            own = frozenset({f"gear of {drive.name}", f"scale of {sensors['position']}"})
+            own = frozenset({(SCALE, drive.name)})
             yield Mistake("a gear forgotten", drive.name, rig, scaled(log, factors), own)
 
 
@@ -168,7 +167,10 @@ def judged(kind: str, where: str, mistake: Mistake) -> Record:
     note = MISSED if verdict.consistent else UNTESTED if verdict.untested else FLAGGED
     if note != FLAGGED:
         found = getattr(diagnosed(result, mistake.log, mistake.rig), "findings", ())
-        if {one.subject for one in found if one.kind == "cannot test"} & mistake.names:
+        beyond = [one.subject for one in found if one.kind == "cannot test"]
+        if any(
+            group in one and (drive in one or "all drives" in one) for one in beyond for group, drive in mistake.names
+        ):
             note = NAMED
     error, inside = float(np.rad2deg(result.rms_error())), float(result.inside_band())
     half = float(np.rad2deg(1.96 * np.mean(result.theta_std)))

@@ -31,6 +31,7 @@ class Ran:
 def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     def call(*words: object) -> Ran:
         monkeypatch.setattr(sys, "argv", ["distal", *map(str, words)])
+        monkeypatch.setattr("distal.cli.console.QUIET", 60.0)  # a busy machine says no more than an idle one
         capfd.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
@@ -95,12 +96,34 @@ def test_degrees_and_all_states(run, log: Path, tmp_path: Path) -> None:
     assert (refused.code, refused.err) == (2, "error: --unit turns: angles are written in rad or deg\n")
 
 
+@pytest.mark.parametrize("name", ["est.xlsx", "est.mcap"])
+def test_no_csv_under_another_formats_name(run, log: Path, tmp_path: Path, name: str) -> None:
+    refused = run("estimate", log, "--rig", "paper-2008-printed", *SET, "-e", "inextensible", "--out", tmp_path / name)
+    assert refused.code == 2
+    assert refused.err.endswith(f"{name}: results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)\n")
+    assert not (tmp_path / name).exists()
+
+
 def test_both_sides_of_a_gear(run) -> None:
     """2000 counts in a turn of the motor are 0.18°, behind a gear of 30 they are 0.006°."""
     said = run("rig", "check", "lab-bench").out
     assert "motor_angle is before a gear of 30: resolution 0.18° at the motor, 0.006° at the capstan" in said
     noisy = run("rig", "check", "lab-bench", "--set", 'sensors.motor_angle.noise="0.01 deg"').out
     assert "noise 0.3° at the motor, 0.01° at the capstan" in noisy
+
+
+def test_a_check_names_all_that_is_uncertain(run) -> None:
+    """What sensors err by and where joints start as well, of one joint and of a hand; not what has no std."""
+    said = run("rig", "check", "template", "--set", 'sensors.u1.gain={ value = 1, std = "1 %" }').out
+    (uncertain,) = (line for line in said.splitlines() if "uncertain" in line)
+    assert "stiffness of all tendons; initial of joint link" in uncertain
+    assert uncertain.endswith("linearity of sensors x1, x2; gain of sensor u1")
+    biased = run(
+        "rig", "check", "hand", "--set", 'sensors.index_flexor_current.bias={ value = 0, std = "0.1 N m" }'
+    ).out
+    assert "bias of sensor index_flexor_current" in biased
+    assert "gain of sensors thumb_abductor_current, thumb_flexor_current" in biased
+    assert "bias" not in run("rig", "check", "hand").out
 
 
 def test_rows_with_one_stamp(run, log: Path, tmp_path: Path) -> None:

@@ -82,6 +82,35 @@ def test_csv_in_csv_out(run: Run, rig: Rig, log: Log, csv: str) -> None:
     assert "300 samples in" in err
 
 
+def test_angles_in_degrees(run: Run, csv: str, tmp_path: Path) -> None:
+    """As `distal estimate --unit deg`, in CSV and JSON; a recording stays in the units of its schema."""
+    mcap_reader = pytest.importorskip("mcap.reader")
+    radians = pl.read_csv(run(csv)[0].encode())
+    record = tmp_path / "run.mcap"
+    out, err, code = run(csv, "--unit", "deg", "--record", str(record))
+    assert code == 0, err
+    rows = pl.read_csv(out.encode())
+    for name in ("theta", "theta_std"):
+        np.testing.assert_allclose(rows[f"{name} [deg]"], np.rad2deg(radians[f"{name} [rad]"]), rtol=1e-12)
+    first = json.loads(run(csv, "--unit", "deg", "--json")[0].splitlines()[0])
+    assert first["theta"] == rows["theta [deg]"][0]
+    with record.open("rb") as file:
+        (_, _, first), *_ = mcap_reader.make_reader(file).iter_messages("distal/estimate")
+    assert json.loads(first.data)["theta"] == pytest.approx(radians["theta [rad]"][0], rel=1e-12)
+    assert run(csv, "--unit", "grad")[1:] == ("error: --unit grad: angles are written in rad or deg\n", 2)
+
+
+def test_all_joints_of_a_chain_in_degrees() -> None:
+    command = [sys.executable, "-m", "distal", "stream", "--rig", "finger-underactuated", "--unit", "deg"]
+    text = "time,phi_flexor,tau_flexor\n0,0.1,0.01\n"
+    head, row = subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout.splitlines()
+    units = dict(zip(head.split(","), row.split(",")))
+    angles = [name for name in units if name.startswith("theta_")]
+    assert len(angles) == 6
+    assert all(name.endswith(" [deg]") for name in angles)
+    assert float(units["theta_mcp_std [deg]"]) == pytest.approx(3.0, rel=0.5)  # the rig file's 3° at first
+
+
 @pytest.mark.slow
 def test_a_process_of_its_own_says_the_same(run: Run, csv: str) -> None:
     out, err, code = own_process(csv)
@@ -280,6 +309,13 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
     assert all(set(answer) == {"timestamp", "t", "theta", "theta_std", "health", "detail"} for answer in answers)
     assert json.loads(out.splitlines()[-1])["health"] == "ok"
     assert answers[-1]["theta"] == pytest.approx(estimate(log, rig).theta[59], abs=0.1)
+
+
+def test_a_stream_without_its_header_says_what_the_first_line_lacks(run: Run) -> None:
+    """Not what the last row of numbers lacks as a header."""
+    out, err, code = run("ms,x_1\n0,1.5\n10,2.5\n")
+    assert (out, code) == ("", 2)
+    assert err.splitlines()[-1] == "error: the stream's header lacks the time column 't' (it has ms, x_1)"
 
 
 @pytest.mark.slow

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from time import perf_counter
+from typing import Any
+
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from pettingzoo import ParallelEnv
+from pettingzoo.test import parallel_api_test, parallel_seed_test
 
-from distal import load_scenario
+from distal import load_rig, load_scenario
+from distal.control import ControlledPlant
 from distal.errors import ControlError
 from distal.gym import LARGEST, TendonEnv
 from distal.simulation import Scenario
@@ -17,9 +24,71 @@ def scenario() -> Scenario:
     return load_scenario("control-paper").model_copy(update={"duration": 1.0})
 
 
+@pytest.fixture(scope="module")
+def env(scenario: Scenario) -> TendonEnv:
+    return TendonEnv(scenario)
+
+
 @pytest.mark.filterwarnings("ignore:.*WARN")  # gymnasium advises bounds and ranges that sensors do not have
 def test_gymnasium_finds_nothing_wrong(scenario: Scenario) -> None:
     check_env(TendonEnv(scenario), skip_render_check=True)
+
+
+class Alone(ParallelEnv[str, Any, Any]):
+    """The environment as PettingZoo's with one agent, for its checks, which share no code with gymnasium's."""
+
+    metadata = {"name": "tendon"}  # noqa: RUF012
+    possible_agents = ["one"]  # noqa: RUF012
+
+    def __init__(self, env: TendonEnv) -> None:
+        self.env, self.agents, self.render_mode = env, [], None
+
+    def observation_space(self, agent: str) -> Any:
+        return self.env.observation_space
+
+    def action_space(self, agent: str) -> Any:
+        return self.env.action_space
+
+    def reset(self, seed: int | None = None, options: Any = None) -> Any:
+        self.agents = ["one"]
+        return tuple({"one": part} for part in self.env.reset(seed=seed, options=options))
+
+    def step(self, actions: Any) -> Any:
+        told = self.env.step(actions["one"])
+        if told[2] or told[3]:
+            self.agents = []
+        return tuple({"one": part} for part in told)
+
+
+def test_pettingzoo_finds_nothing_wrong(scenario: Scenario) -> None:
+    parallel_api_test(Alone(TendonEnv(scenario)), num_cycles=150)
+    parallel_seed_test(lambda: Alone(TendonEnv(scenario)), num_cycles=30)
+
+
+def test_it_is_made_by_its_name(scenario: Scenario) -> None:
+    made = gymnasium.make(
+        "distal.gym:distal/Tendon-v0", scenario=scenario, rig="paper-2008-soft", disable_env_checker=True
+    )
+    inside = made.unwrapped
+    assert isinstance(inside, TendonEnv)
+    assert inside._rig == load_rig("paper-2008-soft")
+    made.reset(seed=3)
+    assert made.observation_space.contains(made.step(made.action_space.sample())[0])
+    assert "distal/Tendon-v0" in gymnasium.registry
+
+
+def test_names_of_what_is_observed_and_acted(scenario: Scenario, env: TendonEnv) -> None:
+    observation, info = env.reset(seed=1)
+    assert info == {
+        "observed": ("x1", "u1", "x2", "u2", "theta", "theta_std", "wanted_link"),
+        "acted": ("left", "right"),
+    }
+    assert (info["observed"], info["acted"]) == (env.observed, env.acted)
+    told = dict(zip(env.observed, observation))
+    assert told["wanted_link"] == 0.0
+    assert told["theta_std"] == np.float32(env._monitor._live.angle_stds[0])
+    for name in env.observed[:4]:  # what the plant's sensors have read
+        assert told[name] == np.float32(env._plant.log().channels[name][0])
 
 
 def test_an_episode(scenario: Scenario) -> None:
@@ -43,6 +112,56 @@ def test_an_episode(scenario: Scenario) -> None:
     assert first[0].shape == (7,)
     assert first[0][6] == 0.0
     assert rewards[-1] == pytest.approx(-abs(np.asarray(info["angles"])[0]))
+    with pytest.raises(ControlError, match="over; call reset"):
+        env.step(np.zeros(2, dtype=np.float32))
+
+
+def test_an_episode_depends_on_its_seed_and_not_on_what_was_before(scenario: Scenario, env: TendonEnv) -> None:
+    """Kernel and filter are kept from reset to reset; an environment made anew gives the same numbers."""
+
+    def episode(of: TendonEnv) -> list[np.ndarray]:
+        return [of.reset(seed=7)[0], *(of.step(np.array([0.3, 0.2]))[0] for _ in range(30))]
+
+    env.reset(seed=3)
+    for _ in range(40):
+        env.step(np.array([0.9, 0.0]))
+    np.testing.assert_array_equal(episode(env), episode(TendonEnv(scenario)))
+
+
+def test_a_plant_of_other_numbers_moves_as_one_that_is_made_anew(scenario: Scenario) -> None:
+    rig, values = load_rig("paper-2008"), {"tendons.0.stiffness": 700.0, "joints.0.damping": 4e-4}
+    scenario = scenario.model_copy(
+        update={"drives": load_scenario("series-2").drives}
+    )  # weights pull from the start on
+    changed = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
+    shared = ControlledPlant(rig, scenario, 0.01).of_plant(values)
+    anew = ControlledPlant(rig, changed, 0.01)
+    plain = ControlledPlant(rig, scenario, 0.01)
+    for plant in (shared, anew, plain):
+        plant.reset(4)
+        for _ in range(50):
+            plant.step({"left": 5.0, "right": 2.0})
+    assert shared.plant.rig == anew.plant.rig
+    for one, other in zip(shared.begin, anew.begin):  # at rest, with the tensions there
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    for name, readings in anew.log().channels.items():
+        np.testing.assert_allclose(shared.log().channels[name], readings, atol=1e-9)
+    assert abs(plain.angles[0] - anew.angles[0]) > 1e-3
+
+
+def test_a_reset_compiles_nothing(env: TendonEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    env.reset(seed=0)
+
+    def refused(*_: object) -> None:
+        raise AssertionError("a reset builds no kernel")
+
+    monkeypatch.setattr("distal.kernels.kernel.Kernel.__init__", refused)
+    times = []
+    for seed in range(5):
+        begun = perf_counter()
+        env.reset(seed=seed)
+        times.append(perf_counter() - begun)
+    assert min(times) < 0.05  # some 10 ms, of which other work on the machine may make more; it was 80 to 150
 
 
 def test_an_action_is_a_share_of_a_drives_limit(scenario: Scenario) -> None:
@@ -53,6 +172,36 @@ def test_an_action_is_a_share_of_a_drives_limit(scenario: Scenario) -> None:
         observation, *_ = env.step(np.array([0.2, 0.1], dtype=np.float32))
     forces = [k for k, sensor in enumerate(env._rig.sensors) if sensor.measures == "force"]
     assert observation[forces] == pytest.approx([0.2 * LARGEST, 0.1 * LARGEST], abs=1.0)
+
+
+def test_an_action_outside_of_the_space_is_clipped_to_it(env: TendonEnv) -> None:
+    def after(action: list[float]) -> np.ndarray:
+        env.reset(seed=5)
+        return np.array([env.step(np.array(action))[0] for _ in range(20)])
+
+    np.testing.assert_array_equal(after([2.0, 4.0]), after([1.0, 1.0]))
+    np.testing.assert_array_equal(after([0.5, -3.0]), after([0.5, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("action", "said"),
+    [
+        (0.5, r"a finite number for each of left, right; the shape \(\) came"),
+        ([0.5], r"each of left, right; the shape \(1,\) came"),
+        ([0.5, 0.2, 0.1], r"each of left, right; the shape \(3,\) came"),
+        ([0.5, np.nan], r"each of left, right; \[0.5, nan\] came"),
+        ([np.inf, 0.0], r"each of left, right; \[inf, 0.0\] came"),
+    ],
+)
+def test_an_action_that_is_none_is_refused(env: TendonEnv, action: Any, said: str) -> None:
+    env.reset(seed=1)
+    with pytest.raises(ControlError, match=said):
+        env.step(action)
+
+
+def test_a_step_before_the_reset_says_so(scenario: Scenario) -> None:
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset before the first step"):
+        TendonEnv(scenario).step(np.array([0.1, 0.1], dtype=np.float32))
 
 
 def test_a_scenario_without_a_reference_is_refused() -> None:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.ladder import log_of as log_of_plant
 
-from distal import Log, Rig, diagnose, estimate, load_rig, simulate
+from distal import Log, Rig, diagnose, estimate, load_rig, read_log, simulate
 from distal.arrays import Floats
 from distal.diagnosis import why_diverged
 from distal.diagnosis.against_truth import against_truth, causes
+from distal.diagnosis.of_estimate import diagnose_estimate
+from distal.results import Estimate
 from distal.simulation import load_scenario
 
 ARMS = np.array([[8e-3, 0.0], [-8e-3, 0.0], [7e-3, 6e-3], [-7e-3, -6e-3]])
@@ -66,7 +70,8 @@ def turned(joint: int, factor: float) -> Floats:
         (log_of(arms=turned(1, -1.0)), "pip_f at pip looks as if its moment arm were -1 times the rig's (wrong side)"),
         (
             log_of(stiffness=STIFFNESS / 2),
-            "F_mcp_f looks as if it stretched the tendons of mcp_f 2 times as far: their stiffness, or the force's scale",
+            "F_mcp_f looks as if it stretched the tendons of mcp_f 2 times as far: their stiffness, its scale, or friction "
+            "in it",
         ),
     ],
 )
@@ -166,3 +171,54 @@ def test_the_truth_contradicts_where_less_than_85_percent_are_inside(
     assert [one.subject for one in said] == (["pip"] if contradicts else [])
     if contradicts:
         assert said[0].text.endswith("82 % inside the band")
+
+
+def errors_of(result: Estimate, share: float) -> Estimate:
+    """Return the result with a truth that is off by a share of the band's median half-width, everywhere."""
+    offset = share * 1.96 * np.median(result.angle_stds, axis=0)
+    return replace(result, truths=np.array(result.angles) + np.minimum(offset, 1.9 * result.angle_stds))
+
+
+@pytest.mark.parametrize(("share", "is_said"), [(0.25, False), (0.4, True)])
+def test_an_error_that_the_band_allows_is_not_called_consistent(
+    seen: Log, finger: Rig, share: float, is_said: bool
+) -> None:
+    """Above 0.3 of the half-width: said first, without contradiction, and what is said of the innovations stays."""
+    result = errors_of(estimate(seen, finger, compiled=False), share)
+    found = against_truth(result, seen, finger)
+    assert [finding.kind for finding in found][:1] == (["errs inside"] if is_said else [])
+    assert not any(finding.contradicts for finding in found)
+    said = diagnose_estimate(result, found[:1])
+    assert said.consistent
+    assert said.text.startswith("the band holds the truth (100 %), but " if is_said else "consistent: ")
+    assert "agree with the rig" in said.text
+
+
+def test_what_would_explain_an_error_inside_the_band_is_named(seen: Log, finger: Rig) -> None:
+    """A tendon half as stiff as in the rig, beside an estimate whose band holds the truth."""
+    log = log_of(stiffness=STIFFNESS / 2)
+    result = errors_of(estimate(seen, finger, compiled=False), 0.45)
+    inside, *explained = against_truth(result, log, finger)
+    assert inside.kind == "errs inside"
+    assert {finding.kind for finding in explained} == {"would explain"}
+    assert explained[0].subject == "F_mcp_f"
+    said = diagnose_estimate(result, [inside, *explained])
+    assert f"{inside.text}: {explained[0].text}" in said.text
+
+
+def test_a_gear_is_not_taken_for_a_force_of_the_wrong_sign(data: Path, tmp_path: Path) -> None:
+    """A pull that rises with the angle goes with it as a gear does: its sign has to explain four times as much."""
+    rig = load_rig(data / "newcomer" / "joint.toml", ["sensors.encoder.gear=33"])
+    log = read_log(log_of_plant("joint", 5006, tmp_path), rig)
+    found = causes(log, rig, np.deg2rad(4.0))
+    assert "encoder" in [cause.subject for cause in found]
+    assert not any("sign" in cause.text for cause in found)
+
+
+def test_a_truth_of_one_joint_of_a_chain_is_enough_for_its_own_drives(finger: Rig) -> None:
+    """Those of mcp pull at it alone; those of pip cross both joints, of which one is not known."""
+    log = log_of(scale=1.5)
+    half = replace(log, truth={**log.truth, "theta_pip": np.full(len(log), np.nan)})
+    assert [finding.text for finding in causes(half, finger, ERROR)] == [
+        "x_mcp_f looks 1.5 times too large: unit or moment arm"
+    ]

@@ -16,33 +16,32 @@ from distal.diagnosis.comparison import stretch
 from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.rerun import OUTLIER, Change, Rerun
-from distal.diagnosis.what_if import ARM, STIFF, TURNS, _numbers, _suspects, _unseen, overconfidence
+from distal.diagnosis.untested import _changes, _unseen
+from distal.diagnosis.what_if import overconfidence
 from distal.estimators import StateKind
-from distal.rig import build_rig, named
+from distal.rig import build_rig
 from distal.run.offline import runner_for
 
 
-def test_each_number_is_tried_larger_and_smaller_by_as_much() -> None:
+def test_each_scale_is_tried_with_its_inverse_and_each_zero_to_both_sides() -> None:
     scenario = load_scenario("series-2", ['duration="2 s"'])
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario, 1)
     rerun = Rerun(log, runner_for(log, rig, "adaptive", compiled=False))  # type: ignore[arg-type]
-    suspects = dict(_suspects(rerun))
-    tried = [name for name in suspects if "radius" in name or "pretension" in name or name == "all moment arms"]
-    assert len(tried) >= 3
-    for name in tried:
-        smaller, larger = suspects[name]
-        assert set(smaller.numbers.values()) <= {1 - ARM}
-        assert set(larger.numbers.values()) <= {1 + ARM}
-        # of a state it is a shift, by as much to either side
-        assert smaller.shifts == {state: -shift for state, shift in larger.shifts.items()}
-        assert all(shift > 0.0 for shift in larger.shifts.values())
-        assert smaller.numbers or smaller.shifts
-    (springs,) = (changes for name, changes in suspects.items() if "stiffness" in name)
-    factors = [factor for change in springs for factor in change.numbers.values()]
-    np.testing.assert_allclose(sorted(set(factors)), sorted({1 / STIFF, STIFF}) if factors else [])
-    signs = [changes for name, changes in suspects.items() if name.startswith("sign of")]
-    assert all([set(change.channels.values()) for change in changes] == [{-1.0}] for changes in signs)
+    tried: dict[tuple[str, str, str], list[float]] = {}
+    for group, drive, change in _changes(rerun):
+        for kind, values in (("channel", change.channels), ("number", change.numbers), ("added", change.added)):
+            for name, value in values.items():
+                tried.setdefault((group, drive, f"{kind} {name}"), []).append(value)
+    assert {group for group, _, _ in tried} == {sentences.SCALE, sentences.COMPLIANCE, sentences.ZERO}
+    assert {drive for _, drive, _ in tried} == {"", *(drive.name for drive in rig.drives)}
+    for (group, _, what), values in tried.items():
+        if group == sentences.ZERO:
+            span = np.ptp(log.channels[what.removeprefix("added ")])
+            assert values == pytest.approx([0.1 * span, -0.1 * span], rel=1e-6)
+        else:
+            np.testing.assert_allclose(sorted(values), sorted(1 / value for value in values), rtol=0.01)
+            assert what.startswith("number") or {-1.0, 57.3} < set(values)
 
 
 class Stub:
@@ -98,40 +97,25 @@ def test_a_start_that_the_log_rejects_counts_by_its_likelihood() -> None:
 
 
 @pytest.mark.parametrize(
-    ("moved", "squares", "unseen"),
-    [(2.1, 1.05, True), (1.9, 1.05, False), (-2.1, 0.95, True), (2.1, 1.11, False), (2.1, 0.89, False)],
+    ("moved", "against", "unseen"),
+    [(1.1, (), True), (0.9, (), False), (-1.1, ("old",), True), (1.1, ("new",), False)],
 )
-def test_a_change_is_unseen_that_moves_the_angle_but_no_channel(
-    moved: float, squares: float, unseen: bool, monkeypatch: pytest.MonkeyPatch
+def test_a_change_is_unseen_that_moves_the_angle_and_contradicts_nothing_new(
+    moved: float, against: tuple[str, ...], unseen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By more than 1.96 stds of the angle (here about 0.2 in the middle of 9 and 0.04), and ν²/S by less than 0.1."""
-    monkeypatch.setattr("distal.diagnosis.what_if.contradictions", lambda rerun, outcome: set())
+    """By more than half of 1.96 stds of the angle (here about 0.2 in the middle of 9 and 0.04)."""
+    found = {("disagrees", subject) for subject in against}
+    monkeypatch.setattr("distal.diagnosis.untested.contradictions", lambda rerun, outcome: found)
     stub = Stub((0.0, 0.0))
-    outcome = stub.outcome(1.0, squares)
+    outcome = stub.outcome(1.0)
     std = float(np.sqrt(np.mean(stub.base.variances[:, 0])))
     outcome.means[:, 0] = moved / 2.0 * 1.96 * std * np.where(np.arange(1000) % 2, 1.0, -1.0)
-    assert _unseen(cast(Any, stub), outcome, set()) is unseen
+    of_base: Any = {("disagrees", "old")}
+    assert _unseen(cast(Any, stub), outcome, of_base) is unseen
     outcome.squares[:600] = np.nan  # less than half of it is still compared
-    assert not _unseen(cast(Any, stub), outcome, set())
+    assert not _unseen(cast(Any, stub), outcome, of_base)
     outcome.bounded = False
-    assert not _unseen(cast(Any, stub), outcome, set())
-
-
-def test_degrees_are_tried_for_radians_and_states_move_by_their_change_or_three_stds() -> None:
-    """A factor of 1.2 on a state of 5 ± 0.1 is 1, on one of 5 ± 1 it is 3; what is no state is multiplied."""
-    assert pytest.approx(180.0 / np.pi, rel=1e-3) == TURNS
-    rig = load_rig("capstan-joint")
-    for std, shift in ((0.1, 1.0), (1.0, 3.0)):
-        states = SimpleNamespace(means=np.array([-5.0]), stds=np.array([std]))
-        runner = SimpleNamespace(
-            rig=rig, states=states, state_parts=(named(rig, "drives.0.radius"),), state_names=("radius",),
-            parameter_names=("tendons.0.stiffness",),
-        )  # fmt: skip
-        paths = ["drives.0.radius", "tendons.0.stiffness"]
-        smaller, larger = _numbers(cast(Any, SimpleNamespace(runner=runner)), paths, 0.8, 1.2)
-        assert larger.shifts == pytest.approx({"radius": shift})
-        assert smaller.shifts == pytest.approx({"radius": -shift})
-        assert (smaller.numbers, larger.numbers) == ({"tendons.0.stiffness": 0.8}, {"tendons.0.stiffness": 1.2})
+    assert not _unseen(cast(Any, stub), outcome, of_base)
 
 
 def test_the_ratio_of_a_gear_is_searched_between_those_that_are_tried() -> None:
@@ -211,6 +195,9 @@ def test_a_rerun_is_a_run_of_the_changed_log() -> None:
     expected = Rerun(doubled, cast(Any, runner_for(doubled, rig, "adaptive", compiled=False))).base
     found = rerun(Change(channels={"u1": 2.0}))
     np.testing.assert_allclose(found.means, expected.means, rtol=1e-9, atol=1e-12)
+    shifted = replace(log, channels={**log.channels, "x1": log.channels["x1"] + 1e-3})
+    off = Rerun(shifted, cast(Any, runner_for(shifted, rig, "adaptive", compiled=False))).base
+    np.testing.assert_allclose(rerun(Change(added={"x1": 1e-3})).means, off.means, rtol=1e-9, atol=1e-12)
     name = rerun.runner.state_names[-1]
     moved = rerun(Change(shifts={name: 1e-3}))
     assert not np.array_equal(moved.means, rerun.base.means)

@@ -101,7 +101,7 @@ def test_a_product_is_named(rig: Rig) -> None:
         ("joints.0.friction.coefficient", "joints.0.friction.radius"),
         noise=False,
     )
-    assert any("only as a product" in line and "friction radius" in line for line in found.combinations)
+    assert any("only the product of" in line and "friction radius" in line for line in found.combinations)
 
 
 @pytest.mark.slow
@@ -178,7 +178,7 @@ class TestBadLogs:
             fit([self.changed(log, truth=np.rad2deg(log.truth["theta"]))], rig)
 
     def test_a_truth_of_the_wrong_sign(self, rig: Rig, log: Log) -> None:
-        with pytest.raises(FitError, match="its sign is wrong"):
+        with pytest.raises(FitError, match=r"truth of the joint .*a sign is wrong: turn that of the angle sensor or"):
             fit([self.changed(log, truth=-log.truth["theta"])], rig)
 
     def test_a_dead_encoder(self, rig: Rig, log: Log) -> None:

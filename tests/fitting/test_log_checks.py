@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any, cast
 
@@ -33,6 +34,19 @@ def test_a_drive_that_is_held_in_one_log_and_moves_in_another(rig: Rig) -> None:
     check_logs([held(one, "phi1"), whole], rig)  # its motor still holds against the others
 
 
+@pytest.mark.parametrize("source", ["", "column 'encoder'"])
+def test_a_truth_of_the_wrong_sign_is_named_with_where_it_is_from(source: str) -> None:
+    """A log built in Python may not say where: then nothing stands in brackets."""
+    rig = load_rig("template")
+    time = np.arange(0.0, 10.0, 0.01)
+    stroke, arm = 3e-3 * np.sin(time), 0.01
+    channels = {"x1": stroke, "x2": -stroke, "u1": 20.0 + 0 * time, "u2": 20.0 + 0.1 * stroke}
+    log = Log(time, channels, {"theta": -stroke / arm}, "mine.csv", truth_source=source)
+    named = f" ({source})" if source else ""
+    with pytest.raises(FitError, match=re.escape(f"mine.csv: the truth of the joint{named} moves against the drives")):
+        check_logs([replace(log, channels={**channels, "u1": 20.0 + stroke})], rig)
+
+
 @pytest.mark.parametrize("dead", [("tau0",), ("phi1",)])
 def test_a_sensor_that_never_changes(rig: Rig, dead: tuple[str, ...]) -> None:
     """In no log, or, of a force, while its drive moves."""
@@ -59,6 +73,17 @@ def test_a_truth_that_moves_too_far_or_too_little(factor: float, said: str) -> N
     expected = estimate(Log(time, channels), rig, "elastic").theta
     with pytest.raises(FitError, match=said):
         check_logs([Log(time, channels, {"theta": factor * expected})], rig)
+
+
+def test_of_a_chain_the_joint_with_the_wrong_sign_is_named() -> None:
+    from distal.simulation import load_scenario, scenario_rig, simulate
+
+    scenario = load_scenario("finger")
+    log = simulate(scenario_rig(scenario), scenario, 1)
+    check_logs([log], scenario_rig(scenario))
+    turned = replace(log, truth={**log.truth, "theta_pip": -log.truth["theta_pip"]})
+    with pytest.raises(FitError, match=r"the truth of the joint pip .* moves against the drives"):
+        check_logs([turned], scenario_rig(scenario))
 
 
 def test_a_truth_may_have_another_zero() -> None:

@@ -105,6 +105,6 @@ def test_parts_of_one_limit_are_told_as_a_sum() -> None:
         return _line([part(one), part(other)], [0.0, 0.0], np.array(changes))  # type: ignore[list-item]
 
     friction = "drives.0.friction"
-    assert "only as a sum" in told(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
-    assert "only as a product" in told("joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7)
-    assert "only as a ratio" in told("tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7)
+    assert "only the sum of" in told(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
+    assert "only the product of" in told("joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7)
+    assert "only the ratio of" in told("tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7)

@@ -55,7 +55,7 @@ def test_what_shows_only_as_a_product_is_told_together() -> None:
     # each keeps 0.1/√2 of its prior: the product shares it out
     np.testing.assert_allclose(found.errors, 0.1 / np.sqrt(2.0), rtol=1e-3)
     assert found.together.all()
-    assert any("only as a product" in line for line in found.combinations)
+    assert any("only the product of" in line for line in found.combinations)
     wide = told([0.1, 1.0], information)
     assert list(wide.determined) == [False, True]
     assert list(wide.together) == [True, False]
@@ -102,6 +102,18 @@ def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> 
     assert along_difference(0.6) == ()
 
 
+def test_two_numbers_of_which_the_logs_tell_nothing_are_one_line() -> None:
+    """Not one that only their product is told and one that only their ratio is."""
+    information = 100.0 * np.diag([0.2, 0.1, 1e4])
+    turned = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
+    (line,) = told([0.1] * 3, turned @ information @ turned.T).combinations
+    assert line.startswith(("nothing of a and b, which stay near", "nothing of b and a, which stay near"))
+    three = np.array([[1.0, 1.0, 1.0], [1.0, -0.5, -0.5], [0.0, 1.0, -1.0]])
+    three /= np.linalg.norm(three, axis=1)[:, None]
+    (line,) = told([0.1] * 3, three.T @ (100.0 * np.diag([1e4, 0.1, 0.2])) @ three).combinations
+    assert line.endswith("only together, none of them alone: turn the joint further, or vary the load")
+
+
 def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> None:
     """Where a up, b down changes nothing, their product is known; where both up do, their ratio; one alone is no line."""
 
@@ -111,9 +123,9 @@ def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> No
         return told([0.1] * len(unit), information).combinations
 
     (product,) = untold([1.0, -1.0])
-    assert product.startswith(("a and b only as a product", "b and a only as a product"))
+    assert product.startswith(("only the product of a and b, neither", "only the product of b and a, neither"))
     (ratio,) = untold([1.0, 1.0])
-    assert "only as a ratio" in ratio
+    assert "only the ratio of" in ratio
     (three,) = untold([1.0, 0.9, -0.8])
     assert three.startswith("a, b and c only together")
     # a share of 0.25 in it is none, one of 0.35 is

@@ -75,7 +75,7 @@ class Stream:
         self._columns = [sensor.log_column for sensor in rig.sensors if sensor.name in self.live.channels]
         self._time = rig.log.time.column
         self._csv, self._at, self._robust = csv, 0.0, estimator == "adaptive"
-        self._session = Session(Monitor(self.live), self._reader, None, None, 0, not csv)
+        self._session = Session(Monitor(self.live), self._reader, None, None, 0, not csv, "rad")
         if csv:
             self._answers(",".join([self._time, *self._columns]).encode() + b"\n")
         else:

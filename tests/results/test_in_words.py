@@ -17,7 +17,7 @@ def test_everything_public_says_what_it_is_in_a_line() -> None:
     assert "<table" in found._repr_html_()
     assert "400 samples of &#x27;My joint&#x27;" in found._repr_html_()
     result = fit([log], rig, free="joints.link.friction.coefficient", noise=False)
-    assert repr(result).startswith("Fit of 'My joint' to 1 log, converged: 1 ")
+    assert repr(result).startswith("Fit of 'My joint' to 1 log of 4 s in all, converged: 1 ")
     assert len(repr(result)) < 300
     assert "<th>fitted</th>" in result._repr_html_()
     assert "friction" in result._repr_html_()

@@ -289,3 +289,12 @@ def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:
     ):
         load_rig("da-vinci-grasper", ['tendons.*.stiffness="12 N/mm"'])
     load_rig("da-vinci-grasper", ['log.time.unit="ms"'])
+
+
+def test_a_torque_declared_after_the_fit_is_said_to_belong_before_it() -> None:
+    with pytest.warns(
+        DistalWarning, match=r"fit again, or remove it; declare external_torque\.std in the rig file before the fit$"
+    ):
+        load_rig("da-vinci-grasper", ['joints.jaw.external_torque.std="0.05 N m"'])
+    with pytest.warns(DistalWarning, match="or remove it$"):
+        load_rig("da-vinci-grasper", ["joints.jaw.inertia=1e-5"])

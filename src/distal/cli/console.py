@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from threading import Timer
 
 from rich import box
 from rich.console import Console
@@ -64,12 +66,76 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
     out().print(grid)
 
 
+QUIET, LATER = 2.0, 10.0
+"""A command that is silent for longer says what it does, where the output is no terminal once more after so long [s]."""
+
+
+class _Activity(logging.Handler):
+    """What a command is doing, told to `show`; off a terminal, where it takes longer than `QUIET`, as a line on stderr."""
+
+    def __init__(self, show: Callable[[str], None], *, silent: bool) -> None:
+        super().__init__()
+        self._show, self._silent, self._doing, self._text = show, silent, "", ""
+        self._wait, self.timer = QUIET, Timer(0.0, self._print)
+
+    def now(self, doing: str) -> None:
+        self._doing = doing
+        self._tell(doing)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        detail = record.getMessage()  # of a kernel; empty for nothing any more
+        self._tell(f"{self._doing}: {detail}" if detail else self._doing)
+
+    def _tell(self, text: str) -> None:
+        self._text = text
+        self._show(text)
+        if not self._silent and not self.timer.is_alive():
+            self.timer = Timer(self._wait, self._print)
+            self.timer.daemon = True
+            self.timer.start()
+
+    def _print(self) -> None:
+        self._wait = LATER
+        print(f"{self._text} …", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def working(doing: str) -> Iterator[Callable[[str], None]]:
+    """Show what a command is doing and for how long on a terminal, elsewhere a line; what is yielded says what is next."""
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    shown, kernels = err(), logging.getLogger("distal.kernels")
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal, redirect_stdout=False) as bar:
+        task = bar.add_task(doing, total=None)
+        activity = _Activity(lambda text: bar.update(task, description=text), silent=shown.is_terminal)
+        kernels.addHandler(activity)
+        kernels.setLevel(logging.INFO)
+        try:
+            activity.now(doing)
+            yield activity.now
+        finally:
+            kernels.removeHandler(activity)
+            activity.timer.cancel()
+
+
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show how many steps are done and how long the others take, on a terminal; a file or a pipe shows nothing."""
+    """Show how many steps are done and how long the others take, on a terminal; elsewhere a line now and then."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err(), transient=True, disable=not err().is_terminal) as bar:
+    is_terminal = err().is_terminal
+    activity = _Activity(lambda _: None, silent=is_terminal)
+    with Progress(*columns, console=err(), transient=True, disable=not is_terminal, redirect_stdout=False) as bar:
         task = bar.add_task(label, total=total)
-        yield lambda done, total=None: bar.update(task, completed=done, total=total)
+
+        def show(done: int, of: int | None = None) -> None:
+            bar.update(task, completed=done, total=of)
+            activity.now(f"{label}: {done}" + (f" of {of or total}" if of or total else ""))
+
+        try:
+            activity.now(label)
+            yield show
+        finally:
+            activity.timer.cancel()

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Option
 
-from distal.cli.console import say, table, warn
+from distal.cli.console import say, table, warn, working
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
 from distal.cli.paths import check_outputs, to_folder
 
@@ -39,7 +39,11 @@ def control_command(
     picture, logs = out / "control.png", [out / f"{name}.csv" for name in names]
     outputs = to_folder("--out", out, [path.name for path in (picture, *logs)])
     check_outputs(outputs, rig=description.rig, scenario=scenario)
-    runs = [closed_loop(rig, description, seed, feedback=name) for name in names]
+    runs = []
+    with working("controlling") as show:
+        for name in names:
+            show(f"controlling, fed back by {name}")
+            runs.append(closed_loop(rig, description, seed, feedback=name))
     out.mkdir(parents=True, exist_ok=True)
     for run, path in zip(runs, logs):
         write_log(run.log, rig, path)

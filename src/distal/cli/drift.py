@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Option
 
-from distal.cli.console import say, table
+from distal.cli.console import say, table, working
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption
 from distal.cli.paths import check_outputs, to_folder
 
@@ -30,10 +30,11 @@ def drift_command(
     picture, rows_file = out / "drift.png", out / "drift.csv"
     check_outputs(to_folder("--out", out, [picture.name, rows_file.name]), rig=description.rig, scenario=scenario)
     ways = {"nothing known": None} | ({} if description.rezero is None else {"rezeroed": description.rezero.std})
-    hours_of = {
-        name: by_hour(estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std))
-        for name, std in ways.items()
-    }
+    hours_of = {}
+    with working("simulating hours") as show:
+        for name, std in ways.items():
+            show(f"simulating {description.duration / 3600:.3g} h and estimating, {name}")
+            hours_of[name] = by_hour(estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std))
     out.mkdir(parents=True, exist_ok=True)
     plot_hours(hours_of, picture)
     rows = []

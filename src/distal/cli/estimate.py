@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from distal.cli.console import failure, say, table
+from distal.cli.console import failure, say, table, working
 from distal.cli.options import (
     MemoryOption,
     PlotOption,
@@ -16,6 +16,7 @@ from distal.cli.options import (
     RigOption,
     SetOption,
     TruthOption,
+    UnitOption,
     estimators,
     joint_angle,
     seconds,
@@ -84,7 +85,7 @@ def estimate_command(
     what_if: Annotated[
         bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
     ] = True,
-    unit: Annotated[str, Option(help="Of the angles in --out: rad or deg.")] = "rad",
+    unit: UnitOption = "rad",
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
@@ -94,14 +95,12 @@ def estimate_command(
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
     from distal.logs import file_of, read_log, true_angles, write_together
-    from distal.results import ANGLE_UNITS, PANELS, check_panels, plot_kind
+    from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import load_rig
     from distal.run import smooth as smoothed
 
     if out is None and (unit != "rad" or every):
         raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
-    if unit not in ANGLE_UNITS:
-        raise EstimationError(f"--unit {unit}: angles are written in {' or '.join(ANGLE_UNITS)}")
     home = seconds(homing)
     if len(logs) > 1:
         _check_for_many(len(logs), homing_angle, plot, smooth, passes, estimator)
@@ -129,12 +128,14 @@ def estimate_command(
     if smooth:
         if home is not None:
             raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
-        results.insert(0, smoothed(log, description))
+        with working("smoothing"):
+            results.insert(0, smoothed(log, description))
     files: dict[Path, bytes | str] = {}
     if out is not None:
         files[out] = file_of(results[0].columns(unit, every=every), out)
     if plot is not None:
-        files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
+        with working("drawing"):
+            files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
     write_together(files)
     if is_known:
         read = "not read" if homing_angle else "used"
@@ -203,12 +204,14 @@ def _estimates(
     missing = comparing and rig.affine is None and home is None and "affine" in names
     results, failed = list["Estimate"](), {"affine": f"affine {NEEDS}"} if missing else {}
     lost: DistalError | None = None
-    for name in (name for name in names if name not in failed):
-        try:
-            results.append(estimate(log, rig, name, passes, homing=home))
-        except DistalError as problem:
-            failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
-            lost = lost or (problem if name == names[0] else None)
+    with working("estimating") as show:
+        for name in (name for name in names if name not in failed):
+            show(f"estimating with {name}")
+            try:
+                results.append(estimate(log, rig, name, passes, homing=home))
+            except DistalError as problem:
+                failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+                lost = lost or (problem if name == names[0] else None)
     if lost is not None:
         if is_known and results:
             _compare(results, failed)
@@ -220,7 +223,8 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     """Return the error that an estimate left all bounds, with what would explain it, if anything does."""
     from distal.diagnosis import why_diverged
 
-    found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
+    with working("looking for what made the estimate leave all bounds"):
+        found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
     return DivergedError(f"{found}: {problem}") if found else problem
 
 
@@ -246,7 +250,9 @@ def _say(
         if note != final.unseen:
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
-    say(diagnose(final, log, rig, home, what_if=what_if).text)
+    with working("testing what the log says of the rig"):
+        told = diagnose(final, log, rig, home, what_if=what_if).text
+    say(told)
     for path in filter(None, written):
         say(f"wrote {path}")
     if final.unseen is not None:

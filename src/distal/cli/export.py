@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import say, table, warn
+from distal.cli.console import say, table, warn, working
 from distal.cli.options import RigArgument, SetOption
 from distal.cli.paths import check_outputs, to_file, to_folder
 
@@ -45,15 +45,17 @@ def export_command(
     if out is not None:
         check_outputs(to_folder("--out", out, export_files(name, plant)), rig=rig)
         check_ours(out, export_files(name, plant))
-        exported = export_c(
-            load_rig(rig, set_ or ()), out, estimator, single=single, name=name, home=home_std, plant=plant
-        )
+        with working("writing C"):
+            exported = export_c(
+                load_rig(rig, set_ or ()), out, estimator, single=single, name=name, home=home_std, plant=plant
+            )
     else:
         assert arduino is not None
         if plant or home_std is not None:
             raise typer.BadParameter("--plant and --home are for --out")
         edited = [file for file in EDITED if (arduino / file).is_file()]
-        exported = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
+        with working("writing C"):
+            exported = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
     rows = [
         ("states", f"{len(exported.states)}"),
         ("state, the caller's", f"{exported.state_bytes:,} bytes"),
@@ -82,6 +84,7 @@ def fmu_command(
     out: Annotated[Path, Option(help="The file, which ends in .fmu.")],
     estimator: ExportedOption = "adaptive",
     name: NameOption = None,
+    here: Annotated[bool, Option("--here", help="A binary for this platform alone.")] = False,
     set_: SetOption = None,
 ) -> None:
     """Write an estimator of a rig as an FMU (FMI 3.0, co-simulation): for Simulink, OpenModelica, Dymola and others."""
@@ -90,10 +93,12 @@ def fmu_command(
 
     check_outputs(to_file("--out", out), rig=rig)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
-    fmu = export_fmu(load_rig(rig, set_ or ()), out, estimator, name)
+    what = "writing C and compiling it" if here else "compiling; with ziglang for all platforms: minutes the first time"
+    with working(what):
+        fmu = export_fmu(load_rig(rig, set_ or ()), out, estimator, name, everywhere=not here)
     rows = [("inputs, NaN where missing", ", ".join(fmu.inputs)), ("outputs", ", ".join(fmu.outputs))]
     rows += [("step", f"{fmu.exported.interval:g} s"), ("binaries", ", ".join(fmu.platforms) or "none")]
     table(f"{fmu.exported.estimator} for {fmu.exported.rig}, FMI 3.0 co-simulation", ["what", "which"], rows)
     if fmu.without:
-        warn(f"no binary: {fmu.without}")
+        warn(f"no {'other ' * bool(fmu.platforms)}binary: {fmu.without}")
     say(f"wrote {out}; for other platforms a tool builds it from the sources in it")

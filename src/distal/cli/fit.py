@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -132,7 +133,9 @@ def _progress() -> Iterator[Callable[[Doing], None]]:
 
     printed = began = time.monotonic()
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
-    with Progress(*columns, console=err(), transient=True, disable=not err().is_terminal) as bar:
+    with Progress(
+        *columns, console=err(), transient=True, disable=not err().is_terminal, redirect_stdout=sys.stdout.isatty()
+    ) as bar:
         task = bar.add_task("fitting", total=1.0)
 
         def show(doing: Doing) -> None:
@@ -158,9 +161,8 @@ def _say(result: Fit) -> None:
     determined = [number for number in result.fitted if number.identified and not number.noise]
     undetermined = [number.name for number in result.fitted if not number.identified]
     rows = [(number.name, *number.sizes) for number in determined[:MOST_ROWS]]
-    count = f"{len(result.logs)} log{'s' if len(result.logs) > 1 else ''}"
     if rows:
-        table(f"fitted to {count}, {result.duration:.0f} s", ["number", "rig file", "fitted", "unit"], rows)
+        table(f"fitted to {result.learned_from}", ["number", "rig file", "fitted", "unit"], rows)
     if len(determined) > MOST_ROWS:
         say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
     if undetermined:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from typer import Option
 
-from distal.cli.console import say
+from distal.cli.console import say, working
 from distal.cli.options import EstimatorOption, RigArgument, SetOption
 from distal.cli.paths import check_outputs, to_page
 
@@ -30,7 +30,8 @@ def lab_command(
     described = load_rig(rig, set_ or ())
     check_ziglang()
     settings = (f"--set {shlex.quote(setting)}" for setting in set_ or ())
-    lab_page(described, out, estimator, " ".join([shlex.quote(rig), *settings]))
+    with working("writing plant and filter as C and compiling them to WebAssembly"):
+        lab_page(described, out, estimator, " ".join([shlex.quote(rig), *settings]))
     say(f"wrote {out}: one file of {out.stat().st_size / 1000:.0f} kB; open it in a browser")
     if open_ and not webbrowser.open(out.resolve().as_uri()):
         say("no browser could be opened; open the file yourself")

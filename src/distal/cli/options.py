@@ -94,6 +94,18 @@ PlotOption = Annotated[
 ]
 
 
+def _angle_unit(unit: str) -> str:
+    """Refuse what no angle is written in, without waiting for the packages of results."""
+    from distal.errors import EstimationError
+
+    if unit not in ("rad", "deg"):
+        raise EstimationError(f"--unit {unit}: angles are written in rad or deg")
+    return unit
+
+
+UnitOption = Annotated[str, Option("--unit", callback=_angle_unit, help="Of the angles that are written: rad or deg.")]
+
+
 def _in_si(text: str, unit: str) -> float:
     """Return a quantity in SI; a bare number is in SI already."""
     from distal.units import to_si

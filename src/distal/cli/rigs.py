@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from distal.cli.console import say, table, warn
+from distal.cli.console import say, table, warn, working
 from distal.cli.options import RigArgument, SetOption
 from distal.cli.paths import check_outputs, to_file
 from distal.errors import OutputError
@@ -40,7 +40,7 @@ def list_command() -> None:
 def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
-    from distal.rig import doubts, in_words, load_rig, step_of
+    from distal.rig import doubts, in_words, load_rig, parameters_below, step_of
 
     description = load_rig(rig, set_ or ())
     mechanism = Mechanism(description)
@@ -52,6 +52,12 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     lists = (description.joints, description.drives, description.tendons, description.sensors)
     counts = [(len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)]
     say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
+    for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
+        for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
+            # the start and what a sensor errs by are not in the equations of motion
+            stds = {path: number.filter_std for path, number in parameters_below(part, at)}
+            stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
+            uncertain += [path for path, std in stds.items() if std > 0.0 and path not in uncertain]
     say(f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample at {rate:g} Hz")
     if description.affine is not None:
         logs = description.affine.logs
@@ -96,7 +102,9 @@ def draw_command(
 
     plot_kind(out)
     check_outputs(to_file("--out", out), rig=rig)
-    save_figure(draw_rig(load_rig(rig, set_ or ())), out)
+    description = load_rig(rig, set_ or ())
+    with working("drawing"):
+        save_figure(draw_rig(description), out)
     say(f"wrote {out}")
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import say, table, warn
+from distal.cli.console import say, table, warn, working
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption, rigs
 from distal.cli.paths import check_outputs, to_file
 
@@ -57,7 +57,8 @@ def simulate_command(
         simulate_many(rig, description, seed, runs, out, settings, truth=truth)
         return
     check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
-    log = simulate(rig, description, seed)
+    with working("simulating"):
+        log = simulate(rig, description, seed)
     write_log(log if truth else replace(log, truth={}), rig, out)
     say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
     say(f"wrote {out}")

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from itertools import chain
-from math import isfinite, nan
+from math import degrees, isfinite, nan
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated
@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Option
 
-from distal.cli.console import warn
-from distal.cli.options import EstimatorOption, RigOption, SetOption
+from distal.cli.console import warn, working
+from distal.cli.options import EstimatorOption, RigOption, SetOption, UnitOption
 from distal.cli.paths import check_outputs, to_file
 from distal.errors import LogError, OutputError, printable
 
@@ -50,13 +50,14 @@ def stream_command(
     idle: Annotated[
         float | None, Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP).")
     ] = None,
+    unit: UnitOption = "rad",
     set_: SetOption = None,
 ) -> None:
     """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its health.
 
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is answered at once:
-    t, theta and theta_std in rad, where the rig's joint may be touched external_torque and external_torque_std in N m,
-    health, detail.
+    t, theta and theta_std in rad (or --unit deg; recordings are in rad), where the rig's joint may be touched
+    external_torque and external_torque_std in N m, health, detail.
     """
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
@@ -70,14 +71,15 @@ def stream_command(
         raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
     check_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
     described = load_rig(rig, set_ or ())
-    live = LiveEstimator(described, estimator)
+    with working("preparing the filter"):
+        live = LiveEstimator(described, estimator)
     monitor, reader = Monitor(live), MessageReader(described, live.channels)
     with ExitStack() as stack:
         source = stack.enter_context(_bound(udp)) if udp is not None else None
         target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
         joints = [joint.name for joint in described.joints]
         recorder = Recorder(record, joints, live.torque_names) if record is not None else None
-        session = Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None)
+        session = Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None, unit)
         session.csv = False if udp is not None else None
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, session.stop)
@@ -105,6 +107,7 @@ class Session:
         target: socket.socket | None,
         port: int,
         as_json: bool,
+        unit: str,
     ) -> None:
         self._monitor, self._reader, self._recorder = monitor, reader, recorder
         self._target, self._port, self._json = target, port, as_json
@@ -113,7 +116,7 @@ class Session:
         self._joints = [joint.name for joint in monitor.rig.joints]
         names = angle_names(self._joints)
         self._torques = monitor.torque_names
-        units = {**dict.fromkeys(names, "rad"), **dict.fromkeys(self._torques, "N m")}
+        units = {**dict.fromkeys(names, unit), **dict.fromkeys(self._torques, "N m")}
         self._units = {column: unit for name, unit in units.items() for column in (name, std_name(name))}
         self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
@@ -154,7 +157,8 @@ class Session:
                     # a logger may say something else before its header
                     if self.no_header is None:
                         warn(f"{problem}; waiting for a header")
-                    self.csv, self.no_header = None, problem
+                        self.no_header = problem
+                    self.csv = None
                     return
                 if self._reader.absent:
                     warn(f"the stream has no column {', '.join(self._reader.absent)}")
@@ -182,6 +186,9 @@ class Session:
             "detail": printable(reading.detail),
         }
         self._record(reading, sample, message)
+        for name, number in message.items():
+            if self._units.get(name) == "deg" and isinstance(number, float):
+                message[name] = degrees(number)
         if self._json or not self.csv:
             self._write(json.dumps(message))
         else:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from distal.cli.console import say
+from distal.cli.console import say, working
 from distal.cli.options import (
     EstimatorOption,
     MemoryOption,
@@ -50,11 +50,14 @@ def view_command(
     check_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
     samples, home = read_log(log, description, truth), seconds(homing)
-    result = estimate(samples, description, estimator, homing=home)
-    diagnosis = diagnose(result, samples, description, home).text
+    with working(f"estimating with {estimator}") as show:
+        result = estimate(samples, description, estimator, homing=home)
+        show("testing what the log says of the rig")
+        diagnosis = diagnose(result, samples, description, home).text
     place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
     try:
-        view_page(result, samples, description, place, [diagnosis])
+        with working("drawing the page"):
+            view_page(result, samples, description, place, [diagnosis])
     except BaseException:
         if out is None:
             shutil.rmtree(place.parent, ignore_errors=True)

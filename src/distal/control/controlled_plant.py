@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
 from math import exp, inf, isfinite
 from pathlib import Path
 from typing import Protocol
@@ -18,7 +20,8 @@ from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensor_errors import SensorErrors
 from distal.simulation import Scenario
-from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.inputs import initial_angles
+from distal.simulation.plant import Motion, at_rest, equilibrium, plant_function, resting_force, rows_of
 from distal.simulation.readings import Readings, errors_by_rate
 from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
 from distal.suggestions import did_you_mean
@@ -83,6 +86,27 @@ class ControlledPlant:
         self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
         self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
         self.reset()
+
+    def of_plant(self, values: Mapping[str, object]) -> ControlledPlant:
+        """Return the same scenario with another plant that differs in its numbers alone: kernel and interval are shared.
+
+        It begins with its `reset`.
+
+        Args:
+            values: path → value [SI or text]; those of ``[plant]`` go before them.
+
+        Raises:
+            ScenarioError: a value does not exist or is wrong, or a drive has no equilibrium.
+        """
+        other, scenario, alike = copy(self), self.prepared.scenario, self.prepared.plant
+        described = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
+        other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
+        inputs, numbers = self.prepared.inputs, plant.parameters.values
+        start = equilibrium(plant, initial_angles(scenario, plant), inputs, resting_force(alike))
+        other.prepared, other._drives = replace(self.prepared, plant=plant, start=start), plant.rig.drives
+        other.begin = at_rest(alike, inputs, start, self._kernel, numbers)
+        other._shares, other._lowest, other._highest = drive_numbers(plant.rig, self.prepared.dt)
+        return other
 
     def errors(self, seed: int) -> SensorErrors | None:
         """Return the errors of all sensors in a run; None where they are not all read once a period, at once."""

@@ -4,7 +4,7 @@ from distal.diagnosis.channels import LARGE_RATIO
 from distal.diagnosis.diagnose import diagnose, why_diverged
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
-from distal.diagnosis.what_if import cannot_test
+from distal.diagnosis.untested import cannot_test
 
 __all__ = [
     "LARGE_RATIO",

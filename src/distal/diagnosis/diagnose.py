@@ -15,7 +15,8 @@ from distal.diagnosis.finding import Finding
 from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 from distal.diagnosis.rerun import Rerun
-from distal.diagnosis.what_if import overconfidence, untestable
+from distal.diagnosis.untested import untestable
+from distal.diagnosis.what_if import overconfidence
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log

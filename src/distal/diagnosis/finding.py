@@ -20,10 +20,12 @@ Kind = Literal[
     "hardly compared",
     "not tested",
     "cannot test",
+    "errs inside",
+    "would explain",
 ]
-"""What is found. The last three are no contradiction: they say what the log does not tell."""
+"""What is found. The last five are no contradiction: what the log does not tell, and an error that the band allows."""
 
-SILENT: frozenset[Kind] = frozenset({"hardly compared", "not tested", "cannot test"})
+SILENT: frozenset[Kind] = frozenset({"hardly compared", "not tested", "cannot test", "errs inside", "would explain"})
 """Kinds that do not speak against the rig; they say that nothing speaks for it either."""
 
 

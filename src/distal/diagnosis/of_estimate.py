@@ -87,27 +87,31 @@ def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels:
     if contradicting:
         return _joined([finding.text for finding in contradicting] + hardly)
     beyond = [finding.subject for finding in silent if finding.kind == "cannot test"]
+    explained = [finding.text for finding in silent if finding.kind == "would explain"]
+    # an error that the band allows is said first, with its likeliest cause
+    held = [": ".join([finding.text, *explained[:1]]) for finding in silent if finding.kind == "errs inside"]
+    held += explained[1:]
     if not channels.names:
-        return _joined([NOTHING], beyond)
+        return _joined([*held, NOTHING], beyond)
     if not tested:
         small = [finding.text for finding in not_tested] or ["not tested: hardly anything could be compared"]
-        return _joined([*small, *hardly], beyond)
+        return _joined([*held, *small, *hardly], beyond)
     least = min(share for name, share in zip(channels.names, channels.shares) if name in tested)
     agree = f"{', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
     silence = [f"not tested by {', '.join(finding.subject for finding in not_tested)}"] if not_tested else []
-    return _joined([f"consistent: {agree}", *hardly, *silence], beyond)
+    return _joined([*held, agree if held else f"consistent: {agree}", *hardly, *silence], beyond)
 
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
     """Return the parts as one line, and what cannot be tested; what does not fit is left out and counted, a list is cut."""
-    line, cannot = parts[0], f"cannot test: {', '.join(beyond)}"
+    line, cannot = parts[0], f"cannot test: {'; '.join(beyond)}"
     more = [*parts[1:], cannot] if beyond else parts[1:]
     for k, part in enumerate(more):
         if len(line) + len(part) + 2 > LONGEST:
             room = LONGEST - len(line) - 10
-            cut = part[: max(room, 0)].rpartition(", ")[0]
+            cut = part[: max(room, 0)].rpartition("; ")[0]
             if cut and part is cannot:
-                return f"{line}; {cut}, …"
+                return f"{line}; {cut}; …"
             return f"{line}; and {len(more) - k} more"
         line = f"{line}; {part}"
     return line

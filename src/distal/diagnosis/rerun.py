@@ -24,10 +24,11 @@ OUTLIER = Robustness().wild_force
 class Change:
     """What is changed in a run: factors on channels, and on numbers of the rig that are not estimated, by their paths.
 
-    To where states begin `shifts` are added.
+    To channels `added` is added, in their SI units, and to where states begin `shifts`.
     """
 
     channels: Mapping[str, float] = field(default_factory=dict)
+    added: Mapping[str, float] = field(default_factory=dict)
     numbers: Mapping[str, float] = field(default_factory=dict)
     shifts: Mapping[str, float] = field(default_factory=dict)
 
@@ -73,14 +74,21 @@ class Rerun:
         self.runner = self._run.runner  # a homing move may give it other maps
         self.base = self(Change())
 
+    def covered(self, channel: str) -> float:
+        """Return the range of a channel's samples, in its SI unit."""
+        readings = self._run.samples[:, self.runner.channels.index(channel)]
+        return float(np.nanmax(readings) - np.nanmin(readings)) if np.isfinite(readings).any() else 0.0
+
     def __call__(self, change: Change) -> Outcome:
         """Return what the filter gives with a change."""
         runner, run = self.runner, self._run
         samples = run.samples.copy()
         for name, factor in change.channels.items():
             samples[:, runner.channels.index(name)] *= factor
+        for name, shift in change.added.items():
+            samples[:, runner.channels.index(name)] += shift
         begin = run.start
-        if change.channels:
+        if change.channels or change.added:
             is_finite = np.isfinite(samples)
             first = samples[is_finite.argmax(axis=0), np.arange(samples.shape[1])]
             begin = runner.initial(self.log.time[0], first)

@@ -123,6 +123,12 @@ def looks_geared_at_least(subject: str, ratio: float) -> Finding:
     return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
 
 
+SCALE = "gear, spool, moment arm, unit or sign"
+COMPLIANCE = "stiffness or the force's scale"
+ZERO = "zero or pre-tension"
+"""What nothing proximal tells apart."""
+
+
 def cannot_test(subject: str) -> Finding:
     """Return the finding that no sensor tests this sensor, drive or number of the rig."""
     return Finding("cannot test", subject, f"{subject}: an error there changes the angle but no innovation")
@@ -139,6 +145,12 @@ def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
     """Return that a joint's true angle is inside the band for a small share of the samples, with its error `rms` [rad]."""
     text = f"the truth contradicts: {joint} errs by {np.rad2deg(rms):.2g}° RMS, {100 * share:.0f} % inside the band"
     return Finding("against the truth", joint, text)
+
+
+def errs_inside(joint: str, rms: float, share: float) -> Finding:
+    """Return that the band holds the truth for a `share` of the samples, but a joint errs by `rms` [rad]."""
+    text = f"the band holds the truth ({100 * share:.0f} %), but {joint} errs by {np.rad2deg(rms):.2g}° RMS"
+    return Finding("errs inside", joint, text)
 
 
 def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
@@ -162,7 +174,8 @@ def like_a_compliance(factor: float, drive: str) -> str:
     """Return what a force looks like that stretches the tendons of a drive `factor` times as far as the rig says."""
     if factor < 0:
         return "as if its sign were wrong"
-    return f"as if it stretched the tendons of {drive} {factor:.2g} times as far: their stiffness, or the force's scale"
+    times = f"as if it stretched the tendons of {drive} {factor:.2g} times as far"
+    return f"{times}: their stiffness, its scale, or friction in it"
 
 
 def like_a_delay(delay: float) -> str:

@@ -1,37 +1,16 @@
-"""What these sensors cannot test, and a band that hangs on where the filter began: both by running it again."""
+"""A band that hangs on where the filter began, by running it again, and what contradicts in such a run."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome, Rerun
-from distal.estimators import AdaptiveFilter, StateKind, state_units
-from distal.logs import Log
+from distal.estimators import StateKind, state_units
 from distal.results import Estimate
-from distal.rig import REFERENCES, Rig, in_words, named
-from distal.run.offline import runner_for
-
-UNMOVED = 0.1
-"""Change of the mean ν²/S of every channel below which a change of the rig is not seen."""
-
-ARM = 0.2
-"""Change of a moment arm, a capstan's radius or a pretension that is tried, where 3 standard deviations are less."""
-
-STIFF = 3.0
-"""Factor on the stiffness that is tried."""
-
-TURNS = 57.3
-"""Factor on a sensor's scale that is tried: degrees for radians; larger ones are seen where this one is."""
-
-GEAR = 10.0
-"""Ratio of a gear that is tried, on a capstan's angle and torque."""
 
 START_FORGOTTEN = 0.5
 """The first moments of a log, in which a start is forgotten, do not count [s]."""
@@ -42,31 +21,6 @@ HANGS = 1.1
 Of a filter that is right it is at most 1: the posterior covariance is what the prior leaves plus what noise adds. On random
 rigs with more than 90 % inside it is mostly 0.3 to 1.1, on those with less than half inside 1.2 to 6.
 """
-
-
-def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool = True) -> tuple[Finding, ...]:
-    """Return what the sensors of a log cannot test: changes of the rig that move the angle but no innovation.
-
-    Each moment arm, capstan, pretension, stiffness, each sensor's sign and scale, and the joint's direction is changed,
-    the filter is run again, and the change is named where mean ν²/S of all channels moves by less than `UNMOVED`, no new
-    finding contradicts, and the angle moves by more than its 95 % band. The truth is used for `homing` [s].
-
-    Raises:
-        EstimationError: the filter cannot run on this rig or log.
-    """
-    runner = runner_for(log, rig, "adaptive", compiled, homing)
-    assert isinstance(runner, AdaptiveFilter)
-    return tuple(untestable(Rerun(log, runner, homing)))
-
-
-def untestable(rerun: Rerun) -> list[Finding]:
-    """Return what cannot be tested, see `cannot_test`."""
-    of_base = contradictions(rerun, rerun.base)
-    return [
-        sentences.cannot_test(subject)
-        for subject, changes in _suspects(rerun)
-        if any(_unseen(rerun, rerun(change), of_base) for change in changes)
-    ]
 
 
 def overconfidence(rerun: Rerun) -> list[Finding]:
@@ -102,72 +56,6 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
         return []
     most = max(moved, key=lambda name: float(moved[name][worst]))
     return [sentences.hangs_on_the_start(most, spread, is_angle=most in angles)]
-
-
-def _suspects(rerun: Rerun) -> Iterator[tuple[str, list[Change]]]:
-    """Return what may be wrong, by name, and the changes that stand for it."""
-    rig, runner = rerun.runner.rig, rerun.runner
-    arms = [f"tendons.{i}.{at}.radius" for i, tendon in enumerate(rig.tendons) for at, _ in tendon.shapes()]
-    for path in arms:
-        yield in_words(rig, path), _numbers(rerun, [path], 1 - ARM, 1 + ARM)
-    if len(arms) > 1:
-        yield "all moment arms", _numbers(rerun, arms, 1 - ARM, 1 + ARM)
-    for i, drive in enumerate(rig.drives):
-        if drive.kind == "capstan":
-            path = f"drives.{i}.radius"
-            yield in_words(rig, path), _numbers(rerun, [path], 1 - ARM, 1 + ARM)
-            sensors = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
-            pair = {sensors[kind]: power for kind, power in (("position", 1), ("force", -1)) if kind in sensors}
-            if set(pair) <= set(runner.channels):
-                changes = [Change(channels={k: factor**v for k, v in pair.items()}) for factor in (GEAR, 1 / GEAR)]
-                yield f"gear of {drive.name}", changes
-    for i, tendon in enumerate(rig.tendons):
-        if tendon.pretension.value > 0.0:
-            path = f"tendons.{i}.pretension"
-            yield in_words(rig, path), _numbers(rerun, [path], 1 - ARM, 1 + ARM)
-    springs = [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]
-    yield in_words(rig, *springs), _numbers(rerun, springs, 1 / STIFF, STIFF)
-    for sensor in rig.sensors:
-        if sensor.name in runner.channels and sensor.measures not in REFERENCES:
-            yield f"sign of {sensor.name}", [Change(channels={sensor.name: -1.0})]
-            yield f"scale of {sensor.name}", [Change(channels={sensor.name: f}) for f in (TURNS, 1 / TURNS)]
-
-
-def _numbers(rerun: Rerun, paths: list[str], *factors: float) -> list[Change]:
-    """Return changes of numbers of the rig by a factor, of states by as much or by 3 stds."""
-    runner, states = rerun.runner, rerun.runner.states
-    changes = []
-    for factor in factors:
-        numbers, shifts = dict[str, float](), dict[str, float]()
-        for path in paths:
-            part = named(runner.rig, path)
-            if part in runner.state_parts:
-                i = runner.state_parts.index(part)
-                by = max(abs(factor - 1) * abs(float(states.means[i])), 3 * float(states.stds[i]))
-                shifts[runner.state_names[i]] = by if factor > 1 else -by
-            elif path in runner.parameter_names:
-                # where its factor is a state, the number beneath it is moved, and the state would have to undo it
-                numbers[path] = factor
-        changes.append(Change(numbers=numbers, shifts=shifts))
-    return changes
-
-
-def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:
-    """Return whether a change moved the angle by more than its band, and nothing that is measured."""
-    base, joints = rerun.base, len(rerun.runner.rig.joints)
-    if not outcome.bounded:
-        return False
-    moved = np.sqrt(np.mean((outcome.means - base.means)[:, :joints] ** 2))
-    if moved <= BAND * np.sqrt(np.mean(base.variances[:, :joints])):
-        return False
-    if base.squares.size:
-        compared = np.isfinite(base.squares) & np.isfinite(outcome.squares)
-        if compared.sum() < 0.5 * np.isfinite(base.squares).sum():
-            return False
-        change = np.where(compared, outcome.squares - base.squares, 0.0).sum(axis=0)
-        if np.max(np.abs(change / np.maximum(compared.sum(axis=0), 1))) >= UNMOVED:
-            return False
-    return contradictions(rerun, outcome) <= base_contradictions
 
 
 def contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:

@@ -1,7 +1,8 @@
 /* $name$_fmi3.c: the filter as an FMU for co-simulation, FMI 3.0. Written by `distal export-fmu`.
  *
  * An input is a sensor's value, NAN where it is missing. A sample is taken in when the initialization ends, and whenever a
- * step begins at least half a nominal interval after the last sample; outputs are those of the last sample.
+ * step begins at least half a nominal interval after the last sample. Outputs are those at the current time: the prior
+ * before the first sample, after a step the prediction of its end from the last sample, whose health is told.
  */
 #include <math.h>
 #include <stdbool.h>
@@ -33,6 +34,7 @@ typedef void (*fmi3Callback)(void);
 
 #define INPUTS $NAME$_CHANNELS
 #define OUTPUTS $n_outputs$
+#define NOT_YET $not_yet$ /* health before the first sample */
 
 /* all that a state of the FMU is: copied, kept and restored as it stands */
 typedef struct {
@@ -40,7 +42,8 @@ typedef struct {
   $name$_watch watch;
   $name$_output out;
   double inputs[INPUTS];
-  double time;
+  double time;    /* current */
+  double sampled; /* of the last sample */
   int32_t begun;
   int32_t health;
 } snapshot;
@@ -51,22 +54,50 @@ typedef struct {
   fmi3LogMessageCallback log;
 } instance;
 
+static void absent(double values[]) {
+  int i;
+  for (i = 0; i < INPUTS; ++i) values[i] = NAN;
+}
+
 static void cleared(snapshot* now) {
-  size_t i;
   memset(now, 0, sizeof *now);
-  for (i = 0; i < INPUTS; ++i) now->inputs[i] = NAN;
+  absent(now->inputs);
+  now->health = NOT_YET;
+}
+
+static double root(double variance) { return variance <= 0.0 ? 0.0 : sqrt(variance); }
+
+/* what is believed before the first sample */
+static void prior(snapshot* now) {
+  $name$_state begun, *state = &begun;
+  $name$_output* out = &now->out;
+  double values[INPUTS];
+  absent(values);
+  $name$_begin(state, values);
+$prior$
+}
+
+static void predict(snapshot* now, double time) {
+  $name$_state ahead = now->filter;
+  $name$_output out;
+  double values[INPUTS];
+  absent(values);
+  /* too far ahead to predict, the last outputs stay */
+  if (now->begun && $name$_step(&ahead, time - now->sampled, values, &out) == $NAME$_OK) now->out = out;
 }
 
 static void take(snapshot* now, double time) {
-  const double dt = now->begun ? time - now->time : 0.0;
+  const double dt = now->begun ? time - now->sampled : 0.0;
   double values[INPUTS];
-  int i, wild = 0;
+  int i, wild = 0, there = 0;
   if (now->begun && dt < 0.5 * $NAME$_INTERVAL) return;
   for (i = 0; i < INPUTS; ++i) { /* a wild value is a missing one */
     const double value = now->inputs[i];
     values[i] = value > $wild$ || value < -$wild$ ? NAN : value;
     wild |= value > $wild$ || value < -$wild$;
+    there |= values[i] == values[i];
   }
+  if (!now->begun && !there) return; /* not connected yet */
   if (!now->begun) $name$_begin(&now->filter, values), $name$_watch_begin(&now->watch);
   if ($name$_step(&now->filter, dt, values, &now->out) == $NAME$_OK) {
     now->health = $name$_health(&now->watch, &now->filter, dt, values, &now->out);
@@ -77,7 +108,7 @@ static void take(snapshot* now, double time) {
     if ($name$_step(&now->filter, 0.0, values, &now->out)) now->filter.samples = 0;
     now->health = $NAME$_HEALTH_RESTARTED;
   }
-  now->time = time;
+  now->sampled = time;
   now->begun = 1;
 }
 
@@ -111,7 +142,7 @@ static fmi3Status refused(fmi3Instance self, const char* why) {
 
 EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance self, bool is, double tolerance, double start, bool stops, double stop) {
   (void)is, (void)tolerance, (void)stops, (void)stop;
-  ((instance*)self)->now.time = start;
+  ((instance*)self)->now.time = ((instance*)self)->now.sampled = start;
   return fmi3OK;
 }
 
@@ -122,12 +153,14 @@ EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance self) {
 
 EXPORT fmi3Status fmi3DoStep(fmi3Instance self, double time, double step, bool final, bool* events, bool* terminate, bool* early,
                              double* last) {
+  snapshot* now = &((instance*)self)->now;
   (void)final;
   if (!(step > 0.0 && time - time == 0.0)) return refused(self, "a step is longer than zero, from a finite time");
-  if (((instance*)self)->now.time - time > 1e-9 * (1.0 + fabs(time))) return refused(self, "time goes back");
-  take(&((instance*)self)->now, time);
+  if (now->sampled - time > 1e-9 * (1.0 + fabs(time))) return refused(self, "time goes back");
+  take(now, time);
   *events = *terminate = *early = false;
-  *last = time + step;
+  *last = now->time = time + step;
+  predict(now, now->time);
   return fmi3OK;
 }
 
@@ -137,10 +170,11 @@ EXPORT fmi3Status fmi3Reset(fmi3Instance self) {
 }
 
 EXPORT fmi3Status fmi3GetFloat64(fmi3Instance self, const fmi3ValueReference which[], size_t n, double values[], size_t many) {
-  const snapshot* now = &((instance*)self)->now;
-  const double told[OUTPUTS] = {$told$};
+  snapshot* now = &((instance*)self)->now;
   size_t i;
   if (n != many) return refused(self, "as many values as references");
+  if (!now->begun) prior(now);
+  const double told[OUTPUTS] = {$told$};
   for (i = 0; i < n; ++i) {
     if (which[i] > INPUTS + OUTPUTS) return refused(self, "no such number");
     values[i] = !which[i] ? now->time : which[i] <= INPUTS ? now->inputs[which[i] - 1] : told[which[i] - 1 - INPUTS];

@@ -1,12 +1,8 @@
-"""The filter as an FMU: FMI 3.0 for co-simulation, with its sources and, where a compiler is, a binary of this platform."""
+"""The filter as an FMU: FMI 3.0 for co-simulation, with its sources and binaries of the platforms that compilers know."""
 
 from __future__ import annotations
 
 import io
-import platform
-import subprocess
-import sys
-import tempfile
 import uuid
 import zipfile
 from collections.abc import Container, Iterator
@@ -16,11 +12,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from distal.errors import ExportError
-from distal.estimators import make_estimator
+from distal.estimators import KernelEstimator, make_estimator
+from distal.export.binaries import SUFFIX, binaries_of
 from distal.export.health import spoken
-from distal.export.outputs import angle_fields, filled, torque_fields
+from distal.export.outputs import angle_fields, filled, outputs, torque_fields
 from distal.export.source import Exported, c_filter
-from distal.kernels import find_compiler
 from distal.logs import LARGEST_READING, write_whole
 from distal.rig import Rig, std_name
 from distal.run.health import HEALTH
@@ -35,8 +31,8 @@ class Fmu:
     Args:
         inputs: names of the sensors, in order.
         outputs: names of what it puts out, in order.
-        platforms: those that it has a binary for; for any other a tool builds it from its sources.
-        without: why there is no binary; empty where there is one.
+        platforms: those that it has a binary for, as FMI names them; for any other a tool builds it from its sources.
+        without: why it has no binary for others; empty where none is lacking.
     """
 
     exported: Exported
@@ -46,15 +42,19 @@ class Fmu:
     without: str = ""
 
 
-def export_fmu(rig: Rig, out: str | Path, estimator: str = "adaptive", name: str | None = None) -> Fmu:
+def export_fmu(
+    rig: Rig, out: str | Path, estimator: str = "adaptive", name: str | None = None, everywhere: bool = True
+) -> Fmu:
     """Write an estimator of a rig as an FMU for co-simulation, FMI 3.0.
 
     Inputs are the sensors [SI], NaN where a value is missing; outputs are angles, torques from outside, their standard
-    deviations, and the health of the stream.
+    deviations, and the health of the stream: before the first sample the prior and ``not_yet``, after a step what is
+    predicted of its end.
 
     Args:
         out: the file, which ends in .fmu.
         name: prefix of the names in C, and the model's identifier; default from the rig's title and the estimator.
+        everywhere: with binaries for Linux, Windows and macOS, where ziglang is installed; else for this platform alone.
 
     Raises:
         ExportError: the file's name does not end in .fmu, the name is no C identifier, or the estimator has no C.
@@ -64,15 +64,18 @@ def export_fmu(rig: Rig, out: str | Path, estimator: str = "adaptive", name: str
     if Path(out).suffix.lower() != ".fmu":
         raise ExportError(f"{out}: an FMU is one file; give a name that ends in .fmu")
     exported = c_filter(rig, estimator, False, name)
-    variables = [*_variables(rig, exported)]
-    outputs = [variable for variable in variables if variable.causality == "output"]
+    runner = make_estimator(estimator, rig, compiled=False)
+    variables = [*_variables(runner, exported)]
+    told = [variable for variable in variables if variable.causality == "output"]
     # the same filter has the same token, whenever it was written
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, exported.source)) + "}"
     values = {
         "name": exported.name,
         "NAME": exported.name.upper(),
-        "n_outputs": str(len(outputs)),
-        "told": ", ".join(f"now->out.{variable.field}" for variable in outputs),
+        "n_outputs": str(len(told)),
+        "told": ", ".join(f"now->out.{variable.field}" for variable in told),
+        "prior": outputs(runner, len(runner.state_names), stepped=False),
+        "not_yet": str(len(spoken())),
         "token": token,
         "wild": f"{LARGEST_READING:.17g}",
     }
@@ -83,17 +86,17 @@ def export_fmu(rig: Rig, out: str | Path, estimator: str = "adaptive", name: str
         f"{exported.name}_fmi3.c": interface,
     }
     fmu = io.BytesIO()
-    binary, without = _binary(exported.name, sources)
+    binaries, without = binaries_of(sources, everywhere)
     with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", _description(rig, exported, variables, token))
         archive.writestr("sources/buildDescription.xml", _build_description(exported.name))
         for file, text in sources.items():
             archive.writestr(f"sources/{file}", text)
-        if binary is not None:
-            archive.writestr(f"binaries/{_tuple()}/{exported.name}{_SUFFIX[sys.platform]}", binary)
+        for platform, binary in binaries.items():
+            archive.writestr(f"binaries/{platform}/{exported.name}{SUFFIX[platform.split('-')[1]]}", binary)
     write_whole(out, fmu.getvalue())
-    names = (*(variable.name for variable in outputs), _free("health", exported.channels))
-    return Fmu(exported, exported.channels, names, (_tuple(),) if binary is not None else (), without)
+    names = (*(variable.name for variable in told), _free("health", exported.channels))
+    return Fmu(exported, exported.channels, names, tuple(binaries), without)
 
 
 @dataclass(frozen=True)
@@ -107,14 +110,14 @@ class _Variable:
     field: str = ""
 
 
-def _variables(rig: Rig, exported: Exported) -> Iterator[_Variable]:
+def _variables(runner: KernelEstimator, exported: Exported) -> Iterator[_Variable]:
+    rig = runner.rig
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     for channel in exported.channels:
         sensor = sensors[channel]
         yield _Variable(channel, "input", sensor.si, f"{sensor.measures} of {sensor.of}; NaN where missing")
     angles = (angle for angle, _ in angle_fields(rig))
     fields = [(angle, joint.name, "angle", "rad") for joint, angle in zip(rig.joints, angles, strict=True)]
-    runner = make_estimator(exported.estimator, rig, compiled=False)
     fields += [(field, field, "torque from outside", "N m") for _, field in torque_fields(runner)]
     for field, part, quantity, unit in fields:
         std = std_name(field), f"standard deviation of the error of the {quantity}"
@@ -132,7 +135,8 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         "fmiModelDescription",
         fmiVersion="3.0",
         modelName="".join(c if c.isprintable() else " " for c in rig.name),
-        description="Where the joints are, from what is measured at the proximal end of the tendons",
+        description="Where the joints are, from what is measured at the proximal end of the tendons. A sample is taken in "
+        "when a step begins; outputs are predictions of the step's end, health is that of the sample",
         instantiationToken=token,
         generationTool=f"distal {__version__}",
         variableNamingConvention="flat",
@@ -151,8 +155,9 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", base)
     types = ElementTree.SubElement(root, "TypeDefinitions")
     health = ElementTree.SubElement(types, "EnumerationType", name="Health")
-    for code, word in enumerate(spoken()):
-        ElementTree.SubElement(health, "Item", name=word, value=str(code), description=HEALTH[word])
+    words = {word: HEALTH[word] for word in spoken()} | {"not_yet": "no sample was taken in: the outputs are the prior"}
+    for code, (word, meaning) in enumerate(words.items()):
+        ElementTree.SubElement(health, "Item", name=word, value=str(code), description=meaning)
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval))
     model, names = ElementTree.SubElement(root, "ModelVariables"), {variable.name for variable in variables}
     ElementTree.SubElement(
@@ -204,36 +209,3 @@ def _build_description(name: str) -> bytes:
     for file in (f"{name}.c", f"{name}_fmi3.c"):
         ElementTree.SubElement(files, "SourceFile", name=file)
     return _written(root)
-
-
-_SUFFIX = {"linux": ".so", "darwin": ".dylib", "win32": ".dll"}
-_SYSTEMS = {"linux": "linux", "darwin": "darwin", "win32": "windows"}
-
-
-def _tuple() -> str:
-    """Return this platform as FMI names it."""
-    machine = platform.machine().lower()
-    architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(machine, machine)
-    return f"{architecture}-{_SYSTEMS.get(sys.platform, sys.platform)}"
-
-
-def _binary(name: str, sources: dict[str, str]) -> tuple[bytes | None, str]:
-    """Return the shared library of the sources, or None and why there is none."""
-    compiler = find_compiler()
-    if isinstance(compiler, str):
-        return None, compiler
-    if sys.platform not in _SUFFIX:
-        return None, f"binaries are built for {', '.join(_SYSTEMS.values())}"
-    with tempfile.TemporaryDirectory() as folder:
-        for file, text in sources.items():
-            Path(folder, file).write_text(text, encoding="utf-8")
-        files = [file for file in sources if file.endswith(".c")]
-        flags = ["-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-shared"]
-        command = [*compiler.command, *flags, *files, "-lm", "-o", "made"]
-        try:
-            process = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=300)
-        except (OSError, subprocess.SubprocessError) as problem:
-            return None, f"the C compiler did not run ({type(problem).__name__})"
-        if process.returncode != 0:
-            return None, f"the C compiler failed: {(process.stderr.strip().splitlines() or ['no message'])[0]}"
-        return Path(folder, "made").read_bytes(), ""

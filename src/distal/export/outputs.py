@@ -55,14 +55,14 @@ def members(runner: KernelEstimator, name: str) -> str:
     return "\n".join(lines)
 
 
-def outputs(runner: KernelEstimator, n: int) -> str:
-    """Return the lines that fill these members from the `n` states."""
+def outputs(runner: KernelEstimator, n: int, stepped: bool = True) -> str:
+    """Return the lines that fill these members from the `n` states; before the first sample no learned map has spoken."""
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
     fields += [(runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)]
     lines, report = [], runner.report
     for at, field, std in fields:
         estimate, variance = f"state->carry[{at}]", f"state->carry[{n + at * (n + 1)}]"
-        if at in report.states:  # a learned map speaks of it
+        if stepped and at in report.states:  # a learned map speaks of it
             k = report.states.index(at)
             gain = f"y[{report.gains[k]}]"
             estimate, variance = f"y[{report.values[k]}]", f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"

@@ -132,7 +132,7 @@ def _constant(log: Log, name: str) -> bool:
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
     """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
     has_truth = np.isfinite(truth)
-    subject = f"{log.source}: the truth ({log.truth_source})"
+    subject = f"{log.source}: the truth of {joint}" + (f" ({log.truth_source})" if str(log.truth_source) else "")
     if has_truth.sum() < 10:
         raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
@@ -149,12 +149,12 @@ def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> N
     ratio = float(np.sqrt((b @ b) / (a @ a)))
     if correlation < -CLEAR_CORRELATION:
         raise FitError(
-            f"{subject} moves against the drives (correlation {correlation:.2f}); its sign is wrong: set the angle "
-            "sensor's sign = -1, or swap the tendons' sides"
+            f"{subject} moves against the drives (correlation {correlation:.2f}); a sign is wrong: turn that of "
+            "the angle sensor or of the position sensors round, or swap the tendons' sides"
         )
     if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
         near = "it looks like degrees read as radians" if 20.0 < ratio < 160.0 else "is the unit, or a radius, wrong?"
         near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
         raise FitError(
-            f"{subject} moves {ratio:.3g} times as far as the drives turn {joint}; {near} (set the angle sensor's unit)"
+            f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the angle sensor's unit)"
         )

@@ -138,12 +138,11 @@ class Fit:
 
     def __repr__(self) -> str:
         """Return what it is in a few words."""
-        n_identified = sum(part.identified and not part.noise for part in self.fitted)
+        count = sum(part.identified and not part.noise for part in self.fitted)
         scores = [f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)" for name, rms, inside in self.scores()]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
-        count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
-        return f"Fit of '{self.start.name}' to {count}, {ended}: {n_identified} numbers determined{left_out}"
+        return f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {count} numbers determined{left_out}"
 
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
@@ -152,6 +151,11 @@ class Fit:
         rows = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells)
         head = "<tr><th>number</th><th>rig file</th><th>fitted</th><th>unit</th></tr>"
         return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>"
+
+    @property
+    def learned_from(self) -> str:
+        """How many logs there were, and of how long: "4 logs of 80 s in all"."""
+        return f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''} of {self.duration:.0f} s in all"
 
     @property
     def compared(self) -> tuple[Compared, ...]:
@@ -223,8 +227,7 @@ class Fit:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
-        count = f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''}"
-        lines = [f"{MARK} to {count} ({self.duration:.0f} s){use}:", f"# {names}"]
+        lines = [f"{MARK} to {self.learned_from}{use}:", f"# {names}"]
         if self.interrupted:
             lines.append("# The search was interrupted: these are the best values so far.")
         rows = [("number", "value", "± standard error", "started at", "from")]

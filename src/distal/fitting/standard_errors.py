@@ -107,25 +107,41 @@ def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tupl
     yardstick = yardsticks(problem, z)[parameters]
     relative = derivatives.information[np.ix_(parameters, parameters)] * np.outer(yardstick, yardstick)
     amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
-    lines = []
-    for amount, direction in zip(amounts, directions.T):
-        members = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) >= PART]
-        if amount < WEAK and len(members) > 1:
-            parts = [problem.parts[parameters[i]][0] for i in members]
-            lines.append(_line(parts, [z[parameters[i]] for i in members], direction[members]))
+    weak, lines = directions.T[amounts < WEAK], []
+    groups: list[tuple[set[int], list[int]]] = []  # numbers that weak directions have in common, and which directions
+    for k, direction in enumerate(weak):
+        members, of = set(np.flatnonzero(np.abs(direction) >= PART).tolist()), [k]
+        if len(members) > 1:
+            for group in [group for group in groups if group[0] & members]:
+                groups.remove(group)
+                members, of = members | group[0], [*group[1], *of]
+            groups.append((members, of))
+    for members, of in groups:
+        at = sorted(members, key=lambda i: -abs(weak[of[0]][i]))
+        parts, z_of = [problem.parts[parameters[i]][0] for i in at], [z[parameters[i]] for i in at]
+        lines.append(_line(parts, z_of, weak[of[0]][at], len(of)))
     return tuple(lines)
 
 
-def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats) -> str:
-    """Return "a and b only as a product", by the signs of the relative changes that no log tells apart."""
-    names = [part.name for part in parts]
+REMEDY = "turn the joint further, or vary the load"
+
+
+def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats, count: int = 1) -> str:
+    """Return "only the product of a and b", by the signs of the relative changes that no log tells apart.
+
+    So many directions (`count`) are not told: with as many as there are numbers, none of these is.
+    """
+    *names, last = (part.name for part in parts)
+    listed = f"{', '.join(names)} and {last}"
+    if count >= len(parts):
+        return f"nothing of {listed}, which stay near the rig file's values: {REMEDY}"
+    if len(parts) > 2:
+        return f"{listed} only together, none of them alone: {REMEDY}"
     changes = [
         step * part.slope(at) * (part.spread if part.has_prior else 1.0) / (part.value(at) or 1.0)
         for part, at, step in zip(parts, z, direction)
     ]
-    if len(parts) == 2:
-        kind = "as a product" if changes[0] * changes[1] < 0 else "as a ratio"
-        if {part.paths[0].rpartition(".")[2] for part in parts} <= SUMMANDS:
-            kind = "as a sum"
-        return f"{names[0]} and {names[1]} only {kind}: turn the joint further, or vary the load"
-    return f"{', '.join(names[:-1])} and {names[-1]} only together: turn the joint further, or vary the load"
+    kind = "product" if changes[0] * changes[1] < 0 else "ratio"
+    if {part.paths[0].rpartition(".")[2] for part in parts} <= SUMMANDS:
+        kind = "sum"
+    return f"only the {kind} of {listed}, neither of them alone: {REMEDY}, or measure one"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import platform
 import shlex
@@ -20,6 +21,9 @@ from distal.kernels.cache import Cache, cache_folder, check_own, cpu, digest
 # with 512-bit vectors GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
 NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()
 FLAGS = ("-O3", "-march=native", *NARROW, "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+
+LOG = logging.getLogger("distal.kernels")
+"""Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
 /* {name} over n samples: carry and outputs of every sample are kept, the carry of sample k is the input of k + 1 */
@@ -142,11 +146,14 @@ def compiled_source(source: str) -> Path:
     if library is not None:
         return library
     try:
+        LOG.info("compiling, once: it is kept for the next time")
         with cache.work_folder() as folder:
             return cache.keep(key, _build(compiler, source, Path(folder)))
     except OSError as problem:
         reason = problem.strerror or str(problem)
         raise CompileError(f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE") from None
+    finally:
+        LOG.info("")
 
 
 def _needed_compiler() -> Compiler:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.errors import DistalWarning, LogError, OutputError
 from distal.logs.atomic_writes import write_whole
-from distal.logs.formats import TABLES, format_of, write_csv
+from distal.logs.formats import TABLES, format_of
 from distal.logs.header_units import factor_of, scale, time_factor
 from distal.logs.log import LARGEST_READING, Log, check_stamps
 from distal.logs.reader_process import recording_by_process
@@ -244,6 +244,9 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     write_columns(columns, path)
 
 
+WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
+
+
 def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> None:
     """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV."""
     write_whole(path, file_of(columns, path))
@@ -252,11 +255,16 @@ def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) 
 def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
     """Return `columns` as the file that `path` will hold, in the format of its ending; see `check_format`."""
     check_format(path)
-    return (format_of(path).write or write_csv)(columns)
+    write = format_of(path).write
+    if write is None:
+        raise OutputError(f"{path}: {WRITTEN}")
+    return write(columns)
 
 
 def check_format(path: str | Path) -> None:
-    """Raise an `OutputError` where a package is missing that writes columns in the format of a path."""
+    """Raise an `OutputError` where columns are not written so as a path ends, or a package for it is missing."""
+    if Path(path).suffix.lower() in (".xlsx", ".xls", ".ods", ".mat", ".npz", ".h5"):
+        raise OutputError(f"{path}: {WRITTEN}")
     package = format_of(path).package
     if package is not None and find_spec(package[0]) is None:
         raise OutputError(f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV")

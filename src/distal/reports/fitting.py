@@ -58,7 +58,7 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
     parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
     use = "" if fit.homing is None else f" A reference is used for the first {fit.homing:g} s, then only compared with."
     lead = (
-        f"{fit.samples} samples of {len(fit.logs)} log{'s' if len(fit.logs) > 1 else ''} ({fit.duration:.0f} s), "
+        f"{fit.samples} samples of {fit.learned_from}, "
         f"fitted by the rig's equations, or by its filter's innovations.{use}"
     )
     path = folder / FIT_PAGES[0]

@@ -65,9 +65,11 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     rig = build_rig(raw, source)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
     if moved and rig.discrepancy is not None:
+        is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)
+        torque = "; declare external_torque.std in the rig file before the fit" if is_torque else ""
         warnings.warn(
             f"{source}: [discrepancy] was learned with other numbers than {', '.join(moved)} now has: "
-            "fit again, or remove it",
+            f"fit again, or remove it{torque}",
             DistalWarning,
             stacklevel=2,
         )

@@ -59,6 +59,18 @@ def doubts(rig: Rig) -> list[str]:
                 f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the friction of its path, at the "
                 "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
             )
+        if sensor.measures == "force" and getattr(sensor, "lever", None) is not None:
+            windings = [tendon.winding for tendon in rig.tendons if tendon.drive == sensor.of]
+            if len(windings) > 1:
+                sentences.append(
+                    f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls {len(windings)}, whose "
+                    "tensions together are its torque: measure the 'tension' of each"
+                )
+            elif windings == [-1] and sensor.sign == 1:
+                sentences.append(
+                    f"sensor {sensor.name} is a load cell in a tendon on side -1, where a pull is a negative torque: "
+                    "is sign = -1 missing?"
+                )
     for joint in rig.joints:
         arms = [tendon.arms().get(joint.name, 0.0) for tendon in rig.tendons]
         sides = {1 if arm > 0.0 else -1 for arm in arms if arm != 0.0}

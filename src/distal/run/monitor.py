@@ -76,12 +76,21 @@ class Monitor:
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
         self._watch = watch = watch_of(live.runner)
-        self._check, self._memory = Evaluation(watch.function), begun(watch)
+        self._check = Evaluation(watch.function)
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
         self._reach = np.array([joint.travel for joint in live.rig.joints]).T
+        self._begin()
+
+    def _begin(self) -> None:
+        self._memory = begun(self._watch)
         self._late, self._last_late, self._time, self._fresh = 0, -inf, -inf, True
         self._anew = ""
+
+    def reset(self) -> None:
+        """Forget everything, the estimator's belief too: the next sample is the first."""
+        self._live.reset()
+        self._begin()
 
     @property
     def rig(self) -> Rig:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from distal.rig.mjcf.bodies import joint_name
+from distal.rig.mjcf.bodies import Units, joint_name
+from distal.rig.mjcf.constraints import stiffness_at_rest
 from distal.rig.mjcf.loading import mujoco_module
 from distal.rig.mjcf.poses import range_of
 
@@ -18,12 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coupled:
-    """θ_follower = ratio θ_leader + offset [rad]; of their indices the leader's is the lower one."""
+    """θ_follower = ratio θ_leader + offset [rad]; of their indices the leader's is the lower one.
+
+    The stiffness is that with which the follower is held there, in the model's units.
+    """
 
     leader: int
     follower: int
     ratio: float
     offset: float
+    stiffness: float
 
 
 def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
@@ -55,10 +60,25 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
             left.append(
                 f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at '{joint_name(model, first)}'"
             )
+        inverse = sum(float(model.dof_invweight0[int(model.jnt_dofadr[j])]) for j in (first, second))
+        stiffness = stiffness_at_rest(model, model.eq_solref[i], model.eq_solimp[i], inverse)
         if first < second:
+            stiffness *= ratio**2
             first, second, ratio, offset = second, first, 1.0 / ratio, -offset / ratio
-        coupled.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0))
+        coupled.append(Coupled(second, first, round(ratio, 9), round(offset, 9) + 0.0, stiffness))
     return coupled, left
+
+
+def softened(coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], units: Units) -> list[Coupled]:
+    """Return the couplings as their followers' springs leave them: K (ρ θ_l + o − θ_f) = k (θ_f − θ₀) at rest."""
+    soft = list[Coupled]()
+    for pair in coupled:
+        spring = springs.get(pair.follower, {})
+        held, pulled = pair.stiffness * units.torque, spring.get("stiffness", 0.0)
+        share, rest = held / (held + pulled), spring.get("rest_angle", 0.0)
+        offset = share * pair.offset + (1.0 - share) * rest
+        soft.append(replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0))
+    return soft
 
 
 def kept_range(model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]) -> tuple[float, float] | None:

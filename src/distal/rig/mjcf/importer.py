@@ -12,7 +12,9 @@ from distal.rig.files import build_rig
 from distal.rig.mjcf.actuators import driven_tendons
 from distal.rig.mjcf.bodies import Units, described_joints, joint_name
 from distal.rig.mjcf.choice import check_base, kept_joints, other_joints, turning_joints
-from distal.rig.mjcf.couplings import Coupled, couplings, kept_range
+from distal.rig.mjcf.constraints import described_stop
+from distal.rig.mjcf.couplings import Coupled, couplings, kept_range, softened
+from distal.rig.mjcf.guesses import series_stiffness
 from distal.rig.mjcf.loading import load_model, mujoco_module
 from distal.rig.mjcf.poses import over_ranges, turned_by
 from distal.rig.mjcf.springs import joint_springs
@@ -90,7 +92,8 @@ def from_mujoco(
     base, described = described_joints(model, kept, units)
     springs, left = joint_springs(model, kept, units)
     notes += left
-    _complete(model, kept, described, springs, [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)])
+    inside = [pair for pair in coupled if {pair.leader, pair.follower} <= set(kept)]
+    _complete(model, kept, described, springs, units, softened(inside, springs, units))
     raw: dict[str, object] = {
         "name": title,
         "log": {"time": {"column": "time", "unit": "s"}},
@@ -98,12 +101,13 @@ def from_mujoco(
         "joints": described,
         "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
     }
-    tendons = []
+    tendons, off = [], dict[str, float]()
+    stiffness = series_stiffness(len(pulling), sum("coupled" not in joint for joint in described))
     for t, name in pulling.items():
-        tendon, left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], units)
+        tendon, off[name], left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], stiffness, units)
         tendons.append(tendon)
         notes += left
-    raw |= {"tendons": tendons, "sensors": described_sensors([*pulling.values()], [joint_name(model, j) for j in kept])}
+    raw |= {"tendons": tendons, "sensors": described_sensors(off, [joint_name(model, j) for j in kept])}
     rig = build_rig(cast(dict[str, object], plain(raw)), title)
     _check_size(rig)
     missing = tuple(dict.fromkeys(guess.of for guess in guesses(raw)))
@@ -120,6 +124,7 @@ def _complete(
     kept: Sequence[int],
     described: Sequence[dict[str, object]],
     springs: dict[int, dict[str, float]],
+    units: Units,
     coupled: Sequence[Coupled],
 ) -> None:
     """Add springs and couplings to the joints; stops of a joint that follows become those of its leader."""
@@ -128,12 +133,12 @@ def _complete(
             raw["spring"] = dict(springs[j])
         ends = kept_range(model, j, coupled)
         if ends is not None:
-            raw["stops"] = [float(end) for end in ends]
+            raw |= {"stops": [float(end) for end in ends], **described_stop(model, j, units)}
         for pair in coupled:
             if pair.follower == j:
                 raw["coupled"] = {"joint": joint_name(model, pair.leader), "ratio": pair.ratio, "offset": pair.offset}
-                raw.pop("stops", None)
-                raw.pop("initial", None)
+                for key in ("stops", "stop_stiffness", "stop_damping", "initial"):
+                    raw.pop(key, None)
 
 
 def _check_size(rig: Rig) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,10 +15,10 @@ from distal.rig.mjcf.guesses import (
     FORCE_NOISE,
     NOMINAL_FORCE,
     PATH_FRICTION,
-    PLACE_NOISE,
     PRETENSION,
     RATE,
-    STIFFNESS,
+    Guess,
+    place_noise,
 )
 from distal.rig.mjcf.poses import over_ranges, range_of, rest_lengths
 
@@ -48,9 +48,9 @@ def described_drive(model: mujoco.MjModel, tendon: int, name: str, units: Units)
 
 
 def described_tendon(
-    model: mujoco.MjModel, tendon: int, name: str, joints: Sequence[int], units: Units
-) -> tuple[dict[str, object], list[str]]:
-    """Return a raw tendon, and what its polynomial leaves where that is much, in words.
+    model: mujoco.MjModel, tendon: int, name: str, joints: Sequence[int], stiffness: Guess, units: Units
+) -> tuple[dict[str, object], float, list[str]]:
+    """Return a raw tendon, what its polynomial leaves of its length [m, RMS], and that where it is much, in words.
 
     What is left of the moment arms on 92 % of the poses is the std of their scale. Tendon and drive have one name.
     """
@@ -88,18 +88,21 @@ def described_tendon(
     raw: dict[str, object] = {
         "name": name,
         "drive": name,
-        "stiffness": STIFFNESS,
+        "stiffness": stiffness,
         "pretension": PRETENSION,
         "crossings": crossings,
     }
-    return raw, notes
+    return raw, excursion.length_rms * units.length, notes
 
 
-def described_sensors(tendons: Sequence[str], joints: Sequence[str]) -> list[dict[str, object]]:
-    """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning."""
+def described_sensors(tendons: Mapping[str, float], joints: Sequence[str]) -> list[dict[str, object]]:
+    """Return raw sensors: displacement and force of each drive, and an encoder at each joint for learning.
+
+    The tendons are by name, with what their polynomial leaves of their length [m].
+    """
     sensors: list[dict[str, object]] = []
-    for name in tendons:
-        for kind, column, unit, noise in (("position", "x", "m", PLACE_NOISE), ("force", "u", "N", FORCE_NOISE)):
+    for name, left in tendons.items():
+        for kind, column, unit, noise in (("position", "x", "m", place_noise(left)), ("force", "u", "N", FORCE_NOISE)):
             sensors.append(
                 {"name": f"{column}_{name}", "measures": kind, "of": name, "column": f"{column}_{name}", "unit": unit,
                  "rate": RATE, "noise": noise}

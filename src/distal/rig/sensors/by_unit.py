@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from distal.rig.quantities import In, Parameter
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.counts import COUNTS
-from distal.units import to_si
+from distal.units import to_si, unit_factor
 
 Gear = Annotated[float, In("", "positive")]
 Metres = Annotated[float, In("m", "nonnegative")]
@@ -80,7 +80,7 @@ class ForceSensor(SensorBase):
 
 
 class TorqueSensor(SensorBase):
-    """A sensor of a torque [N m], or of a motor's current where a torque constant K_t is given: τ = K_t i."""
+    """A sensor of a torque [N m]; of a motor's current with a constant K_t, τ = K_t i; of a force with a lever, τ = R F."""
 
     si: Literal["N m"]
     torque_constant: Annotated[float, In("N m/A", "positive")] | None = Field(
@@ -91,6 +91,9 @@ class TorqueSensor(SensorBase):
     )
     gear: Gear = Field(
         1.0, description="motor turns for one turn of the capstan; it applies to torque_constant_motor only"
+    )
+    lever: Annotated[float, In("m", "positive")] | None = Field(
+        None, description="of a load cell, where the log holds a force: the capstan's radius for one in its only tendon"
     )
     noise: NewtonMetres = Field(0.0, description="standard deviation, random error")
     linearity: NewtonMetres = Field(0.0, description="largest systematic deviation over the range, a smooth curve")
@@ -104,14 +107,20 @@ class TorqueSensor(SensorBase):
     def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
         if raw.get("torque_constant") is not None:
             return "A", to_si(raw["torque_constant"], "N m/A")
+        if raw.get("lever") is not None:
+            return "N", to_si(raw["lever"], "m")
         if raw.get("torque_constant_motor") is not None:
             return "A", to_si(raw["torque_constant_motor"], "N m/A") * to_si(raw.get("gear", 1.0), "")
+        if isinstance(unit := raw.get("unit"), str) and unit not in COUNTS:
+            unit_factor(unit, "N m")  # where it is none, that is said, and not what is written in it
         return None
 
     @model_validator(mode="after")
     def _one_constant(self) -> Self:
         if self.torque_constant is not None and self.torque_constant_motor is not None:
             raise ValueError("torque_constant: is at the capstan, torque_constant_motor at the motor; give one of them")
+        if self.lever is not None and self.logged != ("N", self.lever):
+            raise ValueError("lever: is of a load cell, a torque constant of a motor's current; give one of them")
         if self.gear != 1.0 and self.torque_constant_motor is None:
             raise ValueError(
                 "gear: applies to torque_constant_motor only; a torque in N m and torque_constant are at the capstan"
@@ -119,7 +128,10 @@ class TorqueSensor(SensorBase):
         return self
 
     @property
-    def newton_metres_per_ampere(self) -> float | None:
-        """K_t at the capstan, None where the log holds a torque."""
-        motor = self.torque_constant_motor
-        return self.torque_constant if motor is None else motor * self.gear
+    def logged(self) -> tuple[str, float]:
+        """SI unit of what the log holds, and what one of it is as a torque at the capstan [N m]."""
+        if self.torque_constant is not None:
+            return "A", self.torque_constant
+        if self.torque_constant_motor is not None:
+            return "A", self.torque_constant_motor * self.gear
+        return (self.si, 1.0) if self.lever is None else ("N", self.lever)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import pi
 
+from distal.errors import UnitError
 from distal.rig.quantities import Parameter
 from distal.rig.sensors.by_unit import AngleSensor, ForceSensor, TorqueSensor
 from distal.rig.sensors.registry import Sensor
@@ -26,8 +27,13 @@ def log_factor(sensor: Sensor) -> float:
     Raises:
         UnitError: the unit is unknown or has the wrong dimension.
     """
-    if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None:
-        return sensor.newton_metres_per_ampere * unit_factor(sensor.unit or "A", "A")
+    if isinstance(sensor, TorqueSensor):
+        unit, torque = sensor.logged
+        try:
+            return torque * unit_factor(sensor.unit or unit, unit)
+        except UnitError as problem:
+            needs = "; a load cell in N needs its lever, a current a torque_constant" if unit == sensor.si else ""
+            raise UnitError(f"{problem}{needs}") from None
     gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
     if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:
         return 2 * pi / (sensor.counts_per_turn * gear)
@@ -36,5 +42,4 @@ def log_factor(sensor: Sensor) -> float:
 
 def log_unit(sensor: Sensor) -> str:
     """Return the unit of a log's numbers."""
-    counted_in = "A" if isinstance(sensor, TorqueSensor) and sensor.newton_metres_per_ampere is not None else sensor.si
-    return sensor.unit or counted_in
+    return sensor.unit or (sensor.logged[0] if isinstance(sensor, TorqueSensor) else sensor.si)

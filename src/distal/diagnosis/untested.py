@@ -1,0 +1,105 @@
+"""What the sensors of a log cannot test, in at most three groups: scales of places, of forces, and zeros.
+
+Gear, spool, unit and moment arm of a drive are one scale between its place and its joint; stiffness and the force's scale
+are one between its pull and its stretch; zero and pre-tension shift both. Nothing proximal tells them apart, so each is one
+group. A group is named where a change of it contradicts nothing and moves an angle by more than half of its band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from distal.confidence import BAND
+from distal.diagnosis import sentences
+from distal.diagnosis.finding import Finding, Kind
+from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.what_if import contradictions
+from distal.estimators import AdaptiveFilter
+from distal.logs import Log
+from distal.rig import Rig
+from distal.run.offline import runner_for
+
+FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
+"""What scales are multiplied by: a log of a rig whose scale is wrong by one of them is right with its inverse."""
+
+GROSS = (-1.0, 57.3, 1 / 57.3)
+"""What channels are multiplied by as well: a sign, and degrees for radians; larger factors are seen where these are."""
+
+ZERO = 0.1
+"""A place is shifted by this share of what it covers in the log."""
+
+SHARE = 0.5
+"""A change counts that moves an angle by more than this share of its band, as root mean square."""
+
+
+def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool = True) -> tuple[Finding, ...]:
+    """Return the groups of numbers that the sensors of a log cannot test; the truth is used for `homing` [s].
+
+    Raises:
+        EstimationError: the filter cannot run on this rig or log.
+    """
+    runner = runner_for(log, rig, "adaptive", compiled, homing)
+    assert isinstance(runner, AdaptiveFilter)
+    return tuple(untestable(Rerun(log, runner, homing)))
+
+
+def untestable(rerun: Rerun) -> list[Finding]:
+    """Return the groups of numbers that cannot be tested, each with the drives where that is so."""
+    of_base = contradictions(rerun, rerun.base)
+    drives = [drive.name for drive in rerun.runner.rig.drives]
+    found: dict[str, list[str]] = {}
+    for group, drive, change in _changes(rerun):
+        named = found.setdefault(group, [])
+        if drive not in named and _unseen(rerun, rerun(change), of_base):
+            named += [drive] if drive else [each for each in drives if each not in named]
+    groups = {group: named for group, named in found.items() if named}
+    return [
+        sentences.cannot_test(f"{group} of {'all drives' if len(drives) == len(named) > 1 else ', '.join(named)}")
+        for group, named in groups.items()
+    ]
+
+
+def _changes(rerun: Rerun) -> Iterator[tuple[str, str, Change]]:
+    """Yield group, drive, none for all together, and each change that stands for it."""
+    runner = rerun.runner
+    rig, channels = runner.rig, runner.channels
+    arms = dict[str, list[str]]()
+    for i, tendon in enumerate(rig.tendons):
+        paths = [f"tendons.{i}.{at}.radius" for at, _ in tendon.shapes()]
+        arms.setdefault(tendon.drive, []).extend(path for path in paths if path in runner.parameter_names)
+    for drive in rig.drives:
+        read = {s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels}
+        place, force = read.get("position"), read.get("force")
+        for factor in (*FACTORS, *GROSS) if place is not None else ():
+            yield sentences.SCALE, drive.name, Change(channels={str(place): factor})
+        for factor in FACTORS:
+            for path in arms.get(drive.name, ()):
+                yield sentences.SCALE, drive.name, Change(numbers={path: factor})
+        for factor in (*FACTORS, *GROSS) if force is not None else ():
+            yield sentences.COMPLIANCE, drive.name, Change(channels={str(force): factor})
+        for sign in (1.0, -1.0) if place is not None else ():
+            shift = sign * ZERO * rerun.covered(str(place))
+            yield sentences.ZERO, drive.name, Change(added={str(place): shift})
+    together = [path for paths in arms.values() for path in paths]
+    for factor in FACTORS if together else ():
+        yield sentences.SCALE, "", Change(numbers=dict.fromkeys(together, factor))
+    springs = [path for i in range(len(rig.tendons)) if (path := f"tendons.{i}.stiffness") in runner.parameter_names]
+    for factor in FACTORS if springs else ():
+        yield sentences.COMPLIANCE, "", Change(numbers=dict.fromkeys(springs, factor))
+
+
+def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:
+    """Return whether a change moved an angle by more than a share of its band, and contradicts nothing."""
+    base, joints = rerun.base, len(rerun.runner.rig.joints)
+    if not outcome.bounded:
+        return False
+    moved = np.sqrt(np.mean((outcome.means - base.means)[:, :joints] ** 2, axis=0))
+    if np.all(moved <= SHARE * BAND * np.sqrt(np.mean(base.variances[:, :joints], axis=0))):
+        return False
+    if base.squares.size:
+        compared = np.isfinite(base.squares) & np.isfinite(outcome.squares)
+        if compared.sum() < 0.5 * np.isfinite(base.squares).sum():
+            return False
+    return contradictions(rerun, outcome) <= base_contradictions
