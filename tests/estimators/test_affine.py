@@ -345,7 +345,7 @@ def test_a_map_of_other_sensors_is_refused(rig: Rig) -> None:
     raw = known.model_dump()
     kept = [sensor for sensor in raw["sensors"] if sensor["name"] != "encoder"]
     added = {**kept[1], "name": "second", "column": "second", "measures": "tension", "of": "opening", "unit": "N"}
-    for key in ("torque_constant", "torque_constant_motor", "gear", "si"):
+    for key in ("torque_constant", "torque_constant_motor", "gear", "lever", "si"):
         added.pop(key)
     with pytest.raises(
         EstimationError, match=r"was learned from the sensors motor_angle, motor_torque, the rig now has"
