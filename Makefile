@@ -90,6 +90,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.exports
 	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.hysteresis
+	$(BIN)/python -m benchmarks.imported_models
 	$(BIN)/python -m benchmarks.lab
 	$(BIN)/python -m benchmarks.models
 	$(BIN)/python -m benchmarks.sensitivity
