@@ -300,7 +300,7 @@
 
   // what a test needs: run on without waiting, and say what was kept
   lab.run = (seconds) => { for (const end = count + Math.round(seconds / interval); count < end; ) step(); };
-  lab.begin = begin; lab.csv = csv; lab.pause = () => { playing = false; };
+  lab.begin = begin; lab.csv = csv; lab.pause = () => { if (playing) by("play").click(); };
   lab.last = () => [...kept.subarray(width * ((count - 1) % KEPT)).subarray(0, width)];
   lab.acted = () => [...pull];
   lab.drawn = () => { draw(); return { angles: angles.numbers(), errors: errors.numbers(), torque: touch && !by("torque").closest("figure").hidden ? touch.numbers() : [], pictured }; };
