@@ -213,15 +213,6 @@ def recorded(of: Plant, rig: Rig, seed: int, least: float = 2.0, most: float = 1
     return Log(values[:, 0], channels, truth, "MuJoCo")
 
 
-def as_they_come(folders: list[Path], seeds: range) -> Iterator[list[str]]:
-    """Return a row for each plant without a fit: RMS error, mean over the joints [deg], and the share inside the band."""
-    for name in HANDS:
-        rig = found(folders, name)[0].rig
-        for seed in seeds:
-            log = recorded(plant(specification(folders, name), rig, seed), rig, 10 * seed)
-            yield [name, str(seed), scored([log], rig, "adaptive"), scored([log], rig, "elastic")]
-
-
 def estimates(folders: list[Path], plants: int) -> Iterator[list[str]]:
     """Return a row for each plant: RMS error, mean over the joints [deg], and the share inside the band."""
     for name in HANDS:
@@ -280,8 +271,6 @@ def main() -> None:
     parser.add_argument("folders", nargs="*", type=Path, help="with models")
     parser.add_argument("--tendons", action="store_true")
     parser.add_argument("--estimates", type=int, metavar="PLANTS")
-    parser.add_argument("--as-they-come", type=int, metavar="PLANTS", help="without a fit")
-    parser.add_argument("--first-seed", type=int, default=0, help="of --as-they-come")
     parser.add_argument("--hands", action="store_true")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -298,15 +287,6 @@ def main() -> None:
             "poses within it [%]",
         ]
         table("models-tendons", "tendons on 1,000 fresh poses", columns, list(tendons(given.folders)))
-    elif given.as_they_come:
-        seeds = range(given.first_seed, given.first_seed + given.as_they_come)
-        columns = ["model", "plant", "adaptive", "elastic"]
-        table(
-            "models-unfitted",
-            "RMS error [°] (inside [%]) without a fit",
-            columns,
-            list(as_they_come(given.folders, seeds)),
-        )
     elif given.estimates:
         columns = ["model", "plant", "adaptive", "elastic", "inextensible", "adaptive, fitted", "s of fit"]
         rows = []

@@ -21,6 +21,7 @@ def stiffness_at_rest(model: mujoco.MjModel, solref: Floats, solimp: Floats, inv
 
     K = k/((1 − d) A), k = 1/(T ζ)² or −solref[0], d = d_max, A the inverse inertia: MuJoCo's documentation,
     "Computation", where a force f = (a_ref − a)/R, R = A (1 − d)/d, a_ref = −(d/d_max²) k r at rest.
+    `inverse_inertia` is A.
     """
     time, ratio, d = float(solref[0]), float(solref[1]), float(np.clip(solimp[1], 1e-4, 0.9999))
     # MuJoCo takes no time constant below two steps
