@@ -307,8 +307,9 @@ def simulate(
     goals, pulls, (gain, gain_damping) = commands
     data.qpos[n:] = goals[0]
     places, speeds, forces, limits = data.qpos, data.qvel, data.qfrc_applied, model.dof_frictionloss
-    states, efforts = np.empty((SAMPLES, len(places))), np.empty((SAMPLES, winding.shape[1]))
-    for k in range(-SETTLING, (SAMPLES - 1) * EVERY + 1):
+    samples = (len(goals) - 1) // EVERY + 1
+    states, efforts = np.empty((samples, len(places))), np.empty((samples, winding.shape[1]))
+    for k in range(-SETTLING, len(goals)):
         at = max(k, 0)
         tensions = truth.stiffness * np.maximum(stretching @ places + slack, 0.0)
         effort = pulls[at] + gain * (goals[at] - places[n:]) - gain_damping * speeds[n:]
@@ -338,15 +339,29 @@ def sense(plant: Plant, drives: Floats, efforts: Floats, rng: np.random.Generato
     return read, efforts + rng.normal(0.0, 0.2, efforts.shape)
 
 
-def make_log(plant: str, kind: str, seed: int) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the columns of a log and those of its truth, of a plant and a motion that the seed draws."""
+def hung_load(plant: Plant, rng: np.random.Generator, times: Floats, start: float, end: float) -> Floats:
+    """Return torques (k, n) of a load on one drawn joint from `start` to `end` [s], half to all of the greatest."""
+    torques, joint = np.zeros((len(times), len(plant.joints))), int(rng.integers(len(plant.joints)))
+    share = 0.6 if joint == len(plant.joints) - 1 else 1.0
+    size = share * plant.torque * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
+    torques[:, joint] = size * smooth_step((times - start) / 0.03) * smooth_step((end - times) / 0.03 + 1.0)
+    return torques
+
+
+def make_log(
+    plant: str, kind: str, seed: int, samples: int = SAMPLES, hung: tuple[float, float] | None = None
+) -> tuple[dict[str, Floats], dict[str, Floats]]:
+    """Return the columns of a log and those of its truth, of a plant and a motion that the seed draws.
+
+    A log has so many samples; something is `hung` on one joint from its first to its second time [s].
+    """
     of = PLANTS[plant]
     rng = np.random.default_rng([seed, list(PLANTS).index(plant), KINDS.index(kind)])
     n = len(of.joints)
     truth = draw_truth(of, rng)
     model = build_model(of, truth.springs)
     start = np.radians([joint.init_degrees + rng.normal(0.0, 3.0) for joint in of.joints])
-    times = np.asarray(np.arange((SAMPLES - 1) * EVERY + 1) * STEP, dtype=np.float64)
+    times = np.asarray(np.arange((samples - 1) * EVERY + 1) * STEP, dtype=np.float64)
     data = mujoco.MjData(model)
     data.qpos[:n] = start
     mujoco.mj_forward(model, data)
@@ -357,6 +372,8 @@ def make_log(plant: str, kind: str, seed: int) -> tuple[dict[str, Floats], dict[
     # steps of a flexor are steps of its motor's torque
     gains = (0.0, 0.0) if kind == "step" and len(of.arms) == 1 else of.gains
     torques = draw_torques(of, rng, times) if kind == "contact" else np.zeros((len(times), n))
+    if hung is not None:
+        torques += hung_load(of, np.random.default_rng([seed, 1]), times, *hung)
     states, efforts = simulate(of, truth, model, data, (places, tensions @ winding, gains), torques)
     read, measured = sense(of, states[:, n:], efforts, rng)
     at = times[::EVERY]

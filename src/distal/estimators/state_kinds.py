@@ -24,6 +24,7 @@ class StateKind(Enum):
     ANGLE = "angle of a joint"
     SPEED = "speed of a joint"
     EXTERNAL_TORQUE = "torque on a joint from outside"
+    UNDECLARED_TORQUE = "torque on a joint that the rig does not declare"
     PARAMETER = "number of the rig, or what several err by together"
     LINEARITY = "weight of the curve of a position sensor's error"
     POSITION = "place of a drive that nothing measures"
@@ -60,7 +61,12 @@ def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...
     return kinds_by_joint(runner.state_names, [joint.name for joint in runner.rig.joints])
 
 
-UNITS_OF_JOINTS = {StateKind.ANGLE: "rad", StateKind.SPEED: "rad/s", StateKind.EXTERNAL_TORQUE: "N m"}
+UNITS_OF_JOINTS = {
+    StateKind.ANGLE: "rad",
+    StateKind.SPEED: "rad/s",
+    StateKind.EXTERNAL_TORQUE: "N m",
+    StateKind.UNDECLARED_TORQUE: "N m",
+}
 """Units of the joints' states."""
 
 _OF_DRIVE = {

@@ -61,6 +61,22 @@ class FilterContext:
         """Numbers in a sample x = (dt, values, mask)."""
         return 1 + 2 * len(self.channels.names)
 
+    def moved_by(self, joint: int) -> dict[int, tuple[float, float]]:
+        """Return drive → r_d/r_j at a joint that it moves, and the joint's share of that motion.
+
+        Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ r².
+        """
+        rig, found = self.mechanism.rig, dict[int, tuple[float, float]]()
+        name = rig.joints[joint].name
+        for i, drive in enumerate(rig.drives):
+            tendon = next((t for t in rig.tendons if t.drive == drive.name and name in t.joints), None)
+            arms = {} if tendon is None else tendon.arms()
+            if arms.get(name, 0.0) != 0.0:
+                lever = drive.radius.value if drive.kind == "capstan" else 1.0
+                share = arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
+                found[i] = lever / arms[name], share
+        return found
+
     @cached_property
     def joints_follow(self) -> bool:
         """Whether a joint follows a jump of its drive within one interval: its own frequency times that is large."""

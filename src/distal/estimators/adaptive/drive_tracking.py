@@ -15,15 +15,16 @@ from distal.estimators.adaptive.guards import chance_of_jump, is_far, jump_evide
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.adaptive.zero_jumps import CONTRADICTED, SETTLED_TIME, SOONEST_STOP, kept_shift
 from distal.estimators.channels import UNKNOWN_PLACE
-from distal.estimators.dead_sensors import dead_after
+from distal.estimators.dead_sensors import DEAD_INTERVALS, dead_after
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
 
-REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost")
+REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost", "shift", "shift_std")
 """Names of the numbers that are remembered of each drive, see `Drive`."""
 
 PULL_STD = 0.1
@@ -53,6 +54,8 @@ class Drive:
         square: mean square speed.
         unknown: variance of the place beyond the sensor's noise: grows while it is missing.
         lost: time since the last good reading [s].
+        shift: by which the zero of its sensor has jumped [m, rad].
+        shift_std: std of that, where nothing says whether the drive jumped or the zero [m, rad].
         bend: change of displacement between two intervals: what a straight line between samples leaves out.
         variance: of the place, for the filter: noise, what is unknown, what a straight line misses.
     """
@@ -63,6 +66,8 @@ class Drive:
     square: Scalar
     unknown: Scalar
     lost: Scalar
+    shift: Scalar
+    shift_std: Scalar
     bend: Scalar
     variance: Scalar
 
@@ -181,7 +186,7 @@ def _readings(states: StateVector) -> ca.Function:
         if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
             place = memory[remembered_place(i, "place")]
             reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
-        dead = dead_after(sensor)
+        dead = dead_after(sensor) if context.n_joints == 1 else DEAD_INTERVALS / sensor.rate
         wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
         table[:5, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor), dead, wandering)
         if force is not None and _judged(context, i):
@@ -236,9 +241,13 @@ def track(
         silence: what a long silence of the sensor means; None where none is long.
         force_evidence: the drive's force, or None.
     """
-    place, doubt, speed, square, unknown, lost = (memory[i] for i in range(MEMORY))
+    place, doubt, speed, square, unknown, lost, shift, shift_std = (memory[i] for i in range(MEMORY))
     expected, time = place + speed * dt, lost + dt
-    jump, bridged, read = reading - expected, is_bridge(mask), is_read(mask)
+    bridged, read = is_bridge(mask), is_read(mask)
+    shift = kept_shift(robustness, shift, reading - expected, doubt > 0, read)
+    shift_std = ca.if_else(shift == 0, 0, shift_std * ca.exp(-dt / SETTLED_TIME))
+    reading -= shift
+    jump = reading - expected
     # (1) far: more than the recent motion can have led to
     lost_before = ca.if_else(doubt > 0, 0, unknown)
     far = ca.logic_and(is_far(robustness, jump, square * time * time + lost_before, noise), read)
@@ -251,6 +260,14 @@ def track(
     # (2) the chance that a jump is real: between slow samples it may have been there since the mean speed faded
     stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
     real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judged), 1)
+    # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
+    if robustness.zeros_jump:
+        doubtful = ca.logic_and(ca.logic_and(far, doubt <= 0), real < 0.5)
+        contrary = ca.logic_and(judged, evidence < -CONTRADICTED)
+        jumped = ca.logic_and(doubtful, ca.logic_or(contrary, dt <= SOONEST_STOP))
+        shift += ca.if_else(jumped, jump, 0)
+        shift_std = ca.if_else(ca.logic_and(jumped, ca.logic_not(contrary)), ca.fabs(jump) / 2, shift_std)
+        real = ca.if_else(jumped, 0, real)
     # a gap is crossed in a straight line to the reading that ends it
     line = place + (reading - place) / rows_left(mask)
     reached = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
@@ -279,6 +296,8 @@ def track(
         square=square + share * (seen * seen - square),
         unknown=unknown,
         lost=ca.if_else(sure, 0, time),
+        shift=shift,
+        shift_std=shift_std,
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )

@@ -17,6 +17,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.adaptive.unexplained_force import FORCE
 from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
 from distal.estimators.contract import KernelEstimator
@@ -144,7 +145,7 @@ class AdaptiveFilter(KernelEstimator):
             return ca.if_else(is_read(mask[k]), context.corrected(sensor, values[k]), otherwise)
 
         means, stds = states.prior()
-        mean, variances, memory = ca.SX(means), ca.SX(stds**2), ca.SX.zeros((MEMORY + 1) * context.n_drives)
+        mean, variances, memory = ca.SX(means), ca.SX(stds**2), ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives)
         for i, drive in enumerate(self.rig.drives):
             position, effort, transmitted = context.position_sensor(i), context.force_sensor(i), states.transmitted(i)
             if position is not None:

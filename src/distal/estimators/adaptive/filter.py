@@ -15,10 +15,11 @@ from distal.estimators.adaptive.independent_parts import filter_by_parts, parts_
 from distal.estimators.adaptive.internal_motion import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved, moved
-from distal.estimators.adaptive.prediction import predicted, revert
+from distal.estimators.adaptive.prediction import predicted, revert, shifted_variance
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stops import depths_in_stops
 from distal.estimators.adaptive.transmission_play import play
+from distal.estimators.adaptive.unexplained_force import FORCE
 from distal.estimators.adaptive.update import updated
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Layout, carry_layout
@@ -26,7 +27,7 @@ from distal.kernels import Layout, carry_layout
 
 def adaptive_layout(states: int, drives: int) -> Layout:
     """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion and of its force."""
-    return carry_layout(states, drives=MEMORY * drives, forces=drives)
+    return carry_layout(states, drives=MEMORY * drives, forces=FORCE.size * drives)
 
 
 @lru_cache(maxsize=32)
@@ -48,17 +49,28 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
     motion = moved(states, context.substeps(resolution), mean, covariance, interval)  # (7) to (10)
     after = predicted(states, mean, covariance, motion, interval)  # (11), (12)
     prediction = Prediction(*after, _moving(states, motion))
-    revert(states, prediction, interval)  # (13)
-    kept = [forces[i] for i in range(nd)]
+    remembered_forces = [FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)]
+    revert(states, prediction, [force["opened"] for force in remembered_forces], interval)  # (13)
+    kept = [force["friction"] for force in remembered_forces]
     for i in range(nd):
         if states.transmitted(i) is not None:
             kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)  # (14), (15)
     follow(states, prediction, interval)  # (15b)
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
-    mean, covariance, kept, y = updated(states, prediction, motion.rates, kept, interval)  # (16) to (26)
+    for force, friction in zip(remembered_forces, kept):
+        force["friction"] = friction
+    mean, covariance, y = updated(states, prediction, motion.rates, remembered_forces, interval)  # (16) to (30)
     _bounded(states, mean, covariance, p)
+    if context.robustness.zeros_jump:
+        for j in range(context.n_joints):
+            covariance[j, j] = ca.fmax(covariance[j, j], shifted_variance(context, j, tracks))
     remembered = Tracks(tracks, nd).memory
-    following = layout.joined(mean=mean, covariance=covariance, drives=remembered, forces=ca.vertcat(*kept))
+    following = layout.joined(
+        mean=mean,
+        covariance=covariance,
+        drives=remembered,
+        forces=ca.vertcat(*(FORCE.joined(**force) for force in remembered_forces)),
+    )
     y = ca.vertcat(y, *before) if trace else y
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import MEMORY
 from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.adaptive.unexplained_force import FORCE
 from distal.estimators.channels import Channels
 from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
 from distal.model import Mechanism
@@ -118,7 +119,8 @@ def filter_by_parts(
         # matrices stand column by column
         square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
         memory = (MEMORY * part.drives[:, None] + np.arange(MEMORY)).ravel()
-        stretches = {"mean": part.at, "covariance": square, "drives": memory, "forces": part.drives}
+        efforts = (FORCE.size * part.drives[:, None] + np.arange(FORCE.size)).ravel()
+        stretches = {"mean": part.at, "covariance": square, "drives": memory, "forces": efforts}
         carry = np.concatenate([first[name] + at for name, at in stretches.items()])
         y = [part.compared, m + part.compared]
         if trace:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
@@ -10,6 +12,7 @@ from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved
 from distal.estimators.adaptive.states import StateVector
+from distal.estimators.adaptive.unexplained_force import opened_torque
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 
 
@@ -79,26 +82,26 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
     What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
     """
-    rig, total, drives = context.mechanism.rig, ca.SX(0), Tracks(tracks, context.n_drives)
-    name = rig.joints[joint].name
-    for i, drive in enumerate(rig.drives):
-        tendon = next((t for t in rig.tendons if t.drive == drive.name and name in t.joints), None)
-        if tendon is None:
-            continue
-        lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        # of all motions that would follow the drive, the smallest: r_j/Σ r²
-        arms = tendon.arms()
-        share = arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
-        if arms[name] == 0.0:
-            continue
+    total, drives = ca.SX(0), Tracks(tracks, context.n_drives)
+    for i, (ratio, share) in context.moved_by(joint).items():
         grown = ca.fmax(drives[i].unknown - memory[remembered_place(i, "unknown")], 0)
-        follows = (lever / arms[name] * share) ** 2
-        total += followed_share(context.robustness, drives[i].lost) * grown * follows
+        total += followed_share(context.robustness, drives[i].lost) * grown * (ratio * share) ** 2
     return total
 
 
-def revert(states: StateVector, prediction: Prediction, interval: Interval) -> None:
-    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13)."""
+def shifted_variance(context: FilterContext, joint: int, tracks: VectorNode) -> ScalarNode:
+    """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of their sensors: (27c)."""
+    total, drives = ca.MX(0), Tracks(tracks, context.n_drives)
+    for i, (ratio, _) in context.moved_by(joint).items():
+        total += (ratio * drives[i].shift_std) ** 2
+    return total
+
+
+def revert(states: StateVector, prediction: Prediction, opened: Sequence[ScalarNode], interval: Interval) -> None:
+    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
+
+    To σ² of a torque is added what the variances `opened` of the drives' forces say (13b).
+    """
     sample = ca.SX.sym("x", states.context.width)
     fadings = states.fadings(sample[0])
     if not fadings:
@@ -107,8 +110,11 @@ def revert(states: StateVector, prediction: Prediction, interval: Interval) -> N
     symbols = [sample, states.context.mechanism.parameters.symbols]
     fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(interval.x, interval.p)
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
+    torques = states.torque_states if states.context.robustness.opens_torques else {}
     for k, (at, _) in enumerate(fadings):
         fade, added = fades[2 * k], fades[2 * k + 1]
+        if at in torques:
+            added += (1 - fade**2) * opened_torque(states.context, torques[at], opened)
         state[at] = fade * state[at]
         transition[at, :] = fade * transition[at, :]
         set_row(covariance, at, fade * covariance[:, at], fade * fade * covariance[at, at] + added)

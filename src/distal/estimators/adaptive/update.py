@@ -16,6 +16,7 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.adaptive.stops import sure_of_stops
 from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.adaptive.unexplained_force import watched
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout
@@ -30,9 +31,13 @@ SMALLEST_VARIANCE = 1e-30
 
 
 def updated(
-    states: StateVector, prediction: Prediction, rates: VectorNode, memory: Sequence[ScalarNode], interval: Interval
-) -> tuple[VectorNode, MatrixNode, list[ScalarNode], VectorNode]:
-    """Return mean, covariance, what is remembered of each drive's force, and (innovations, variances) after a sample.
+    states: StateVector,
+    prediction: Prediction,
+    rates: VectorNode,
+    memory: Sequence[dict[str, ScalarNode]],
+    interval: Interval,
+) -> tuple[VectorNode, MatrixNode, VectorNode]:
+    """Return mean, covariance, and (innovations, variances) after a sample; what is remembered of forces changes in place.
 
     For each row with slope A of what is expected: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺ = m + P Aᵀ ν/S',
     P⁺ = P − P Aᵀ A P/S', but where states take a share of the gain only: equations (22) to (26).
@@ -40,14 +45,15 @@ def updated(
     Args:
         prediction: for the sample; it is not changed.
         rates: mean speed of each drive over the interval.
-        memory: what is remembered of each drive's force; see `Comparison`.
+        memory: what is remembered of each drive's force; see `FORCE`.
         interval: with its sample.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p = interval.tracks, interval.x, interval.p
+    tracks, x, p, dt = interval.tracks, interval.x, interval.p, interval.x[0]
     nj, nd = states.context.n_joints, states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
-    mean, kept, innovations, spreads = prior, list(memory), list[ScalarNode](), list[ScalarNode]()
+    mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
+    watch = watched(states.context.robustness)
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row, slopes, moved = at.row, at.slopes, mean - prior
@@ -56,10 +62,10 @@ def updated(
             **{part: along(getattr(slopes, part), moved) for part in SLOPED},
             residual_variance=along(slopes.residual, by_residual),
             limit_variance=along(slopes.limit, by_limit),
-            memory=ca.MX(0) if row.drive is None else kept[row.drive],
+            memory=ca.MX(0) if row.drive is None else memory[row.drive]["friction"],
         )
         followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        parts = comparison_function(states, row)(values=at.values, since=since, track=followed, dt=x[0], p=p)
+        parts = comparison_function(states, row)(values=at.values, since=since, track=followed, dt=dt, p=p)
         comparison = Comparison(**{part.name: parts[part.name] for part in fields(Comparison)})
         across = -by_residual
         across = across + comparison.by_limit * by_limit if slopes.limit.nnz() else across
@@ -83,15 +89,22 @@ def updated(
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
             declared = states.context.declares_friction(row.drive)
-            kept[row.drive] = comparison.memory
-            kept[row.drive] += along(slopes.residual, change) if declared else 0
+            kept = memory[row.drive]
+            kept["friction"] = comparison.memory + (along(slopes.residual, change) if declared else 0)
+            if row.measured:
+                # a place that is lost says nothing of torques
+                read = Tracks(tracks, nd)[row.drive].lost == 0
+                used = share_used(ROW.part(at.values, "mask")) * read
+                kept["innovation"], kept["opened"] = watch(
+                    kept["innovation"], kept["opened"], comparison.innovation, spread + variance, used, dt
+                )
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
         spreads.append(spread + variance)
     measured = [k for k, at in enumerate(rows) if at.row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
-    return mean, covariance.matrix(), kept, y
+    return mean, covariance.matrix(), y
 
 
 def comparison_function(states: StateVector, row: Row) -> ca.Function:

@@ -58,7 +58,24 @@ class ExternalTorque(ZeroMean):
         return numbers[0] if joint == self.joint else 0
 
 
+@dataclass(frozen=True)
+class UndeclaredTorque(ExternalTorque):
+    """τ_ext on a joint for which the rig declares none: zero until forces stay unexplained, (13b)."""
+
+    kind: ClassVar[StateKind] = StateKind.UNDECLARED_TORQUE
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """``undeclared_torque_JOINT``."""
+        return (f"undeclared_torque_{self.part}",)
+
+
 def external_torques(context: FilterContext) -> list[State]:
-    """Return a block for each joint on which an external torque can act: one with a std."""
-    joints = context.mechanism.rig.joints
-    return [ExternalTorque(context, j) for j, joint in enumerate(joints) if joint.external_torque.std > 0.0]
+    """Return a block for each joint on which a torque can act: one that is declared, or that forces may tell of."""
+    joints, blocks = context.mechanism.rig.joints, list[State]()
+    for j, joint in enumerate(joints):
+        if joint.external_torque.std > 0.0:
+            blocks.append(ExternalTorque(context, j))
+        elif context.robustness.opens_torques:
+            blocks.append(UndeclaredTorque(context, j))
+    return blocks

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.states.external_torque import ExternalTorque
 from distal.estimators.adaptive.states.joint import JointMotion
 from distal.estimators.adaptive.states.registry import KINDS, Kind
 from distal.estimators.adaptive.states.state import Fading, Learning, State
@@ -40,6 +41,8 @@ class StateVector:
         self.lowest = np.array([block.lowest for block in block_of], dtype=np.float64)
         self.unsmoothed = tuple(i for i, block in enumerate(block_of) if not block.smoothed)
         self.lasting = np.array([block.lasting for block in block_of], dtype=np.bool_)
+        torques = ((i, block) for i, block in enumerate(block_of) if isinstance(block, ExternalTorque))
+        self.torque_states = {i: block.joint for i, block in torques}
         self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
         self._untold = {i: 0.0 for i, block in enumerate(block_of) if block.untold}
         self._parameters, self._curves, self._strains = (

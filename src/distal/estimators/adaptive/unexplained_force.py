@@ -1,0 +1,57 @@
+"""Forces that stay unexplained: evidence of a torque that the rig does not declare. Equations (13b), (29), (30)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.tuning import Robustness
+from distal.expressions import ScalarNode
+from distal.kernels.layout import Layout
+
+EVIDENCE_TIME = 0.05
+"""Time constant of the mean normalised innovation of a drive's force [s]."""
+
+MOST_INNOVATION = 3.0
+"""One sample counts as no more standard deviations than this [1]: an outlier opens nothing."""
+
+UNEXPLAINED = 0.7
+"""A mean normalised innovation beyond this stays unexplained [1]: docs/results/chains.md, "Something happens"."""
+
+OPENED = 2.0
+"""So many times an innovation that stays unexplained is the std of the force that may act [1]."""
+
+CLOSING_TIME = 1.2
+"""Time constant with which it is forgotten once forces are explained again [s]."""
+
+FORCE = Layout(friction=1, innovation=1, opened=1)
+"""What is remembered of a drive's force: of its friction (see `Comparison`), its mean normalised innovation [1], and the
+variance of the force that may act beside what the rig declares [N², (N m)²]."""
+
+
+def watched(robustness: Robustness) -> ca.Function:
+    """Return (z̄, o², ν, S, used, dt) → (z̄⁺, o²⁺) of a drive's force: (29), (30)."""
+    mean, opened, innovation, variance, used, dt = (ca.SX.sym(name) for name in ("z", "o", "nu", "S", "used", "dt"))
+    if not robustness.opens_torques:
+        return ca.Function("watch", [mean, opened, innovation, variance, used, dt], [mean, opened])
+    shown = ca.fmin(ca.fmax(innovation / ca.sqrt(ca.fmax(variance, 1e-30)), -MOST_INNOVATION), MOST_INNOVATION)
+    fade = ca.exp(-dt / EVIDENCE_TIME)
+    after = ca.if_else(used > 0, fade * mean + (1 - fade) * shown, mean)
+    unexplained = ca.logic_and(used > 0, ca.fabs(after) > UNEXPLAINED)
+    taken = ca.if_else(unexplained, OPENED**2 * ca.fmin(innovation**2, MOST_INNOVATION**2 * variance), 0)
+    outputs = [after, ca.fmax(opened * ca.exp(-2 * dt / CLOSING_TIME), taken)]
+    return ca.Function("watch", [mean, opened, innovation, variance, used, dt], outputs)
+
+
+def opened_torque(context: FilterContext, joint: int, opened: Sequence[ScalarNode]) -> ScalarNode:
+    """Return the variance of the torque that may act on a joint beside what the rig declares [(N m)²]: (13b).
+
+    A force of a drive is that torque at the moment arm of its tendons; `opened` are the forces' variances, by drive.
+    """
+    total = ca.MX(0)
+    for i, (ratio, share) in context.moved_by(joint).items():
+        # a torque on one of several joints of a tendon changes its tension by that share of what it would alone
+        total += opened[i] / (ratio * share) ** 2
+    return total

@@ -1,0 +1,136 @@
+"""Events in a chain that its rig file does not know: a torque, a zero that jumps, a place that is silent for a while."""
+
+from __future__ import annotations
+
+from math import exp, sqrt
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from distal import Log, estimate, load_rig, load_scenario, scenario_rig, simulate
+from distal.confidence import BAND
+from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive import Robustness
+from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, ForceEvidence, Tracks, track
+from distal.estimators.adaptive.prediction import shifted_variance
+from distal.estimators.adaptive.unexplained_force import opened_torque, watched
+from distal.estimators.state_kinds import StateKind
+from distal.kernels.mask import READ
+
+CHAIN = Robustness.usual(3)
+
+
+def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
+    """Against (29), (30) written out: one outlier opens nothing, several alike open (2 ν)², which closes by e^{−2 dt/1.2 s}."""
+    watch, dt, rng = watched(CHAIN), 0.005, np.random.default_rng(0)
+    innovations = rng.normal(0, 0.5, 400)
+    innovations[50] = 80.0
+    innovations[100:160] += 2.0
+    mean = opened = found_mean = found = 0.0
+    kept = []
+    for innovation in innovations:
+        variance = 0.8
+        fade = exp(-dt / 0.05)
+        mean = fade * mean + (1 - fade) * float(np.clip(innovation / sqrt(variance), -3, 3))
+        taken = 4 * min(innovation**2, 9 * variance) if abs(mean) > 0.7 else 0.0
+        opened = max(opened * exp(-2 * dt / 1.2), taken)
+        found_mean, found = (float(x) for x in watch(found_mean, found, innovation, variance, 1, dt))
+        assert found == pytest.approx(opened, rel=1e-12)
+        kept.append(found)
+    assert max(kept[:100]) == 0.0
+    assert min(kept[120:160]) > 4.0
+    assert [float(x) for x in watch(0.9, 1.0, 50.0, 1.0, 0, dt)] == pytest.approx([0.9, exp(-2 * dt / 1.2)])
+
+
+def test_guards_of_one_joint_open_nothing() -> None:
+    assert [float(x) for x in watched(Robustness.usual(1))(0.9, 1.0, 50.0, 1.0, 1, 0.005)] == [0.9, 1.0]
+    kinds = AdaptiveFilter(load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()).state_kinds
+    assert StateKind.UNDECLARED_TORQUE not in kinds
+
+
+def test_a_force_is_a_torque_at_the_moment_arms() -> None:
+    """A torque on one of three joints changes the flexor's tension by r_j²/Σ r² of what it would alone."""
+    runner = AdaptiveFilter(load_rig("finger-underactuated"), compiled=False)
+    arms, lever = np.array([9e-3, 7e-3, 5e-3]), 6e-3
+    for j in range(3):
+        found = float(ca.evalf(opened_torque(runner.states.context, j, [ca.MX(2.5e-5)])))
+        assert found == pytest.approx(2.5e-5 * (np.sum(arms**2) / arms[j] / lever) ** 2, rel=1e-9)
+    assert [runner.state_names[i] for i in runner.states.torque_states] == [
+        f"undeclared_torque_{name}" for name in ("mcp", "pip", "dip")
+    ]
+
+
+def tracked(readings: list[float], dt: float, missing: float | None = 0.0) -> list[dict[str, float]]:
+    """Return what is remembered of a drive at rest after each reading; its force misses so much where the drive jumps."""
+    memory, reading, unexplained = ca.SX.sym("memory", MEMORY), ca.SX.sym("z"), ca.SX(0 if missing is None else missing)
+    force = None if missing is None else ForceEvidence(unexplained, ca.SX(READ), ca.SX(2500.0), ca.SX(0.1), 0.5)
+    drive = track(
+        memory, reading, ca.SX(READ), ca.SX(2.5e-11), ca.SX(dt), robustness=CHAIN, silence=None, force_evidence=force
+    )
+    step = ca.Function("step", [memory, reading], [ca.vertcat(*(getattr(drive, name) for name in REMEMBERED))])
+    now, found = np.zeros(MEMORY), []
+    for value in readings:
+        now = np.array(step(now, value)).ravel()
+        found.append(dict(zip(REMEMBERED, now)))
+    return found
+
+
+@pytest.mark.parametrize("jump", [3e-3, -3e-3])
+def test_a_zero_that_jumps_is_taken_off_until_it_comes_back(jump: float) -> None:
+    """No force follows a jump of 3 mm, which would be 7.5 N: the sensor's zero jumped, and what it reads goes on from there."""
+    found = tracked([0.0, 0.0, jump, jump, jump + 2e-5, jump, 0.0, 0.0], 0.005)
+    np.testing.assert_allclose([one["shift"] for one in found], [0, 0, jump, jump, jump, jump, 0, 0], rtol=1e-9)
+    np.testing.assert_allclose([one["place"] for one in found], [0, 0, 0, 0, 2e-5, 0, 0, 0], atol=2e-6)
+    assert all(one["shift_std"] == 0.0 for one in found)
+
+
+def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
+    """Without a force a jump within 5 ms is the zero's or the drive's; within 50 ms a drive may have jumped."""
+    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, missing=None)
+    assert found[1]["shift"] == pytest.approx(3e-3)
+    np.testing.assert_allclose([one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2))
+    assert found[3]["place"] == pytest.approx(0.0, abs=1e-9)
+    assert tracked([0.0] + [3e-3] * 8, 0.05, missing=None)[-1]["place"] == pytest.approx(3e-3, rel=1e-3)
+
+
+def test_a_drive_that_moves_on_has_not_lost_its_zero() -> None:
+    ramp = [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 6e-3]
+    found = tracked(ramp + [6e-3] * 40, 0.005, missing=None)
+    assert found[1]["shift"] == pytest.approx(1e-3)
+    assert found[-1]["shift"] == 0.0
+    assert found[-1]["place"] == pytest.approx(6e-3, rel=1e-3)
+
+
+def test_an_angle_is_as_unsure_as_the_zero_of_its_drive() -> None:
+    context = AdaptiveFilter(load_rig("wrist-instrument"), compiled=False).states.context
+    vector = ca.MX.zeros(Tracks.size(3))
+    vector[REMEMBERED.index("shift_std")] = 0.2
+    found = [float(ca.evalf(shifted_variance(context, j, vector))) for j in range(3)]
+    np.testing.assert_allclose(found, [(0.2 * 6e-3 / 5e-3) ** 2, 0.0, 0.0], rtol=1e-9)
+
+
+def finger_log(torque: float) -> Log:
+    """Return a finger's log; on pip acts a torque from 3 to 4 s."""
+    points = f"[[0, 0.0], [3, 0.0], [3.03, {torque}], [4, {torque}], [4.03, 0.0], [8, 0.0]]"
+    scenario = load_scenario("finger", [f"joints.pip.torque={{points={points}}}"])
+    return simulate(scenario_rig(scenario), scenario, 4)
+
+
+@pytest.mark.parametrize("event", ["load", "jump", "silent"])
+def test_the_band_holds_through_an_event_and_closes_after_it(event: str) -> None:
+    """The plant of the finger's scenario has numbers that the shipped rig does not know."""
+    rig, log = load_rig("finger-2n"), finger_log(0.05 if event == "load" else 0.0)
+    during = (log.time >= 3.0) & (log.time < 4.0)
+    if event != "load":
+        values = log.channels["x_pip_f"].copy()
+        values[during] += 3e-3 if event == "jump" else np.nan
+        log = Log(log.time, {**log.channels, "x_pip_f": values}, log.truth, event, log.truth_source)
+    result = estimate(log, rig)
+    assert result.truths is not None
+    half = BAND * result.angle_stds
+    inside = np.abs(result.angles - result.truths) <= half
+    since = log.time >= 3.2 if event == "load" else log.time >= 3.0
+    assert np.mean(inside[since]) >= 0.88
+    before, late = (half[(log.time > t) & (log.time < t + 1)].mean() for t in (2.0, 7.0))
+    assert late <= 1.5 * before
