@@ -87,6 +87,7 @@ accuracy: $(STAMP)
 
 results: $(STAMP)
 	$(BIN)/python -m benchmarks.csv_readers
+	$(BIN)/python -m benchmarks.events
 	$(BIN)/python -m benchmarks.exports
 	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.hysteresis

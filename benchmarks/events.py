@@ -1,7 +1,7 @@
 """Chains in which something happens: a load is hung on and taken off, a place jumps and jumps back, a place is silent.
 
 `python -m benchmarks.events [--first-seed 800] [--seeds 10]`: logs of 20 s of `strangers/chain_plants`; an event is
-from 5 s to 7 s, and the rig file does not say that it may occur. A cell: share of all samples of all joints inside the 95 % band.
+from 5 s to 7 s, and the rig file does not say that it may occur. A cell: share of samples of all joints inside the band.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SAMPLES = round((END + AFTER + 3.0) / (STEP * EVERY))
 JUMP = 3e-3
 """How far a place jumps, along the tendon [m]."""
 
-EVENTS = ("none", "load", "jump", "jump that stays", "silent")
+EVENTS = ("none", "load", "jump", "lasting jump", "silent")
 
 
 def plain(name: str, seed: int, load: bool) -> Log:
@@ -51,7 +51,7 @@ def logs(name: str, seed: int) -> Iterator[tuple[str, Log]]:
     yield "load", plain(name, seed, load=True)
     for event, added in (
         ("jump", np.where(within, jump, 0.0)),
-        ("jump that stays", np.where(log.time >= START, jump, 0.0)),
+        ("lasting jump", np.where(log.time >= START, jump, 0.0)),
         ("silent", np.where(within, np.nan, 0.0)),
     ):
         channels = {**log.channels, place.name: log.channels[place.name] + added}

@@ -16,6 +16,7 @@ from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
 from distal.estimators.adaptive.motion import moved
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.transmission_play import play
+from distal.estimators.adaptive.unexplained_force import FORCE
 from distal.estimators.adaptive.update import SINCE, comparison_function, weights
 from distal.estimators.kalman import Downdate, along
 from distal.kernels import Kernel
@@ -49,7 +50,7 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         updates: how often each row is linearised.
     """
     n, nd, context = len(states), states.context.n_drives, states.context
-    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + 1)), ca.MX.sym("x", context.width)
+    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + FORCE.size)), ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
@@ -59,8 +60,9 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     state, spread = predicted(states, mean, covariance, motion, interval)
     transition = ca.MX(ca.DM.eye(n).full())  # asked for by `revert` and `play`; only smoothing reads it
     prediction = Prediction(state, spread, transition)
-    revert(states, prediction, interval)
-    kept = [forces[i] for i in range(nd)]
+    remembered = [FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)]
+    revert(states, prediction, [force["opened"] for force in remembered], interval)
+    kept = [force["friction"] for force in remembered]
     for i in range(nd):
         if states.transmitted(i) is not None:
             kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)
@@ -68,7 +70,8 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
-    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *kept)
+    told = [FORCE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)]
+    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *told)
     return ca.Function("iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 

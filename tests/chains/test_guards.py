@@ -31,7 +31,7 @@ def test_a_force_beyond_friction_counts_once_in_a_while(time: float, factor: flo
     """At 200 Hz 0.2 s are 40 samples: each has 40 times its variance."""
     rig = load_rig("wrist-instrument")
     context = AdaptiveFilter(rig, compiled=False, robustness=Robustness(beyond_time=time)).states.context
-    still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 1e-9)))
+    still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1e-9)))
     residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
     found = compared(context, 0, still, residual, ca.SX(0.005))
     assert float(ca.evalf(found.variance)) == pytest.approx(factor * 1e-6, rel=1e-9)

@@ -17,7 +17,7 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     memory, dt, dead, wandering, noise = ca.SX.sym("memory", MEMORY), 0.01, 0.5, 0.02, 1e-10
     drive = track(memory, ca.SX(0), ca.SX(MISSING), ca.SX(noise), ca.SX(dt), robustness=Robustness.usual(1),
                   silence=Silence(ca.SX(dead), ca.SX(wandering)))  # fmt: skip
-    kept = ca.vertcat(drive.place, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost)
+    kept = ca.vertcat(drive.place, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost, 0, 0, 0)
     step, now, found = ca.Function("step", [memory], [kept]), np.zeros(MEMORY), []
     for _ in range(200):
         now = np.array(step(now)).ravel()

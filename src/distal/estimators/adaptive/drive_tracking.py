@@ -15,16 +15,16 @@ from distal.estimators.adaptive.guards import chance_of_jump, is_far, jump_evide
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.tuning import Robustness
-from distal.estimators.adaptive.zero_jumps import CONTRADICTED, SETTLED_TIME, SOONEST_STOP, kept_shift
+from distal.estimators.adaptive.zero_jumps import SETTLED_TIME, ForceEvidence, kept_shift, zero_jumped
 from distal.estimators.channels import UNKNOWN_PLACE
-from distal.estimators.dead_sensors import DEAD_INTERVALS, dead_after
+from distal.estimators.dead_sensors import DEAD_INTERVALS
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
 
-REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost", "shift", "shift_std")
+REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost", "shift", "shift_std", "effort")
 """Names of the numbers that are remembered of each drive, see `Drive`."""
 
 PULL_STD = 0.1
@@ -56,6 +56,7 @@ class Drive:
         lost: time since the last good reading [s].
         shift: by which the zero of its sensor has jumped [m, rad].
         shift_std: std of that, where nothing says whether the drive jumped or the zero [m, rad].
+        effort: what its force sensor read last [N, N m].
         bend: change of displacement between two intervals: what a straight line between samples leaves out.
         variance: of the place, for the filter: noise, what is unknown, what a straight line misses.
     """
@@ -68,6 +69,7 @@ class Drive:
     lost: Scalar
     shift: Scalar
     shift_std: Scalar
+    effort: Scalar
     bend: Scalar
     variance: Scalar
 
@@ -113,25 +115,6 @@ def remembered_place(drive: int, name: str) -> int:
 
 
 @dataclass(frozen=True)
-class ForceEvidence:
-    """What the force of a drive says of a jump of its place, all scalars.
-
-    Args:
-        missing: what is read less what is expected where the mean speed leads, U − F [N, N m].
-        mask: of the force, see `distal.kernels.mask`.
-        stiffness: change of the drive's pull with its place, ∂F/∂s.
-        variance: of how far both may differ where there was no jump: noise, friction, and what is not known of the pull.
-        least: smallest share of the change of the pull that a real jump may show.
-    """
-
-    missing: Scalar
-    mask: Scalar
-    stiffness: Scalar
-    variance: Scalar
-    least: float = 0.5
-
-
-@dataclass(frozen=True)
 class Silence:
     """What it means that a drive's reading is missing for long, all scalars.
 
@@ -159,7 +142,7 @@ def tracking(states: StateVector) -> ca.Function:
     return ca.Function("track", [mean, memory, x, p], [vector])
 
 
-READING = ("reading", "mask", "noise", "dead", "wandering", "missing", "force_mask", "stiffness", "variance")
+READING = ("reading", "mask", "noise", "dead", "wandering", "missing", "force_mask", "stiffness", "variance", "effort")
 """What is read of each drive, and what its force says; see `track` and `ForceEvidence`."""
 
 
@@ -186,7 +169,7 @@ def _readings(states: StateVector) -> ca.Function:
         if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
             place = memory[remembered_place(i, "place")]
             reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
-        dead = dead_after(sensor) if context.n_joints == 1 else DEAD_INTERVALS / sensor.rate
+        dead = max(context.robustness.dead_time, DEAD_INTERVALS / sensor.rate)
         wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
         table[:5, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor), dead, wandering)
         if force is not None and _judged(context, i):
@@ -197,7 +180,9 @@ def _readings(states: StateVector) -> ca.Function:
             if transmitted is not None:  # the play takes up as much as its limit
                 spread += transmitted[1].limit ** 2
             missing = context.value(x, force) - pull
-            table[5:, i] = ca.vertcat(missing, context.mask(x, force), slopes[nj + i, nj + i], spread)
+            table[5:, i] = ca.vertcat(
+                missing, context.mask(x, force), slopes[nj + i, nj + i], spread, context.value(x, force)
+            )
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
@@ -207,9 +192,9 @@ def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
     Its force may be able to say if a jump is real (`judged`), and the joints may follow the drives.
     """
     memory, readings, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("readings", len(READING)), ca.SX.sym("dt")
-    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance = ca.vertsplit(readings)
+    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance, effort = ca.vertsplit(readings)
     least = 0.0 if follows else 0.5
-    evidence = ForceEvidence(missing, force_mask, stiffness, variance, least) if judged else None
+    evidence = ForceEvidence(missing, force_mask, stiffness, variance, effort, least) if judged else None
     silence = Silence(dead, wandering)
     drive = track(memory, reading, mask, noise, dt, robustness=robustness, silence=silence, force_evidence=evidence)
     parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
@@ -241,7 +226,7 @@ def track(
         silence: what a long silence of the sensor means; None where none is long.
         force_evidence: the drive's force, or None.
     """
-    place, doubt, speed, square, unknown, lost, shift, shift_std = (memory[i] for i in range(MEMORY))
+    place, doubt, speed, square, unknown, lost, shift, shift_std, effort = (memory[i] for i in range(MEMORY))
     expected, time = place + speed * dt, lost + dt
     bridged, read = is_bridge(mask), is_read(mask)
     shift = kept_shift(robustness, shift, reading - expected, doubt > 0, read)
@@ -261,12 +246,12 @@ def track(
     stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
     real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judged), 1)
     # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
-    if robustness.zeros_jump:
-        doubtful = ca.logic_and(ca.logic_and(far, doubt <= 0), real < 0.5)
-        contrary = ca.logic_and(judged, evidence < -CONTRADICTED)
-        jumped = ca.logic_and(doubtful, ca.logic_or(contrary, dt <= SOONEST_STOP))
+    if robustness.zeros_jump and force_evidence is not None:
+        first = ca.logic_and(ca.logic_and(far, judged), ca.logic_and(doubt <= 0, real < 0.5))
+        jumped = ca.logic_and(first, zero_jumped(force_evidence, jump, effort, dt))
         shift += ca.if_else(jumped, jump, 0)
-        shift_std = ca.if_else(ca.logic_and(jumped, ca.logic_not(contrary)), ca.fabs(jump) / 2, shift_std)
+        if force_evidence.least == 0.0:  # the joint may have followed the drive at once
+            shift_std = ca.if_else(jumped, ca.fabs(jump) / 2, shift_std)
         real = ca.if_else(jumped, 0, real)
     # a gap is crossed in a straight line to the reading that ends it
     line = place + (reading - place) / rows_left(mask)
@@ -298,6 +283,7 @@ def track(
         lost=ca.if_else(sure, 0, time),
         shift=shift,
         shift_std=shift_std,
+        effort=effort if force_evidence is None else ca.if_else(judged, force_evidence.effort, effort),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )

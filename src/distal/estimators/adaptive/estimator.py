@@ -152,6 +152,8 @@ class AdaptiveFilter(KernelEstimator):
                 unknown = ca.if_else(is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2)
                 memory[remembered_place(i, "place")] = read(position, 0.0)
                 memory[remembered_place(i, "unknown")] = unknown
+            if effort is not None:
+                memory[remembered_place(i, "effort")] = read(effort, 0.0)
             if transmitted is not None and effort is not None:
                 at, _ = transmitted
                 mean[at] = read(effort, float(states.means[at]))

@@ -60,10 +60,7 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
     for force, friction in zip(remembered_forces, kept):
         force["friction"] = friction
     mean, covariance, y = updated(states, prediction, motion.rates, remembered_forces, interval)  # (16) to (30)
-    _bounded(states, mean, covariance, p)
-    if context.robustness.zeros_jump:
-        for j in range(context.n_joints):
-            covariance[j, j] = ca.fmax(covariance[j, j], shifted_variance(context, j, tracks))
+    _bounded(states, mean, covariance, tracks, p)
     remembered = Tracks(tracks, nd).memory
     following = layout.joined(
         mean=mean,
@@ -75,14 +72,21 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
     return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
 
-def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> None:
-    """Keep states above their lowest values, and angles in their stops as unsure as they are deep, in place."""
+def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, tracks: VectorNode, p: VectorNode) -> None:
+    """Keep states above their lowest values, and angles as unsure as stops and zeros that jumped make them, in place."""
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             mean[at] = ca.fmax(mean[at], lowest)  # (27)
     for j, depth in depths_in_stops(states, mean, p).items():
         # how deep a joint sits in its stop is known no better than the depth
         covariance[j, j] = ca.fmax(covariance[j, j], ca.fmax(depth, 0) ** 2)  # (27b)
+    context, nj = states.context, states.context.n_joints
+    if context.robustness.zeros_jump:
+        free, spread = context.mechanism.free, context.mechanism.spread
+        for j in free:
+            covariance[j, j] = ca.fmax(covariance[j, j], shifted_variance(context, j, tracks))  # (31)
+        for j in set(range(nj)) - set(free):  # coupled ones err as these
+            covariance[j, j] = ca.bilin(covariance[free, free], spread[j, :].T, spread[j, :].T)
 
 
 def _moving(states: StateVector, motion: Moved) -> MatrixNode:

@@ -90,7 +90,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
 
 def shifted_variance(context: FilterContext, joint: int, tracks: VectorNode) -> ScalarNode:
-    """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of their sensors: (27c)."""
+    """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of their sensors: (31)."""
     total, drives = ca.MX(0), Tracks(tracks, context.n_drives)
     for i, (ratio, _) in context.moved_by(joint).items():
         total += (ratio * drives[i].shift_std) ** 2

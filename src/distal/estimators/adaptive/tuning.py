@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isfinite, radians
 
+from distal.estimators.dead_sensors import DEAD
+
 
 @dataclass(frozen=True)
 class Robustness:
@@ -37,6 +39,7 @@ class Robustness:
         parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
         angle_walk: random walk of the joints' angles, which a stuck joint's model does not have [rad/√s].
+        dead_time: a place that is silent for so long, and for five intervals, may not come back [s].
         opens_torques: a torque that the rig does not declare may act on a joint once forces say so (29).
         zeros_jump: the zero of a position sensor may jump, where the drive's force contradicts a jump of the drive (2b).
         moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
@@ -84,6 +87,8 @@ class Robustness:
     """the rig file says how much (docs/reference/rig-keys.md); without it the band is too narrow: docs/results/guards.md"""
     angle_walk: float = 0.0
     """docs/results/chains.md: of one joint, `unmodelled` does the same"""
+    dead_time: float = DEAD
+    """docs/results/chains.md: in a chain a force whose place is unknown misleads at once"""
     opens_torques: bool = False
     """docs/results/chains.md, "Something happens"; of one joint friction and a torque cannot be told apart so soon"""
     zeros_jump: bool = False
@@ -132,6 +137,7 @@ class Robustness:
             beyond_time=0.2,
             reference_time=0.5,
             angle_walk=radians(0.3),
+            dead_time=0.0,
             opens_torques=True,
             zeros_jump=True,
         )

@@ -20,8 +20,8 @@ MOST_INNOVATION = 3.0
 UNEXPLAINED = 0.7
 """A mean normalised innovation beyond this stays unexplained [1]: docs/results/chains.md, "Something happens"."""
 
-OPENED = 2.0
-"""So many times an innovation that stays unexplained is the std of the force that may act [1]."""
+OPENED = 10.0
+"""So many times the part of an innovation that stays unexplained is the std of the force that may act [1]."""
 
 CLOSING_TIME = 1.2
 """Time constant with which it is forgotten once forces are explained again [s]."""
@@ -39,8 +39,8 @@ def watched(robustness: Robustness) -> ca.Function:
     shown = ca.fmin(ca.fmax(innovation / ca.sqrt(ca.fmax(variance, 1e-30)), -MOST_INNOVATION), MOST_INNOVATION)
     fade = ca.exp(-dt / EVIDENCE_TIME)
     after = ca.if_else(used > 0, fade * mean + (1 - fade) * shown, mean)
-    unexplained = ca.logic_and(used > 0, ca.fabs(after) > UNEXPLAINED)
-    taken = ca.if_else(unexplained, OPENED**2 * ca.fmin(innovation**2, MOST_INNOVATION**2 * variance), 0)
+    excess = OPENED * (1 - UNEXPLAINED / ca.fmax(ca.fabs(after), UNEXPLAINED))
+    taken = ca.if_else(used > 0, excess**2 * ca.fmin(innovation**2, MOST_INNOVATION**2 * variance), 0)
     outputs = [after, ca.fmax(opened * ca.exp(-2 * dt / CLOSING_TIME), taken)]
     return ca.Function("watch", [mean, opened, innovation, variance, used, dt], outputs)
 
