@@ -15,9 +15,12 @@ import pytest
 from distal.errors import StudyError
 from distal.reports import study_report
 from distal.study import Plan, Space, space_of
-from distal.study.answer import CASES, Answer, _worst, answer_of, influences_of, proportion, quantity
+from distal.study.answer import CASES, Answer, _worst, answer_of, influences_of
+from distal.study.needs import Verdict
+from distal.study.proportions import proportion
 from distal.study.runs import MEASURES, Task, run_chunk
 from distal.study.storage import Columns
+from distal.study.words import quantity
 from tests.study.plans import small, still
 
 STIFF, NOISE = "tendons.*.stiffness", "sensors.u1.noise"
@@ -96,6 +99,36 @@ def test_the_sentence_says_what_the_rows_say(linear: tuple[Plan, Space], monkeyp
     assert well.sentence.startswith("Without an encoder: yes. 100 %")
     some = np.where(np.arange(1200) % 20 == 0, 2.0, 0.5)
     assert "encoder: not certain. 95 %" in answer_of(plan, space, made(plan, space, some)).sentence
+
+
+NEEDS = {
+    "no": (lambda u1, stiff: 0.5 * np.ones(len(u1)), Verdict.NOT_NEEDED, Verdict.NOT_NEEDED),
+    "the sensor": (lambda u1, stiff: np.where(u1, 0.5, 2.0), Verdict.NEEDED, Verdict.NOT_NEEDED),
+    "stiffness": (lambda u1, stiff: np.where(stiff < 0.5, 2.0, 0.5), Verdict.NOT_NEEDED, Verdict.SOME),
+    "one of both": (lambda u1, stiff: np.where(u1 | (stiff > 0.5), 0.5, 2.0), Verdict.NOT_NEEDED, Verdict.NOT_NEEDED),
+    "both": (lambda u1, stiff: np.where(u1 & (stiff > 0.5), 0.5, 2.0), Verdict.NEEDED, Verdict.SOME),
+    "more": (lambda u1, stiff: 2.0 * np.ones(len(u1)), Verdict.NOT_ENOUGH, Verdict.NOT_ENOUGH),
+}
+
+
+@pytest.mark.parametrize("needed", NEEDS)
+def test_it_says_of_a_sensor_and_of_a_number_whether_it_is_needed(needed: str) -> None:
+    """A rig without the sensor may be right with stiffer tendons: it is judged where what else varies is as it is best."""
+    vary = {STIFF: {"from": "500 N/m", "to": "5 kN/m"}, "sensors.u1": [True, False]}
+    plan = small(designs=2000, seeds=1, vary=vary)
+    space = space_of(plan)
+    u1 = np.array([bool(space.design(k)["sensors.u1"]) for k in range(len(space))])
+    stiff = np.array([(float(space.design(k)[STIFF]) - 500.0) / 4500.0 for k in range(len(space))])
+    rule, of_sensor, of_stiffness = NEEDS[needed]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("distal.study.answer.CASES", 0)
+        found = answer_of(plan, space, made(plan, space, rule(u1, stiff)))
+    verdicts = {need.name: need.verdict for need in found.needs}
+    assert verdicts == {STIFF: of_stiffness, "sensors.u1": of_sensor}
+    assert ("; needed: sensor u1" in found.sentence) == (of_sensor is Verdict.NEEDED)
+    text = next(need.text for need in found.needs if need.name == "sensors.u1")
+    assert text.startswith({Verdict.NEEDED: "sensor u1 is needed", Verdict.NOT_NEEDED: "sensor u1 is not needed"}.get(
+        of_sensor, "sensor u1 is not enough"))  # fmt: skip
 
 
 def test_a_rig_has_to_meet_the_requirement_in_all_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -236,3 +236,31 @@ def test_other_processes_of_the_caller_go_on() -> None:
     finally:
         child.terminate()
         child.join()
+
+
+def failing(plan: Plan, designs: tuple[int, ...]) -> dict[str, list[object]]:
+    """Return rows of which every one says the same problem, but those of a design beyond the first chunk."""
+    of = [design for design in designs for _ in range(2)]
+    return {"design": list(of), "problem": ["no room" if design < 24 else "" for design in of]}
+
+
+def test_a_study_stops_where_all_its_first_runs_fail_alike(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """It says why, after one chunk, and leaves no rows behind: mended, it begins anew. A grid begins in a corner."""
+    ran = list[tuple[int, ...]]()
+
+    def run(plan: Plan, designs: tuple[int, ...]) -> dict[str, list[object]]:
+        ran.append(designs)
+        return failing(plan, designs)
+
+    monkeypatch.setattr("distal.study.execution.run_chunk", run)
+    plan, folder = many(), open_folder(many(), tmp_path / "latin")
+    with pytest.raises(StudyError, match="the first 48 runs failed alike, so the study stops: no room; mend that"):
+        run_study(plan, space_of(plan), folder, 1)
+    assert len(ran) == 1
+    assert folder.done() == set()
+    written = list[int]()
+    monkeypatch.setattr(type(folder), "write", lambda self, number, rows: written.append(number))
+    grid = small(**CHANGES, fill="grid", vary={"tendons.*.stiffness": {"from": 700, "to": 900, "points": MANY}})
+    run_study(grid, space_of(grid), open_folder(grid, tmp_path / "grid"), 1)
+    assert written == list(range(len(written)))
+    assert len(written) > 1

@@ -19,9 +19,10 @@ from distal.reports.page import heading, html_table, page, paragraph, picture, s
 from distal.reports.rig_drawing import rig_svg
 from distal.results import BLACK, COLOURS, FAINT, INK, SOFT, WHITE
 from distal.study import Axis, Plan, Space
-from distal.study.answer import Answer, Influence, words_of
+from distal.study.answer import Answer, Influence
 from distal.study.runs import BUILT, MEASURES
 from distal.study.storage import Columns
+from distal.study.words import words_of
 
 MOST_DOTS = 2000
 """More dots than this make a page slow, and tell no more."""
@@ -72,6 +73,8 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
         "Every rig as built is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
     )
     parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
+    if answer.needs:
+        parts += [heading("What is needed"), _needs(answer)]
     if answer.regions:
         parts += [heading("Where it is met"), _regions(answer)]
     if answer.influences:
@@ -98,7 +101,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     }
     script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
     parts.append(script_with("study-data", charts, script))
-    tables = json.dumps(asdict(answer), indent=2, ensure_ascii=False) + "\n"
+    tables = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda verdict: verdict.value) + "\n"
     write_together({folder / "index.html": page(title, lead, parts), folder / "answer.json": tables})
     return folder / "index.html"
 
@@ -108,6 +111,15 @@ def _scenarios(answer: Answer) -> list[str]:
     measured = [[escape(WORDS[name]), f"{answer.measures[name]:.3g}"] for name in MEASURES]
     table = html_table(["scenario", "rigs that meet it", "share"], rows)
     return [table, html_table(["mean over all runs", ""], measured, [1])]
+
+
+def _needs(answer: Answer) -> str:
+    rows = [
+        [escape(need.verdict.value) if k == 0 else "", escape(part), str(share)]
+        for need in answer.needs
+        for k, (part, share) in enumerate(need.shares)
+    ]
+    return html_table(["", "where it is best", "rigs that meet it"], rows)
 
 
 def _regions(answer: Answer) -> str:

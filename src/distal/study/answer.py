@@ -5,28 +5,22 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from math import degrees, prod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import StudyError
-from distal.rig import in_words
 from distal.study.description import Plan
-from distal.study.design_space import ESTIMATOR, FEEDBACK, Axis, Space, Value
+from distal.study.design_space import FEEDBACK, Space
+from distal.study.needs import Need, needs_in_short, needs_of
+from distal.study.proportions import FEWEST, Proportion, proportion
 from distal.study.runs import BUILT, MEASURES, Task, curves_of, run_tasks
 from distal.study.storage import Columns
-
-BINS = 4
-"""A range is split into so many parts."""
+from distal.study.words import BINS, parts_of, setting_in_words, words_of
 
 MOST_AXES = 3
 """Parts are told by so many of the numbers that vary."""
-
-FEWEST = 20
-"""A part of the space with fewer rigs says nothing."""
 
 MOST_SAMPLES = 20_000
 """More rigs than this are not needed for the indices."""
@@ -34,25 +28,8 @@ MOST_SAMPLES = 20_000
 CASES = 3
 """Worst cases that are shown."""
 
-PREFIXES = ((1e3, 1e3, "k"), (0.1, 1.0, ""), (1e-4, 1e-3, "m"), (0.0, 1e-6, "µ"))
-"""From which size on a unit has a prefix, how many of it are one with that prefix, and the prefix."""
-
 POINTS = 500
 """Points of a trace."""
-
-
-@dataclass(frozen=True)
-class Proportion:
-    """How many rigs meet the requirement, and their share with its 95 % interval of Wilson (1927)."""
-
-    rigs: int
-    met: int
-    share: float
-    low: float
-    high: float
-
-    def __str__(self) -> str:
-        return f"{100 * self.share:.0f} % (95 % interval {100 * self.low:.0f} to {100 * self.high:.0f} %)"
 
 
 @dataclass(frozen=True)
@@ -91,6 +68,7 @@ class Answer:
     Args:
         scenarios: name → share of the rigs that meet the requirement in it, of the scenarios that are asked.
         influences: which numbers matter, most first; empty where SALib is not installed or nothing varies.
+        needs: of everything that varies, whether it is needed.
         regions: parts of the space, best first.
         problems: errors of runs → how many had them.
         measures: name → mean over all runs.
@@ -100,18 +78,11 @@ class Answer:
     overall: Proportion
     scenarios: dict[str, Proportion]
     influences: tuple[Influence, ...]
+    needs: tuple[Need, ...]
     regions: tuple[Region, ...]
     worst: tuple[Case, ...]
     problems: dict[str, int]
     measures: dict[str, float]
-
-
-def proportion(met: Bools) -> Proportion:
-    """Return the share of rigs that meet the requirement, (n,)."""
-    from scipy.stats import binomtest
-
-    interval = binomtest(int(met.sum()), len(met)).proportion_ci(method="wilson")
-    return Proportion(len(met), int(met.sum()), float(met.mean()), float(interval.low), float(interval.high))
 
 
 def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
@@ -140,31 +111,9 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
         measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
-    worst = _worst(plan, space, columns)
-    sentence = _sentence(plan, overall, of_scenario, influences, regions, problems)
-    return Answer(sentence, overall, of_scenario, influences, regions, worst, problems, measures)
-
-
-def words_of(plan: Plan, name: str) -> str:
-    """Return what a column is, in words."""
-    path = name.removeprefix(BUILT)
-    if path in (ESTIMATOR, FEEDBACK):
-        return path
-    if path.startswith("sensors.") and path.count(".") == 1:
-        words = f"sensor {path.partition('.')[2]}"
-    else:
-        words = f"common error of {path}" if path in plan.rig.sharing() else in_words(plan.rig, path)
-    return f"{words}, as built" if name.startswith(BUILT) else words
-
-
-def quantity(value: float, unit: str) -> str:
-    """Return a value in its SI unit as people write it."""
-    if unit == "rad":
-        return f"{degrees(value):.3g}°"
-    if value == 0.0 or not unit.startswith(tuple("mNsHV")):  # kg has its prefix already
-        return f"{value:.3g} {unit}".strip()
-    size, prefix = next((size, prefix) for least, size, prefix in PREFIXES if abs(value) >= least)
-    return f"{value / size:.3g} {prefix}{unit}"
+    worst, needs = _worst(plan, space, columns), needs_of(plan, space, columns, good)
+    sentence = _sentence(plan, overall, of_scenario, influences, needs, regions, problems)
+    return Answer(sentence, overall, of_scenario, influences, needs, regions, worst, problems, measures)
 
 
 def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tuple[Influence, ...]:
@@ -202,28 +151,6 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
     return tuple(sorted(influences, key=lambda influence: -influence.index))
 
 
-def _parts(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
-    """Return parts of an axis, each in words with the rigs that are in it."""
-    name = words_of(plan, axis.path)
-    if axis.choices:
-        return [(setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices]
-    edges, numbers = [float(axis.at(k / BINS)) for k in range(BINS + 1)], values.astype(np.float64)
-    return [
-        (
-            f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}",
-            (numbers >= low) & ((numbers < high) | (k == BINS)),
-        )
-        for k, (low, high) in enumerate(pairwise(edges), 1)
-    ]
-
-
-def setting_in_words(name: str, setting: Value, unit: str) -> str:
-    """Return in words what something that varies is in a design."""
-    if isinstance(setting, bool):
-        return f"{'with' if setting else 'without'} {name}"
-    return f"{name} {setting}" if isinstance(setting, str) else f"{name} {quantity(setting, unit)}"
-
-
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
@@ -237,7 +164,7 @@ def _regions(
         axes.pop()
     cells: list[tuple[str, Bools]] = [("", np.ones(len(good), dtype=np.bool_))] if axes else []
     for axis in axes:
-        parts = _parts(plan, axis, columns[axis.path][:: len(plan.scenarios)])
+        parts = parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
         cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
     regions = [Region(where, proportion(good[inside])) for where, inside in cells if inside.sum() >= FEWEST]
     return tuple(sorted(regions, key=lambda region: -region.proportion.low))
@@ -270,6 +197,7 @@ def _sentence(
     overall: Proportion,
     scenarios: dict[str, Proportion],
     influences: Sequence[Influence],
+    needs: Sequence[Need],
     regions: Sequence[Region],
     problems: dict[str, int],
 ) -> str:
@@ -285,6 +213,8 @@ def _sentence(
         text += f"; what matters most: {influences[0].words}"
     if count > 1:
         text += f"; worst: {min(scenarios, key=lambda name: scenarios[name].share)}"
+    if short := needs_in_short(plan, needs):
+        text += f"; {short}"
     if regions and len(regions) > 1:
         text += f". Best: {regions[0].where}: {regions[0].proportion}"
     if problems:

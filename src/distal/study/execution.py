@@ -22,6 +22,9 @@ from distal.version import __version__
 Progress = Callable[[int, int], None]
 Chunk = tuple[int, tuple[int, ...]]
 
+FIRST_RUNS = 20
+"""Where so many runs fail alike at the beginning, the others would."""
+
 RETRIES = 5
 """A chunk whose worker goes away is tried so often again."""
 
@@ -57,8 +60,24 @@ def run_study(
     if not chunks:
         return
     count = (os.cpu_count() or 1) if workers is None else workers
+    held: list[tuple[int, Rows]] | None = [] if done == 0 and plan.study.fill != "grid" else None
     for number, rows in _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count):
-        folder.write(number, rows)
+        if held is not None:
+            # what all runs fail by is told before the rest is run, and leaves no rows behind
+            held.append((number, rows))
+            problems = [str(text) for _, part in held for text in part["problem"]]
+            if set(problems) == {problems[0]} and problems[0]:
+                if len(problems) >= min(FIRST_RUNS, total):
+                    raise StudyError(
+                        f"the first {len(problems)} runs failed alike, so the study stops: {problems[0]}; mend that, and "
+                        "start it again"
+                    )
+                continue
+            for each in held:
+                folder.write(*each)
+            held = None
+        else:
+            folder.write(number, rows)
         done += len(rows["design"])
         if progress is not None:
             progress(done, total)
