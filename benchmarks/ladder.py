@@ -1,8 +1,9 @@
-"""Wrong rigs beside a known truth: is the cause named? `python -m benchmarks.ladder SEED`, on the rigs in `newcomer`.
+"""Wrong rigs beside a known truth: is the cause named? `python -m benchmarks.ladder SEED [PLANT …]`.
 
-Each number of the given joint and finger × 0.5, 0.67, 0.9, 1.1, 1.5 and 2, each sign, unit and zero, one at a time. A step
-counts where the truth is inside the band for less than 85 % or the error is above twice the right rig's. Named is a cause
-in words of the thing that was changed; gear, spool and moment arm of a drive are one, as are stiffness and a force's scale.
+Plants are the given joint and finger of `newcomer`, and others that share no code with the model (`PLANTS`). Each number
+× 0.5, 0.67, 0.9, 1.1, 1.5 and 2, each sign, unit and zero, one at a time. A step counts where the truth is inside the band
+for less than 85 % or the error is above twice the right rig's. Named is a cause in words of the thing that was changed;
+gear, spool and moment arm of a drive are one, as are stiffness and a force's scale.
 With `--blind` nothing is told of the truth: a step is missed where "consistent" is said and its group is not among those
 that cannot be tested.
 """
@@ -13,16 +14,23 @@ import argparse
 import importlib.util
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.chains import simulated
+from benchmarks.strangers.foreign_plants import finger_log as foreign_finger_log
+from benchmarks.strangers.foreign_plants import finger_rig as foreign_finger_rig
+from benchmarks.strangers.foreign_plants import hand_log as foreign_hand_log
+from benchmarks.strangers.foreign_plants import hand_rig as foreign_hand_rig
+from benchmarks.strangers.hands_plants import bowden_log, bowden_rig, ropes_log, ropes_rig
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log
 from distal.diagnosis import sentences, why_diverged
 from distal.errors import DivergedError
+from distal.logs import write_log
 from distal.results import Estimate
 
 FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
@@ -86,8 +94,23 @@ def _scaled(path: str, value: float, causes: tuple[str, ...]) -> Iterator[Step]:
         yield Step(f"{path} × {factor:g}", causes, (f"{path}={value * factor:.9g}",))
 
 
+PLANTS: dict[str, tuple[Callable[[int], Log], Callable[[], Rig]]] = {
+    "bowden": (lambda seed: bowden_log(seed, "ramps"), bowden_rig),
+    "ropes": (lambda seed: ropes_log(seed, "ramps"), ropes_rig),
+    "foreign": (foreign_finger_log, foreign_finger_rig),
+    "hand": (foreign_hand_log, foreign_hand_rig),
+    "finger-2n": (lambda seed: simulated("finger-2n", "servo", seed), lambda: load_rig("finger-2n")),
+    "finger-n-plus-1": (lambda seed: simulated("finger-n-plus-1", "servo", seed), lambda: load_rig("finger-n-plus-1")),
+    "wrist": (lambda seed: simulated("wrist-instrument", "servo", seed), lambda: load_rig("wrist-instrument")),
+}
+"""Plants of other benchmarks: a log of a seed, and its right rig."""
+
+GIVEN = ("joint", "finger")
+"""Plants in `$DISTAL_DATA/newcomer`."""
+
+
 def log_of(name: str, seed: int, folder: Path) -> Path:
-    """Return a log of one of the given plants."""
+    """Write a log of one of the given plants, and return its path."""
     spec = importlib.util.spec_from_file_location(
         name, Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}_plant.py"
     )
@@ -103,14 +126,29 @@ def log_of(name: str, seed: int, folder: Path) -> Path:
     return path
 
 
-def counted(seed: int) -> Iterator[tuple[str, Step, Log, Rig, Estimate | None]]:
+def placed(name: str, seed: int, path: Path) -> Callable[[Sequence[str]], Rig]:
+    """Write a log of a plant, and return its rig as a function of overrides."""
+    if name in GIVEN:
+        log_of(name, seed, path.parent)
+        file = Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}.toml"
+        return lambda overrides: load_rig(file, overrides)
+    simulated_log, rig_of = PLANTS[name]
+    right = rig_of()
+    write_log(simulated_log(seed), right, path)
+    return lambda overrides: right.with_values(
+        {path: float(value) for path, _, value in (one.partition("=") for one in overrides)}
+    )
+
+
+def counted(seed: int, names: Sequence[str]) -> Iterator[tuple[str, Step, Log, Rig, Estimate | None]]:
     """Yield each step that counts: name of the plant, step, log, rig, and what was estimated unless it diverged."""
     with tempfile.TemporaryDirectory() as folder:
-        for name in ("joint", "finger"):
-            file, path = Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}.toml", log_of(name, seed, Path(folder))
+        for name in names:
+            path = Path(folder) / f"{name}.csv"
+            rig_of = placed(name, seed, path)
             right = np.inf
-            for step in steps(load_rig(file)):
-                rig = load_rig(file, step.overrides)
+            for step in steps(rig_of(())):
+                rig = rig_of(step.overrides)
                 log = read_log(path, rig)
                 if step.channel:
                     log = _changed(log, step)
@@ -148,16 +186,19 @@ def main() -> None:
     """Print each step that counts with what is said, and how many were named."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ladder", description=__doc__)
     parser.add_argument("seed", type=int)
+    parser.add_argument(
+        "plants", nargs="*", default=GIVEN, help=f"of {', '.join((*GIVEN, *PLANTS))}; default the given"
+    )
     parser.add_argument("--blind", action="store_true", help="without the truth")
     given = parser.parse_args()
     verdicts = []
-    for name, step, log, rig, result in counted(given.seed):
+    for name, step, log, rig, result in counted(given.seed, given.plants):
         is_named, consistent, said = judged(step, log, rig, result, given.blind)
         missed = consistent and not (given.blind and is_named)
         verdicts.append((is_named, missed))
         verdict = "MISSED" if missed else "named" if is_named else "other"
         score = "" if result is None else f"{np.rad2deg(result.rms_error()):.2f}° {100 * result.inside_band():.0f} %"
-        print(f"{name:7} {step.name:42} {score:>14}  {verdict:7} {said[:150]}", flush=True)
+        print(f"{name:9} {step.name:42} {score:>14}  {verdict:7} {said[:150]}", flush=True)
     named, missed = np.sum(verdicts, axis=0)
     print(f"{len(verdicts)} steps count: {named} named ({100 * named / len(verdicts):.0f} %), {missed} missed")
 

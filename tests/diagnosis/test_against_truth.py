@@ -14,6 +14,8 @@ from distal.arrays import Floats
 from distal.diagnosis import why_diverged
 from distal.diagnosis.against_truth import against_truth, causes
 from distal.diagnosis.of_estimate import diagnose_estimate
+from distal.diagnosis.rerun import Change, Outcome
+from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.simulation import load_scenario
 
@@ -194,11 +196,40 @@ def test_an_error_that_the_band_allows_is_not_called_consistent(
     assert "agree with the rig" in said.text
 
 
+class Halved:
+    """A filter over a log that errs by half as much, or by a third, where one channel is scaled."""
+
+    def __init__(self, log: Log, rig: Rig, channel: str, left: float) -> None:
+        self.log, self.runner = log, AdaptiveFilter(rig, compiled=False)
+        self._channel, self._left, self.base = channel, left, self.means(1.0)
+
+    def means(self, share: float) -> Outcome:
+        truths = np.column_stack([self.log.truth[f"theta_{name}"] for name in ("mcp", "pip")])
+        return Outcome(truths + share * ERROR, *(np.zeros((0, 0)) for _ in range(3)), bounded=True)
+
+    def __call__(self, change: Change) -> Outcome:
+        return self.means(self._left if self._channel in change.channels else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("channel", "left", "named"), [("F_mcp_f", 0.4, True), ("F_mcp_f", 0.6, False), ("u", 0.1, False)]
+)
+def test_a_cause_inside_the_band_is_named_where_the_filter_is_right_without_it(
+    seen: Log, finger: Rig, channel: str, left: float, named: bool
+) -> None:
+    log = log_of(stiffness=STIFFNESS / 2)
+    result = errors_of(estimate(seen, finger, compiled=False), 0.45)
+    rerun = Halved(log, finger, channel, left)
+    found = against_truth(result, log, finger, lambda: rerun)  # type: ignore[arg-type, return-value]
+    assert [finding.subject for finding in found[1:]] == (["F_mcp_f"] if named else [])
+
+
 def test_what_would_explain_an_error_inside_the_band_is_named(seen: Log, finger: Rig) -> None:
     """A tendon half as stiff as in the rig, beside an estimate whose band holds the truth."""
     log = log_of(stiffness=STIFFNESS / 2)
     result = errors_of(estimate(seen, finger, compiled=False), 0.45)
-    inside, *explained = against_truth(result, log, finger)
+    assert len(against_truth(result, log, finger)) == 1
+    inside, *explained = against_truth(result, log, finger, lambda: Halved(log, finger, "F_mcp_f", 0.1))  # type: ignore[arg-type, return-value]
     assert inside.kind == "errs inside"
     assert {finding.kind for finding in explained} == {"would explain"}
     assert explained[0].subject == "F_mcp_f"

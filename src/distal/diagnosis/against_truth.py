@@ -7,7 +7,7 @@ A rig that is right has σ = c = 1, a = τ = 0. The cause is the change, or the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.explanations import UNIT_FACTORS
 from distal.diagnosis.finding import Finding
+from distal.diagnosis.rerun import Change, Rerun
 from distal.logs import Log, true_angles
 from distal.model import Mechanism
 from distal.results import Estimate
@@ -78,6 +79,16 @@ class Cause:
     words: str = ""
 
     @property
+    def undone(self) -> Change | None:
+        """The change of readings that takes it off; None of an arm or a delay."""
+        factor = 1.0 + self.change
+        if self.kind == "scale" and factor != 0.0:
+            return Change(channels={self.subject: 1 / factor})
+        if self.kind == "force":
+            return Change(channels={self.subject: factor})
+        return Change(added={self.subject: -self.change}) if self.kind == "zero" else None
+
+    @property
     def beyond(self) -> bool:
         """Whether a scale or an arm is farther from what the rig says than its `std`, as a share, allows.
 
@@ -88,8 +99,11 @@ class Cause:
         return self.change <= -1 or bool(abs(np.log1p(self.change)) > BEYOND * self.std)
 
 
-def against_truth(result: Estimate, log: Log, rig: Rig) -> list[Finding]:
-    """Return what speaks against an estimate's band, or for an error inside of it, after or before its likeliest causes."""
+def against_truth(result: Estimate, log: Log, rig: Rig, rerun: Callable[[], Rerun] | None = None) -> list[Finding]:
+    """Return what speaks against an estimate's band, or for an error inside of it, after or before its likeliest causes.
+
+    Inside of the band a cause is named where the filter, run again without it by `rerun`, errs by half as much.
+    """
     if result.truths is None:
         return []
     errors = np.abs(result.angles - result.truths)
@@ -107,7 +121,27 @@ def against_truth(result: Estimate, log: Log, rig: Rig) -> list[Finding]:
     if beyond or rms[most] <= NOISE * widths[most]:
         return beyond
     inside = sentences.errs_inside(result.joint_names[most], float(rms[most]), float(shares[most]))
-    return [inside, *(replace(cause, kind="would explain") for cause in causes(log, rig, float(rms[most])))]
+    if rerun is None:
+        return [inside]
+    tried = _likeliest(log, rig, float(rms[most]))
+    sure = _confirmed(tried, rerun(), most) if tried else []
+    return [inside, *(replace(cause, kind="would explain") for cause in _named(sure))]
+
+
+def _confirmed(tried: Sequence[Cause], rerun: Rerun, joint: int) -> list[Cause]:
+    """Return the causes without which the filter errs by less than `MUCH` of what it does with them, at a joint."""
+    truths = true_angles(rerun.log, [joint.name for joint in rerun.runner.rig.joints])
+    assert truths is not None
+
+    def error(means: Floats) -> float:
+        return float(np.sqrt(np.nanmean((means[:, joint] - truths[:, joint]) ** 2)))
+
+    before, found = error(rerun.base.means), list[Cause]()
+    for cause in tried:
+        change = cause.undone
+        if change is not None and error(rerun(change).means) < MUCH * before:
+            found.append(cause)
+    return found
 
 
 def causes(log: Log, rig: Rig, error: float, *, beyond: bool = False) -> list[Finding]:
@@ -115,17 +149,25 @@ def causes(log: Log, rig: Rig, error: float, *, beyond: bool = False) -> list[Fi
 
     Of all causes, or only of those `beyond` what the rig's own stds allow.
     """
+    return _named([cause for cause in _likeliest(log, rig, error) if cause.beyond or not beyond])
+
+
+def _named(found: Sequence[Cause]) -> list[Finding]:
+    """Return the first causes in words; several drives with one cause, such as a gear written for all, are one line."""
+    named: dict[str, list[str]] = {}
+    for cause in found:
+        named.setdefault(cause.words, []).append(cause.subject)
+    return [sentences.looks(" and ".join(subjects), words) for words, subjects in [*named.items()][:MOST]]
+
+
+def _likeliest(log: Log, rig: Rig, error: float) -> list[Cause]:
+    """Return what would explain an `error` of the angle [rad], the likeliest first."""
     angles, error = true_angles(log, [joint.name for joint in rig.joints]), min(error, LOST)
     if angles is None:
         return []
     drives = [_of_drive(log, rig, angles, sensor, error) for sensor in rig.sensors_of("position")]
     drives.sort(key=lambda found: -max((cause.size for cause in found), default=0.0))
-    named: dict[str, list[str]] = {}
-    for cause in (cause for found in drives for cause in found):
-        if cause.size > SHARE * error and (cause.beyond or not beyond):
-            # several drives with one cause, such as a gear written for all, are one line
-            named.setdefault(cause.words, []).append(cause.subject)
-    return [sentences.looks(" and ".join(subjects), words) for words, subjects in [*named.items()][:MOST]]
+    return [cause for found in drives for cause in found if cause.size > SHARE * error]
 
 
 def _of_drive(log: Log, rig: Rig, angles: Floats, sensor: Sensor, error: float) -> list[Cause]:

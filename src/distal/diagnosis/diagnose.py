@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
@@ -58,7 +59,14 @@ def diagnose(
         raise EstimationError("diagnose needs both the log and the rig, or neither; one of them came")
     if log is None or rig is None:
         return diagnose_estimate(result)
-    truth = against_truth(result, log, rig)
+
+    @cache
+    def rerun() -> Rerun:
+        runner = runner_for(log, rig, "adaptive", compiled, homing)
+        assert isinstance(runner, AdaptiveFilter)
+        return Rerun(log, runner, homing)
+
+    truth = against_truth(result, log, rig, rerun if what_if and result.estimator == "adaptive" else None)
     further = [
         *truth,
         *elsewhere(log, rig),
@@ -66,24 +74,21 @@ def diagnose(
     ]
     if result.estimator != "adaptive":
         return diagnose_estimate(result, further)
-    runner = runner_for(log, rig, "adaptive", compiled, homing)
-    assert isinstance(runner, AdaptiveFilter)
-    rerun = Rerun(log, runner, homing)
     further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
     first = diagnose_estimate(result, further)
     # of a rig that is wrong the band says nothing anyway
     if not any(finding.contradicts for finding in first.findings):
-        further += overconfidence(rerun)
+        further += overconfidence(rerun())
         first = diagnose_estimate(result, further)
     if not what_if:
         return first
     against = [finding for finding in first.findings if finding.contradicts]
     if any(finding.kind != "overconfident" for finding in against):
-        explained = [] if truth else [*explanations(rerun), *out_of_reach(log, rig)]
+        explained = [] if truth else [*explanations(rerun()), *out_of_reach(log, rig)]
         return diagnose_estimate(result, [*explained, *further])
     if against:
         return first
-    return diagnose_estimate(result, [*further, *untestable(rerun)])
+    return diagnose_estimate(result, [*further, *untestable(rerun())])
 
 
 def why_diverged(log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True) -> list[Finding]:

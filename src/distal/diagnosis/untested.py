@@ -65,10 +65,12 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, str, Change]]:
     """Yield group, drive, none for all together, and each change that stands for it."""
     runner = rerun.runner
     rig, channels = runner.rig, runner.channels
-    arms = dict[str, list[str]]()
+    arms, springs = dict[str, list[str]](), dict[str, list[str]]()
     for i, tendon in enumerate(rig.tendons):
         paths = [f"tendons.{i}.{at}.radius" for at, _ in tendon.shapes()]
         arms.setdefault(tendon.drive, []).extend(path for path in paths if path in runner.parameter_names)
+        path = f"tendons.{i}.stiffness"
+        springs.setdefault(tendon.drive, []).extend([path] if path in runner.parameter_names else [])
     for drive in rig.drives:
         read = {s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels}
         place, force = read.get("position"), read.get("force")
@@ -79,15 +81,15 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, str, Change]]:
                 yield sentences.SCALE, drive.name, Change(numbers={path: factor})
         for factor in (*FACTORS, *GROSS) if force is not None else ():
             yield sentences.COMPLIANCE, drive.name, Change(channels={str(force): factor})
+        for factor in FACTORS if springs.get(drive.name) else ():
+            yield sentences.COMPLIANCE, drive.name, Change(numbers=dict.fromkeys(springs[drive.name], factor))
         for sign in (1.0, -1.0) if place is not None else ():
             shift = sign * ZERO * rerun.covered(str(place))
             yield sentences.ZERO, drive.name, Change(added={str(place): shift})
-    together = [path for paths in arms.values() for path in paths]
-    for factor in FACTORS if together else ():
-        yield sentences.SCALE, "", Change(numbers=dict.fromkeys(together, factor))
-    springs = [path for i in range(len(rig.tendons)) if (path := f"tendons.{i}.stiffness") in runner.parameter_names]
-    for factor in FACTORS if springs else ():
-        yield sentences.COMPLIANCE, "", Change(numbers=dict.fromkeys(springs, factor))
+    for group, paths_of in ((sentences.SCALE, arms), (sentences.COMPLIANCE, springs)):
+        together = [path for paths in paths_of.values() for path in paths]
+        for factor in FACTORS if together else ():
+            yield group, "", Change(numbers=dict.fromkeys(together, factor))
 
 
 def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:
