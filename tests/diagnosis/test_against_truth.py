@@ -12,7 +12,7 @@ from benchmarks.ladder import log_of as log_of_plant
 from distal import Log, Rig, diagnose, estimate, load_rig, read_log, simulate
 from distal.arrays import Floats
 from distal.diagnosis import why_diverged
-from distal.diagnosis.against_truth import against_truth, causes
+from distal.diagnosis.against_truth import _likeliest, against_truth, causes
 from distal.diagnosis.of_estimate import diagnose_estimate
 from distal.diagnosis.rerun import Change, Outcome
 from distal.estimators import AdaptiveFilter
@@ -253,3 +253,18 @@ def test_a_truth_of_one_joint_of_a_chain_is_enough_for_its_own_drives(finger: Ri
     assert [finding.text for finding in causes(half, finger, ERROR)] == [
         "x_mcp_f looks 1.5 times too large: unit or moment arm"
     ]
+
+
+def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
+    """A place twice too large is halved, a tendon that stretches half as far is twice as stiff, a zero is taken off."""
+    doubled = log_of(scale=2.0)
+    (scale,) = _likeliest(doubled, finger, ERROR)[:1]
+    assert [change.channels for change in scale.undone] == [{"x_mcp_f": pytest.approx(0.5)}]
+    soft = log_of(stiffness=STIFFNESS / 2)
+    (force,) = (one for one in _likeliest(soft, finger, ERROR) if one.kind == "force")
+    by_reading, by_number = force.undone
+    assert by_reading.channels == {"F_mcp_f": pytest.approx(2.0, rel=0.05)}
+    assert by_number.numbers == {"tendons.0.stiffness": pytest.approx(0.5, rel=0.05)}
+    (arm,) = (one for one in _likeliest(log_of(arms=turned(1, 1.3)), finger, ERROR) if one.kind == "arm")
+    assert [*arm.undone[0].numbers.values()] == [pytest.approx(1.3, rel=0.05)]
+    assert all(path.startswith("tendons.") and path.endswith(".radius") for path in arm.undone[0].numbers)

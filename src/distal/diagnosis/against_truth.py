@@ -68,6 +68,7 @@ class Cause:
         std: how well the rig knows it, as a share, of scales and arms.
         size: by how much it moves the angle [rad].
         words: what the subject looks like.
+        paths: of the rig's numbers that stand for it, where there are any.
     """
 
     subject: str
@@ -77,16 +78,21 @@ class Cause:
     change: float = 0.0
     size: float = 0.0
     words: str = ""
+    paths: tuple[str, ...] = ()
 
     @property
-    def undone(self) -> Change | None:
-        """The change of readings that takes it off; None of an arm or a delay."""
+    def undone(self) -> list[Change]:
+        """The changes of readings, or of the rig's numbers, of which each takes it off; none of a delay."""
         factor = 1.0 + self.change
-        if self.kind == "scale" and factor != 0.0:
-            return Change(channels={self.subject: 1 / factor})
-        if self.kind == "force":
-            return Change(channels={self.subject: factor})
-        return Change(added={self.subject: -self.change}) if self.kind == "zero" else None
+        if self.kind == "zero":
+            return [Change(added={self.subject: -self.change})]
+        if self.kind == "delay" or factor == 0.0:
+            return []
+        if self.kind == "arm":
+            return [Change(numbers=dict.fromkeys(self.paths, factor))]
+        if self.kind == "scale":
+            return [Change(channels={self.subject: 1 / factor})]
+        return [Change(channels={self.subject: factor}), Change(numbers=dict.fromkeys(self.paths, 1 / factor))]
 
     @property
     def beyond(self) -> bool:
@@ -138,8 +144,9 @@ def _confirmed(tried: Sequence[Cause], rerun: Rerun, joint: int) -> list[Cause]:
 
     before, found = error(rerun.base.means), list[Cause]()
     for cause in tried:
-        change = cause.undone
-        if change is not None and error(rerun(change).means) < MUCH * before:
+        known = set(cause.paths) <= set(rerun.runner.parameter_names)
+        changes = [change for change in cause.undone if known or not change.numbers]
+        if any(error(rerun(change).means) < MUCH * before for change in changes):
             found.append(cause)
     return found
 
@@ -187,14 +194,18 @@ def _of_drive(log: Log, rig: Rig, angles: Floats, sensor: Sensor, error: float) 
     stretch = np.zeros(len(log)) if force is None else (log.channels[force.name] - standing) * compliance
     rate = np.gradient(np.where(np.isfinite(readings), readings, 0.0), log.time)
     expected = asked.sum(axis=1) + stretch
-    pulled = [tendon for tendon in rig.tendons if tendon.drive == sensor.of]
-    arms = [_arm_std(pulled, joint.name) for joint in rig.joints]
+    pulled = {i: tendon for i, tendon in enumerate(rig.tendons) if tendon.drive == sensor.of}
+    arms = [_arm_std([*pulled.values()], joint.name) for joint in rig.joints]
     lever = max(abs(slopes[j]) for j in turned)
     tried = [Cause(sensor.name, "scale", expected, max(arms[j] for j in turned))]
     if len(turned) > 1:
-        tried += [Cause(f"{sensor.of} at {rig.joints[j].name}", "arm", asked[:, j], arms[j]) for j in turned]
+        for j in turned:
+            name = rig.joints[j].name
+            paths = tuple(f"tendons.{i}.{path}" for i, tendon in pulled.items() for path in _radii(tendon, name))
+            tried.append(Cause(f"{sensor.of} at {name}", "arm", asked[:, j], arms[j], paths=paths))
     if force is not None:
-        tried.append(Cause(force.name, "force", stretch + standing * compliance))
+        paths = tuple(f"tendons.{i}.stiffness" for i in pulled)
+        tried.append(Cause(force.name, "force", stretch + standing * compliance, paths=paths))
     tried += [Cause(sensor.name, "delay", -rate), Cause(sensor.name, "zero", np.ones(len(log)))]
     known = np.isfinite(np.column_stack([readings, *(cause.values for cause in tried)])).all(axis=1)
     if known.sum() < 10 * len(tried) or np.ptp(readings[known]) == 0.0:
@@ -255,6 +266,15 @@ def _arm_std(pulled: Sequence[Tendon], joint: str) -> float:
         if radius is not None and radius.value:
             stds.append(radius.total_std / abs(radius.value))
     return max(stds)
+
+
+def _radii(tendon: Tendon, joint: str) -> list[str]:
+    """Return the paths, behind that of a tendon, of the radii at which it meets a joint."""
+    return [
+        f"{meeting.path}.radius"
+        for meeting in tendon.meetings
+        if joint in meeting.joints and hasattr(meeting.shape, "radius")
+    ]
 
 
 def _words(kind: str, change: float, sensor: Sensor) -> str:

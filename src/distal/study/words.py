@@ -44,7 +44,7 @@ def quantity(value: float, unit: str) -> str:
 
 
 def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
-    """Return parts of an axis, each in words with the rigs that are in it."""
+    """Return parts of an axis, each in words with the rigs that are in it; each rig has one of the `values`, (n,)."""
     name = words_of(plan, axis.path)
     if axis.choices:
         return [(setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices]
