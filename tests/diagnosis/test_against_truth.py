@@ -268,3 +268,14 @@ def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
     (arm,) = (one for one in _likeliest(log_of(arms=turned(1, 1.3)), finger, ERROR) if one.kind == "arm")
     assert [*arm.undone[0].numbers.values()] == [pytest.approx(1.3, rel=0.05)]
     assert all(path.startswith("tendons.") and path.endswith(".radius") for path in arm.undone[0].numbers)
+
+
+@pytest.mark.parametrize("channel", ["x_mcp_f", "x_pip_e"])
+def test_without_a_truth_a_wrong_sign_comes_before_units_that_make_a_force_small(
+    seen: Log, finger: Rig, channel: str
+) -> None:
+    """A force read as if in other units is near zero, and agrees with much: the sign contradicts nothing either."""
+    turned = replace(seen, channels={**seen.channels, channel: -seen.channels[channel]}, truth={})
+    said = diagnose(estimate(turned, finger, compiled=False), turned, finger, compiled=False)
+    looks = [finding.text for finding in said.findings if finding.kind == "looks like"]
+    assert looks[0].startswith(f"{channel} looks as if its sign were wrong")

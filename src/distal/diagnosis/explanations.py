@@ -29,6 +29,9 @@ GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
 GAIN = 0.5
 """Gain in ln p per compared value that a change must bring to explain something."""
 
+LARGE = 2.5
+"""A sign that brings so much explains what it leaves less of, even where something else is wrong as well."""
+
 LEAST_TURN = float(np.deg2rad(3.0))
 """A change after which the joints turn by less explains nothing [rad]: what stands still agrees with most forces."""
 
@@ -39,19 +42,26 @@ ALIKE = 0.05
 def explanations(rerun: Rerun) -> list[Finding]:
     """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
 
-    Where a change of another sensor does so as well, both are named.
+    Where a change of another sensor does so as well, both are named. A sign comes first that contradicts nothing: a reading
+    that a unit makes small agrees with much.
     """
-    base = _likelihood(rerun.base)
-    explain: list[tuple[float, Finding]] = []
+    base, before = _likelihood(rerun.base), len(contradictions(rerun, rerun.base))
+    explain: list[tuple[bool, float, Finding]] = []
     for finding, change in (*_signs_and_units(rerun), *_gears(rerun)):
         outcome = rerun(change)
-        gain = _likelihood(outcome) - base
-        near = max((earlier for earlier, _ in explain), default=GAIN) - ALIKE
-        if outcome.bounded and gain > max(GAIN, near) and _moves(rerun, outcome) and not contradictions(rerun, outcome):
-            explain.append((gain, finding))
-    explain.sort(key=lambda explanation: -explanation[0])
-    alike = {finding.subject: finding.text for gain, finding in explain if gain > explain[0][0] - ALIKE}
-    return [Finding("looks like", explain[0][1].subject, ", or ".join(list(alike.values())[:2]))] if explain else []
+        gain, is_sign = _likelihood(outcome) - base, set(change.channels.values()) == {-1.0}
+        near = max((earlier for _, earlier, _ in explain), default=GAIN) - ALIKE
+        if not outcome.bounded or gain <= (0.0 if is_sign else max(GAIN, near)) or not _moves(rerun, outcome):
+            continue
+        against = len(contradictions(rerun, outcome))
+        if against == 0 or (is_sign and gain > LARGE and against < before):
+            explain.append((is_sign, gain, finding))
+    if not explain:
+        return []
+    explain.sort(key=lambda explanation: (not explanation[0], -explanation[1]))
+    likeliest = max(gain for _, gain, _ in explain)
+    alike = {finding.subject: finding.text for is_sign, gain, finding in explain if is_sign or gain > likeliest - ALIKE}
+    return [Finding("looks like", explain[0][2].subject, ", or ".join(list(alike.values())[:2]))]
 
 
 def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
