@@ -32,6 +32,9 @@ GAIN = 0.5
 LARGE = 2.5
 """A sign that brings so much explains what it leaves less of, even where something else is wrong as well."""
 
+LOSS = -1.0
+"""A sign that contradicts nothing may lose so much: where drives stick, what is compared is worth less."""
+
 LEAST_TURN = float(np.deg2rad(3.0))
 """A change after which the joints turn by less explains nothing [rad]: what stands still agrees with most forces."""
 
@@ -51,10 +54,10 @@ def explanations(rerun: Rerun) -> list[Finding]:
         outcome = rerun(change)
         gain, is_sign = _likelihood(outcome) - base, set(change.channels.values()) == {-1.0}
         near = max((earlier for _, earlier, _ in explain), default=GAIN) - ALIKE
-        if not outcome.bounded or gain <= (0.0 if is_sign else max(GAIN, near)) or not _moves(rerun, outcome):
+        if not outcome.bounded or gain <= (LOSS if is_sign else max(GAIN, near)) or not _moves(rerun, outcome):
             continue
         against = len(contradictions(rerun, outcome))
-        if against == 0 or (is_sign and gain > LARGE and against < before):
+        if (against == 0 and (gain > 0.0 or before > 0)) or (is_sign and gain > LARGE and against < before):
             explain.append((is_sign, gain, finding))
     if not explain:
         return []
