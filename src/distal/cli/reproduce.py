@@ -55,14 +55,16 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
     rows = [
         (text, *(f"{rms_of(runs, observed, series, name):.1f}°" for series in SERIES_2)) for name, text in names.items()
     ]
-    title = f"RMS error of the link's angle, plant {observed}, {len(SEEDS)} seeds"
+    title = f"RMS error of the link's angle, plant with {observed}, {len(SEEDS)} seeds"
     table(title, ["weights on the tendons", *(weights[series] for series in SERIES_2)], rows)
     say("Every estimate knows the paper's Table 1 only; the plant has more friction than Table 1 says.\n")
     say(f"{len(claims)} statements of the paper, each against a threshold that was written down beforehand:")
     for group in GROUPS:
-        keys = [claim.statement.key for claim in claims if claim.group == group]
-        say(f"  {group}: {', '.join(keys) or 'none'}")
-    say(f"\nopen {out}/index.html: the rig, figures 2 to 5, and each statement with its numbers and the reason")
+        texts = [claim.statement.text for claim in claims if claim.group == group]
+        say(f"  {group}: {len(texts)}")
+        for text in texts:
+            say(f"    {text}")
+    say(f"\nopen {out}/index.html: a moving link, the rig, figures 2 to 5, and why each statement holds or does not")
 
 
 def _search(out: Path, progress: Progress) -> None:

@@ -27,9 +27,10 @@ FIGURES = {
 """Figure → scenario; the paper's figures 4 and 5 are at higher weights that it does not print."""
 
 CAPTIONS = {
-    SUMMARY: "The same motion at rising tension, on the plant as observed. Top: the link's angle. Bottom: the error "
-    "of each estimate, with its RMS over all seeds. All three know Table 1 of the paper and nothing else. The "
-    "shaded band is where adaptive says that the angle is, with a probability of 95 %.",
+    SUMMARY: "The same motion at rising tension, on a plant with more friction than the paper's Table 1 says. Top: the "
+    "link's angle. Bottom: the error of each estimate, with its RMS over all seeds. All three know Table 1 and nothing "
+    "else. On the left Table 1 is nearly right: the filter of 2008, which takes it as exact, wins there. Further right it "
+    "is wrong, and adaptive, which allows for that, wins. The shaded band is where adaptive says that the angle is.",
     "figure-2": "Series 1: the link is moved by hand, 2 N on each tendon, k = 403 N/m. The angle from each "
     "potentiometer, tendons taken as inextensible, against the encoder.",
     "figure-3": "Series 2: 2 N against 6 N, k = 806 N/m. Inextensible estimate, simulation from the measured forces "
@@ -65,7 +66,7 @@ def end_of_motion(shown: Sequence[Run]) -> float:
 
 
 def draw_summary(runs: Sequence[Run]) -> Figure:
-    """Return the figure that sums the reproduction up: three estimates at rising tension on the plant as observed.
+    """Return the figure that sums the reproduction up: three estimates at rising tension on the plant with more friction.
 
     The first seed is drawn, the RMS errors are of all seeds.
     """
@@ -100,7 +101,7 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
 
 
 def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
-    """Return the figure `SUMMARY`, or one of `FIGURES`: the plant "as printed" beside the one "as observed"."""
+    """Return the figure `SUMMARY`, or one of `FIGURES`: the plant with the friction of Table 1 beside the one with more."""
     if name == SUMMARY:
         return draw_summary(runs)
     shown = [first_run(runs, FIGURES[name], plant.name) for plant in PLANTS]
@@ -111,7 +112,7 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
             top.plot(run.log.time, readings, color=SOFT, linewidth=2.2, drawstyle="steps-post", label="encoder (1°)")
             top.plot(run.log.time, truth, label="truth", **TRUTH)
             (_potentiometers if name == "figure-2" else _filters)(top, bottom, run)
-            top.set_title(f"plant {run.plant}", fontsize=9, loc="left")
+            top.set_title(f"plant with {'the ' * run.plant.startswith('friction')}{run.plant}", fontsize=9, loc="left")
             bottom.axhline(0.0, color=BLACK, linewidth=0.6)
             bottom.set_xlabel("time [s]")
         if name != "figure-2":

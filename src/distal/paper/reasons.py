@@ -18,8 +18,9 @@ REASONS = {
     "C8": "Needs friction at the axle that grows faster than the load: the simulation with Table 1 then turns too "
     "far, the more so the higher the tension.",
     "C9": "A matter of the sensor alone, not of friction.",
-    "C10": "On the observed plant the noise of the load cells costs more than what they tell beyond the hung "
-    "weights. On the plant as printed, where little rubs, the weights swing, and only the load cells see that.",
+    "C10": "On the plant with more friction the noise of the load cells costs more than what they tell beyond the hung "
+    "weights. On the plant with the friction of Table 1, where little rubs, the weights swing, "
+    "and only the load cells see that.",
     "C11": "The filter takes the readings of the load cells as what pulls, so their noise moves the modelled link.",
     "C12": "At 2 N / 6 N, where it is measured, Table 1 is nearly right already, and the filter of 2008, whose Q "
     "and R are not those of its sensors, errs more with the exact friction. At higher tension a better friction "
@@ -28,9 +29,10 @@ REASONS = {
 """Statement → why it holds, or does not."""
 
 SEARCH_NOTE = (
-    "How the observed plant was found: plants were drawn over the friction of the sliders (constant and by load), "
+    "How the plant with more friction was found: plants were drawn over the friction of the sliders (constant and by "
+    "load), "
     "exponent, reference load and preload of the axle's friction, and the angle of Series 1, and each was read both "
-    "ways, as x/r and from the geometry. The plant on which most of the twelve statements hold is the observed one, "
+    "ways, as x/r and from the geometry. The plant on which most of the twelve statements hold is that one, "
     "so all twelve have chosen it. distal reproduce --search does this again: it draws the map, tests each "
     "statement on the plant that the other eleven choose, and names the pairs that exclude each other. What it "
     "found stands in docs/results/reproduction.md."
@@ -38,8 +40,9 @@ SEARCH_NOTE = (
 
 EKF_NOTE = (
     "Bold is the smallest error of a row. ekf is the filter of 2008 with the noise of the sensors as the simulation "
-    "has it. On the plant as printed it is given the exact model and the exact noise, and then nothing can be "
-    "better. At 2 N / 6 N Table 1 is nearly right on the observed plant too, and both filters that take it for "
+    "has it. On the plant with the friction of Table 1 it is given the exact model and the exact noise, "
+    "and then nothing can be "
+    "better. At 2 N / 6 N Table 1 is nearly right on the other plant too, and both filters that take it for "
     "exact beat adaptive, which keeps room for friction that is wrong. From 3 N / 9 N on Table 1 is wrong, and that "
     "room is what keeps adaptive right."
 )

@@ -79,7 +79,7 @@ def observed_values() -> dict[str, object]:
     return values
 
 
-PLANTS = (Plant("as printed", over_radius=True), Plant("as observed", observed_values(), over_radius=True))
+PLANTS = (Plant("friction of Table 1", over_radius=True), Plant("more friction", observed_values(), over_radius=True))
 """Table 1 taken literally, and the plant on which most statements hold (`distal reproduce --search`): the rig, the angle of
 Series 1 in the scenario files, and the reading of the inextensible estimate are its result, rounded."""
 
