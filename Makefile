@@ -89,6 +89,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.csv_readers
 	$(BIN)/python -m benchmarks.events
 	$(BIN)/python -m benchmarks.exports
+	$(BIN)/python -m benchmarks.false_alarms
 	$(BIN)/python -m benchmarks.guards
 	$(BIN)/python -m benchmarks.hysteresis
 	$(BIN)/python -m benchmarks.imported_models

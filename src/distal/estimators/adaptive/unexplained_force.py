@@ -26,23 +26,33 @@ OPENED = 10.0
 CLOSING_TIME = 1.2
 """Time constant with which it is forgotten once forces are explained again [s]."""
 
-FORCE = Layout(friction=1, innovation=1, opened=1)
-"""What is remembered of a drive's force: of its friction (see `Comparison`), its mean normalised innovation [1], and the
-variance of the force that may act beside what the rig declares [N², (N m)²]."""
+USUAL_TIME = 2.5
+"""Time constant of what is usual of a force [s]."""
+
+UNUSUAL = 2.0
+"""What is so many times as large as usual is an event; a rig that lacks some physics is always a little off [1]."""
+
+FORCE = Layout(friction=1, innovation=1, usual=1, opened=1)
+"""What is remembered of a drive's force: of its friction (see `Comparison`), its mean normalised innovation, the mean
+square of that [1], and the variance of the force that may act beside what the rig declares [N², (N m)²]."""
 
 
 def watched(robustness: Robustness) -> ca.Function:
-    """Return (z̄, o², ν, S, used, dt) → (z̄⁺, o²⁺) of a drive's force: (29), (30)."""
-    mean, opened, innovation, variance, used, dt = (ca.SX.sym(name) for name in ("z", "o", "nu", "S", "used", "dt"))
+    """Return (z̄, w, o², ν, S, used, dt) → (z̄⁺, w⁺, o²⁺) of a drive's force: (29), (30)."""
+    mean, usual, opened, innovation, variance, used, dt = (
+        ca.SX.sym(name) for name in ("z", "w", "o", "nu", "S", "used", "dt")
+    )
+    arguments = [mean, usual, opened, innovation, variance, used, dt]
     if not robustness.opens_torques:
-        return ca.Function("watch", [mean, opened, innovation, variance, used, dt], [mean, opened])
+        return ca.Function("watch", arguments, [mean, usual, opened])
     shown = ca.fmin(ca.fmax(innovation / ca.sqrt(ca.fmax(variance, 1e-30)), -MOST_INNOVATION), MOST_INNOVATION)
-    fade = ca.exp(-dt / EVIDENCE_TIME)
+    fade, slowly = ca.exp(-dt / EVIDENCE_TIME), ca.exp(-dt / USUAL_TIME)
     after = ca.if_else(used > 0, fade * mean + (1 - fade) * shown, mean)
-    excess = OPENED * (1 - UNEXPLAINED / ca.fmax(ca.fabs(after), UNEXPLAINED))
+    threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(usual))
+    excess = OPENED * (1 - threshold / ca.fmax(ca.fabs(after), threshold))
     taken = ca.if_else(used > 0, excess**2 * ca.fmin(innovation**2, MOST_INNOVATION**2 * variance), 0)
-    outputs = [after, ca.fmax(opened * ca.exp(-2 * dt / CLOSING_TIME), taken)]
-    return ca.Function("watch", [mean, opened, innovation, variance, used, dt], outputs)
+    level = ca.if_else(used > 0, slowly * usual + (1 - slowly) * after**2, usual)
+    return ca.Function("watch", arguments, [after, level, ca.fmax(opened * ca.exp(-2 * dt / CLOSING_TIME), taken)])
 
 
 def opened_torque(context: FilterContext, joint: int, opened: Sequence[ScalarNode]) -> ScalarNode:

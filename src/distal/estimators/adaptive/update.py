@@ -95,9 +95,9 @@ def updated(
                 # a place that is lost says nothing of torques
                 read = Tracks(tracks, nd)[row.drive].lost == 0
                 used = share_used(ROW.part(at.values, "mask")) * read
-                kept["innovation"], kept["opened"] = watch(
-                    kept["innovation"], kept["opened"], comparison.innovation, spread + variance, used, dt
-                )
+                evidence = kept["innovation"], kept["usual"], kept["opened"]
+                evidence = watch(*evidence, comparison.innovation, spread + variance, used, dt)
+                kept["innovation"], kept["usual"], kept["opened"] = evidence
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
