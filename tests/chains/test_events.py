@@ -28,15 +28,15 @@ def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
     watch, dt, rng = watched(CHAIN), 0.005, np.random.default_rng(0)
     innovations = rng.normal(0, 0.5, 2400)
     innovations[2050] = 80.0
-    innovations[2100:2160] += 2.5
+    innovations[2100:2160] += 4.0
     mean = opened = found_mean = found = 0.0
-    usual = found_usual = 1.0
+    usual = found_usual = 0.25
     kept = []
     for innovation in innovations:
         variance = 0.8
         fade = exp(-dt / 0.05)
         mean = fade * mean + (1 - fade) * float(np.clip(innovation / sqrt(variance), -3, 3))
-        unusual = max(0.7, 2 * sqrt(usual))
+        unusual = max(0.7, 4 * sqrt(usual))
         share = max(1 - unusual / max(abs(mean), 1e-9), 0.0)
         opened = max(opened * exp(-2 * dt / 1.2), 100 * share**2 * min(innovation**2, 9 * variance))
         usual = exp(-dt / 2.5) * usual + (1 - exp(-dt / 2.5)) * mean**2
@@ -54,7 +54,7 @@ def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
 def test_what_is_always_a_little_off_opens_nothing() -> None:
     """A mean innovation of 1.2 stds, which the rig has from the start; one that comes after 15 calm seconds opens."""
     watch = watched(CHAIN)
-    always, later = (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
+    always, later = (0.0, 0.25, 0.0), (0.0, 0.25, 0.0)
     for k in range(4000):
         always = tuple(float(x) for x in watch(*always, 1.2, 1.0, 1, 0.005))
         assert always[2] == 0.0

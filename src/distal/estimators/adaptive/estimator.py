@@ -148,7 +148,7 @@ class AdaptiveFilter(KernelEstimator):
         mean, variances, memory = ca.SX(means), ca.SX(stds**2), ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives)
         for i, drive in enumerate(self.rig.drives):
             # as long as nothing is known of a force, it may be off by as much as it is unsure
-            memory[MEMORY * context.n_drives + FORCE.size * i + FORCE["usual"].start] = 1.0
+            memory[MEMORY * context.n_drives + FORCE.size * i + FORCE["usual"].start] = 0.25
             position, effort, transmitted = context.position_sensor(i), context.force_sensor(i), states.transmitted(i)
             if position is not None:
                 unknown = ca.if_else(is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2)

@@ -29,7 +29,7 @@ CLOSING_TIME = 1.2
 USUAL_TIME = 2.5
 """Time constant of what is usual of a force [s]."""
 
-UNUSUAL = 2.0
+UNUSUAL = 4.0
 """What is so many times as large as usual is an event; a rig that lacks some physics is always a little off [1]."""
 
 FORCE = Layout(friction=1, innovation=1, usual=1, opened=1)
