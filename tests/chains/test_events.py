@@ -81,10 +81,12 @@ def test_a_force_is_a_torque_at_the_moment_arms() -> None:
     ]
 
 
-def tracked(readings: list[float], dt: float, least: float = 0.5, pulls: float = 0.0) -> list[dict[str, float]]:
-    """Return what is remembered of a drive after each reading; its force rises by so much per m of what is read."""
+def tracked(
+    readings: list[float], dt: float, least: float = 0.5, pulls: float = 0.0, off: float = 0.0
+) -> list[dict[str, float]]:
+    """Return what is remembered of a drive after each reading; its force rises by `pulls` per m, and the model is `off`."""
     memory, reading, effort = ca.SX.sym("memory", MEMORY), ca.SX.sym("z"), ca.SX.sym("U")
-    force = ForceEvidence(effort, ca.SX(READ), ca.SX(2500.0), ca.SX(0.1), effort, least)
+    force = ForceEvidence(effort + off, ca.SX(READ), ca.SX(2500.0), ca.SX(0.1), effort, least)
     drive = track(
         memory, reading, ca.SX(READ), ca.SX(2.5e-11), ca.SX(dt), robustness=CHAIN, silence=None, force_evidence=force
     )
@@ -115,7 +117,10 @@ def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
 
 
 def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:
-    """It sticks and slips: the force rises by 0.7 of what a joint that stands still would make of it."""
+    """It sticks and slips: the force rises by 0.7 of what it would if the joint stood still, though the model is off."""
+    found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0, off=-6.0)
+    assert all(one["shift"] == 0.0 for one in found)
+    assert found[1]["doubt"] > 0.0
     assert all(one["shift"] == 0.0 for one in tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0))
     assert tracked([0.0, 3e-4], 0.005)[-1]["shift"] == 0.0  # too little for the force to show it
 

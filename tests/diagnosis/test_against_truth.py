@@ -270,7 +270,7 @@ def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
     assert all(path.startswith("tendons.") and path.endswith(".radius") for path in arm.undone[0].numbers)
 
 
-@pytest.mark.parametrize("channel", ["x_mcp_f", "x_pip_e"])
+@pytest.mark.parametrize("channel", ["x_mcp_f", "x_mcp_e", "x_pip_e"])
 def test_without_a_truth_a_wrong_sign_comes_before_units_that_make_a_force_small(
     channel: str,
 ) -> None:
