@@ -291,7 +291,7 @@ def test_the_header_says_shapes_units_and_order(rig: Rig) -> None:
         assert said in made.header
     assert not re.search(r"20\d\d-\d\d|\d\d:\d\d:\d\d", made.header + made.source + made.replay)
     assert len(made.states) == 19
-    assert made.state_bytes == 4 * 404 + 4
+    assert made.state_bytes == 4 * 406 + 4
 
 
 def test_float_calls_only_float_functions(rig: Rig) -> None:
@@ -434,8 +434,8 @@ def test_the_command(tmp_path: Path) -> None:
     names = sorted(path.name for path in out.iterdir())
     stem = "pulley_antagonist_adaptive"
     assert names == sorted(["CMakeLists.txt", "README.md", "replay.c", f"{stem}.c", f"{stem}.h"])
-    assert "1,468 bytes" in done.output
-    assert "1,468 bytes" in (out / "README.md").read_text()
+    assert "1,476 bytes" in done.output
+    assert "1,476 bytes" in (out / "README.md").read_text()
 
 
 @needs_compiler

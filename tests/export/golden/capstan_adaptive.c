@@ -53,7 +53,8 @@ static void prior(const float* restrict a0, const float* restrict a1, const floa
   r2[8] = v51;
   r2[9] = 0.0f;
   r2[10] = 0.0f;
-  r2[11] = 0.0f;
+  r2[11] = 0.25f;
+  r2[12] = 0.0f;
 }
 
 static void readings(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, float* restrict r0) {
@@ -834,13 +835,14 @@ static void weights(const float* restrict a0, const float* restrict a1, const fl
   r2[0] = v25;
 }
 
-static void watch(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, const float* restrict a4, const float* restrict a5, float* restrict r0, float* restrict r1) {
-  (void)a2;
+static void watch(const float* restrict a0, const float* restrict a1, const float* restrict a2, const float* restrict a3, const float* restrict a4, const float* restrict a5, const float* restrict a6, float* restrict r0, float* restrict r1, float* restrict r2) {
   (void)a3;
   (void)a4;
   (void)a5;
+  (void)a6;
   r0[0] = a0[0];
   r1[0] = a1[0];
+  r2[0] = a2[0];
 }
 
 static void adaptive(float* restrict state, const float* restrict a1, const float* restrict a2, float* restrict r1) {
@@ -979,7 +981,7 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   w[146] = larger(0.0f, w[146]);
   w[1] = (float)(0.0f == w[111]);
   w[146] = w[146] * w[1];
-  watch(state + 82, state + 83, w + 88, w, w + 146, a1, w + 1, w + 2);
+  watch(state + 82, state + 83, state + 84, w + 88, w, w + 146, a1, w + 1, w + 2, w + 3);
   r1[0] = w[92];
   w[91] = w[91] + w[89];
   r1[1] = w[91];
@@ -987,6 +989,7 @@ static void adaptive(float* restrict state, const float* restrict a1, const floa
   state[81] = w[90];
   state[82] = w[1];
   state[83] = w[2];
+  state[84] = w[3];
 }
 
 static void judged(const float* restrict a0, const float* restrict a1, float* restrict r0, float* restrict r1) {

@@ -86,7 +86,7 @@ def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, trac
         for j in free:
             covariance[j, j] = ca.fmax(covariance[j, j], shifted_variance(context, j, tracks))  # (31)
         for j in set(range(nj)) - set(free):  # coupled ones err as these
-            covariance[j, j] = ca.bilin(covariance[free, free], spread[j, :].T, spread[j, :].T)
+            covariance[j, j] = ca.mtimes([spread[j, :], covariance[free, free], spread[j, :].T])
 
 
 def _moving(states: StateVector, motion: Moved) -> MatrixNode:

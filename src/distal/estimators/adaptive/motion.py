@@ -166,11 +166,9 @@ def _substep(states: StateVector) -> ca.Function:
     rig_p = ca.SX.sym("rig_p", p.numel())
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
-    acted = sorted({int(j) for j in torque_slopes.sparsity().row()})
-    # what the rig declares may take a joint off its stop; what forces tell of later does not
-    pushed = [j for j in acted if mechanism.rig.joints[j].external_torque.std > 0.0]
-    doubted = sorted({*doubted_frictions(states), *acted} - {*pushed})
-    step = moving(context, kick, torques, spreads, pushed, doubted)
+    # what the rig declares may move what sticks and take a joint off its stop; what forces tell of later does not
+    pushed = [j for j, joint in enumerate(mechanism.rig.joints) if joint.external_torque.std > 0.0]
+    step = moving(context, kick, torques, spreads, pushed, list(doubted_frictions(states)))
     along = ca.SX(nj, count + nd)
     along[:, count:] = step.by_place[:, nj:]
     if acting:

@@ -117,7 +117,8 @@ def revert(states: StateVector, prediction: Prediction, opened: Sequence[ScalarN
             added += (1 - fade**2) * opened_torque(states.context, torques[at], opened)
         state[at] = fade * state[at]
         transition[at, :] = fade * transition[at, :]
-        set_row(covariance, at, fade * covariance[:, at], fade * fade * covariance[at, at] + added)
+        row = fade * covariance[:, at]  # read once, so that the covariance is changed where it stands
+        set_row(covariance, at, row, fade * row[at] + added)
 
 
 def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:
