@@ -12,6 +12,7 @@ from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.codegen.memory import Value
 from distal.kernels import Feed, LaneKernel, find_compiler
 from distal.kernels.compiler import compiled_source
+from distal.model import soft_moments
 
 pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")]
 
@@ -233,3 +234,17 @@ def test_what_has_no_c_is_said() -> None:
     inverse = ca.Function("inverse", [x, ca.MX.sym("y")], [ca.inv(x), ca.det(x)])
     with pytest.raises(CodeError, match="has no C here"):
         Emitter(Plain()).add(inverse)
+
+
+def test_moments_in_float_are_those_in_double() -> None:
+    """What a small std leaves over stays a part of its square: a float has 7 digits, and none may be lost."""
+    arguments = [ca.SX.sym(name) for name in ("z", "limit", "std")]
+    moments = soft_moments(*arguments)
+    function = ca.Function("moments", arguments, [moments.mean, moments.slope, moments.rest])
+    for z in (-2.0, -0.501, -0.5, 0.0, 0.3, 0.5, 0.5001, 1.7):
+        for std in (1e-9, 1e-6, 1e-3, 0.1, 1.0):
+            given = [np.array([value]) for value in (z, 0.5, std)]
+            mean, slope, rest = (float(value[0]) for value in run(function, given, Plain(True), False))
+            known = [float(value) for value in function(*np.array(given, dtype=np.float32).astype(float))]
+            assert [mean, slope] == pytest.approx(known[:2], abs=1e-5)
+            assert rest == pytest.approx(known[2], abs=1e-4 * std**2)

@@ -9,15 +9,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from distal import Log, load_rig, load_scenario, scenario_rig, simulate
+from distal import Log, diagnose, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.confidence import BAND
 from distal.diagnosis import sentences
+from distal.diagnosis.channels import channels_of
 from distal.diagnosis.comparison import stretch
 from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.rerun import OUTLIER, Change, Rerun
 from distal.diagnosis.untested import _changes, _unseen
-from distal.diagnosis.what_if import overconfidence
+from distal.diagnosis.what_if import overconfidence, with_learned_numbers
 from distal.estimators import StateKind
 from distal.rig import build_rig
 from distal.run.offline import runner_for
@@ -103,13 +104,13 @@ def test_a_start_that_the_log_rejects_counts_by_its_likelihood() -> None:
 def test_a_change_is_unseen_that_moves_the_angle_and_contradicts_nothing_new(
     moved: float, against: tuple[str, ...], unseen: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """By more than half of 1.96 stds of the angle (here about 0.2 in the middle of 9 and 0.04)."""
+    """By more than half of 1.96 stds of the angle, as they are then, in more than a tenth of the samples."""
     found = {("disagrees", subject) for subject in against}
     monkeypatch.setattr("distal.diagnosis.untested.contradictions", lambda rerun, outcome: found)
     stub = Stub((0.0, 0.0))
     outcome = stub.outcome(1.0)
-    std = float(np.sqrt(np.mean(stub.base.variances[:, 0])))
-    outcome.means[:, 0] = moved / 2.0 * 1.96 * std * np.where(np.arange(1000) % 2, 1.0, -1.0)
+    far = moved / 2.0 * 1.96 * np.sqrt(stub.base.variances[:, 0])
+    outcome.means[:, 0] = np.where(np.arange(1000) % 9, 0.0, far)  # in 11 % of the samples
     of_base: Any = {("disagrees", "old")}
     assert _unseen(cast(Any, stub), outcome, of_base) is unseen
     outcome.squares[:600] = np.nan  # less than half of it is still compared
@@ -219,3 +220,17 @@ def test_how_far_a_joint_would_turn_is_over_its_stops_or_what_any_turns() -> Non
         (finding,) = out_of_reach(log, each)
         assert finding.text == sentences.looks_geared_at_least("motor_angle", turned / room).text
     assert out_of_reach(Log(log.time, {"motor_angle": np.array([0.0, 1.0, 0.5])}), rig) == []
+
+
+@pytest.mark.parametrize(("friction", "consistent"), [(0.05, True), (0.15, False)])
+def test_what_a_log_teaches_within_its_std_contradicts_nothing(friction: float, consistent: bool) -> None:
+    """A motor's friction of 0.05 for 0.02 +- 50 %: the first innovations drift, none does once it is known."""
+    plan = load_scenario("lab-bench")
+    rig = scenario_rig(plan)
+    plant = rig.with_values({"drives.0.friction.constant": friction})
+    log = simulate(plant, plan.model_copy(update={"plant": {}, "duration": 12.0}), 1)
+    result = estimate(log, rig)
+    assert channels_of(result).findings()[0].contradicts
+    again = channels_of(with_learned_numbers(result, Rerun(log, runner_for(log, rig, "adaptive"))))  # type: ignore[arg-type]
+    assert (not any(finding.contradicts for finding in again.findings())) is consistent
+    assert diagnose(result, log, rig).consistent is consistent

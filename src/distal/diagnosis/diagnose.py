@@ -10,6 +10,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.against_truth import LOST, against_truth, causes
+from distal.diagnosis.channels import channels_of
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
@@ -17,7 +18,7 @@ from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 from distal.diagnosis.rerun import Rerun
 from distal.diagnosis.untested import untestable
-from distal.diagnosis.what_if import overconfidence
+from distal.diagnosis.what_if import overconfidence, with_learned_numbers
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
@@ -75,20 +76,24 @@ def diagnose(
     if result.estimator != "adaptive":
         return diagnose_estimate(result, further)
     further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
-    first = diagnose_estimate(result, further)
+    channels = channels_of(result)
+    if what_if and any(finding.contradicts for finding in channels.findings()):
+        channels = channels_of(with_learned_numbers(result, rerun()))
+    first = diagnose_estimate(result, further, channels)
     # of a rig that is wrong the band says nothing anyway
     if not any(finding.contradicts for finding in first.findings):
         further += overconfidence(rerun())
-        first = diagnose_estimate(result, further)
+        first = diagnose_estimate(result, further, channels)
     if not what_if:
         return first
     against = [finding for finding in first.findings if finding.contradicts]
     if any(finding.kind != "overconfident" for finding in against):
-        explained = [] if truth else [*explanations(rerun()), *out_of_reach(log, rig)]
-        return diagnose_estimate(result, [*explained, *further])
+        named = any(finding.contradicts for finding in truth)
+        explained = [] if named else [*explanations(rerun()), *out_of_reach(log, rig)]
+        return diagnose_estimate(result, [*explained, *further], channels)
     if against:
         return first
-    return diagnose_estimate(result, [*further, *untestable(rerun())])
+    return diagnose_estimate(result, [*further, *untestable(rerun())], channels)
 
 
 def why_diverged(log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True) -> list[Finding]:

@@ -57,9 +57,14 @@ class Diagnosis:
         return bool(self.tested) and not any(finding.contradicts for finding in self.findings)
 
 
-def diagnose_estimate(estimate: Estimate, further: Sequence[Finding] = ()) -> Diagnosis:
-    """Return what an estimate's innovations and states say, and what was found by other means, see `distal.diagnose`."""
-    channels = channels_of(estimate)
+def diagnose_estimate(
+    estimate: Estimate, further: Sequence[Finding] = (), channels: Channels | None = None
+) -> Diagnosis:
+    """Return what an estimate's innovations and states say, and what was found by other means, see `distal.diagnose`.
+
+    The `channels` are those of the estimate itself, or of one that began better (`with_learned_numbers`).
+    """
+    channels = channels_of(estimate) if channels is None else channels
     states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
     # what would explain it comes right after what disagrees, before what follows from it
     looks = [finding for finding in further if finding.kind == "looks like"]

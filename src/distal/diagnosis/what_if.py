@@ -1,6 +1,9 @@
-"""A band that hangs on where the filter began, by running it again, and what contradicts in such a run."""
+"""The filter begun elsewhere: a band that hangs on where it began, and what still contradicts if it begins with what it
+learned."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +24,10 @@ HANGS = 1.1
 Of a filter that is right it is at most 1: the posterior covariance is what the prior leaves plus what noise adds. On random
 rigs with more than 90 % inside it is mostly 0.3 to 1.1, on those with less than half inside 1.2 to 6.
 """
+
+
+WITHIN = 3.0
+"""A number that a log teaches may be so many standard deviations from what the rig says."""
 
 
 def overconfidence(rerun: Rerun) -> list[Finding]:
@@ -56,6 +63,23 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
         return []
     most = max(moved, key=lambda name: float(moved[name][worst]))
     return [sentences.hangs_on_the_start(most, spread, is_angle=most in angles)]
+
+
+def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
+    """Return a result with the innovations of the filter that begins with the numbers that it had learned at the end.
+
+    A number that is wrong by no more than its std allows makes the first innovations large and alike, until it is learned.
+    So far as it is within `WITHIN` standard deviations of what the rig says, that contradicts nothing.
+    """
+    states, names = rerun.runner.states, rerun.runner.state_names
+    shifts = np.clip(rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds)
+    outcome = rerun(Change(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)}))
+    if not outcome.bounded:
+        return result
+    count = len(rerun.log)
+    innovations, variances = result.innovations.copy(), result.innovation_variances.copy()
+    innovations[:count], variances[:count] = outcome.innovations, outcome.innovation_variances
+    return replace(result, innovations=innovations, innovation_variances=variances)
 
 
 def contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:

@@ -143,12 +143,14 @@ def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMo
     alpha, beta = (low - mean) / std, (high - mean) / std
     under, over = _below(alpha), 1 - _below(beta)
     inside = 1 - under - over
-    # about the mean, so that nothing large is subtracted
-    a, b = low - mean, high - mean
-    shift = a * under + b * over + std * (_density(alpha) - _density(beta))
-    square = a * a * under + b * b * over + std * std * inside + std * (a * _density(alpha) - b * _density(beta))
-    variance = ca.fmax(square - shift * shift - (inside * std) ** 2, 0)
-    return ClipMoments(mean + shift, under, inside, over, variance)
+    # about m clipped: neither held nor free, in double or float, is a small number left over from large ones
+    nearest = ca.fmin(ca.fmax(low - mean, 0), high - mean)
+    a, b = low - mean - nearest, high - mean - nearest
+    moved = a * under + b * over - nearest * inside + std * (_density(alpha) - _density(beta))
+    square = a * a * under + b * b * over + (nearest * nearest + std * std) * inside
+    square += std * ((a - nearest) * _density(alpha) - (b - nearest) * _density(beta))
+    variance = ca.fmax(square - moved * moved - (inside * std) ** 2, 0)
+    return ClipMoments(mean + nearest + moved, under, inside, over, variance)
 
 
 @dataclass(frozen=True)
@@ -177,11 +179,6 @@ def soft_moments(z: Scalar, limit: Limit | Scalar, std: Scalar) -> SoftMoments:
     smooths. The limit is that of `soft`.
     """
     limits = limit if isinstance(limit, Limit) else Limit(limit, limit)
-    up, down = z - limits.up, z + limits.down
-    u, w = up / std, down / std
-    mean = up * _below(u) + std * _density(u) + down * _below(-w) - std * _density(w)
-    square = (up * up + std * std) * _below(u) + up * std * _density(u)
-    square += (down * down + std * std) * _below(-w) - down * std * _density(w)
-    slope = _below(u) + _below(-w)
-    variance = ca.fmax(square - mean * mean - (slope * std) ** 2, 0)
-    return SoftMoments(mean, slope, variance, _below(u), _below(-w))
+    # soft(z, l) = z − clip(z, −l₋, l₊)
+    held = clip_moments(-limits.down - z, limits.up - z, ca.SX(0), std)
+    return SoftMoments(-held.mean, held.by_low + held.by_high, held.rest, held.by_high, held.by_low)

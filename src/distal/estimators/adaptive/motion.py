@@ -166,9 +166,10 @@ def _substep(states: StateVector) -> ca.Function:
     rig_p = ca.SX.sym("rig_p", p.numel())
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
-    # what the rig declares may move what sticks and take a joint off its stop; what forces tell of later does not
+    # what the rig declares may take a joint off its stop; a torque that forces tell of later moves what sticks alone
     pushed = [j for j, joint in enumerate(mechanism.rig.joints) if joint.external_torque.std > 0.0]
-    step = moving(context, kick, torques, spreads, pushed, list(doubted_frictions(states)))
+    stuck = {*doubted_frictions(states), *states.torque_states.values()}
+    step = moving(context, kick, torques, spreads, pushed, sorted(stuck))
     along = ca.SX(nj, count + nd)
     along[:, count:] = step.by_place[:, nj:]
     if acting:
