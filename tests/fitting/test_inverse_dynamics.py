@@ -12,10 +12,12 @@ from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
-from distal.fitting.inverse_dynamics import INTERVAL, MEMORY, InverseProblem, inverse_problem
+from distal.fitting.filter import FitFilter
+from distal.fitting.inverse_dynamics import INTERVAL, MEMORY, Equations, InverseProblem, inverse_problem
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.missing_physics import Tried, parts_of, tried_parts
 from distal.fitting.numbers import Numbers, among_models, by_equations, problem_of
+from distal.homing.reference import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig
 
@@ -285,3 +287,33 @@ def test_a_foreign_finger_stays_near_its_priors() -> None:
     assert found is not None
     far = [abs(p.value - p.start) / p.prior_std for p in found.fitted if p.identified and not p.noise]
     assert max(far) < 6.0
+
+
+
+def test_the_weight_of_a_chains_links_is_among_its_forces() -> None:
+    """Balance of a finger at rest less that without weight: the slopes of the links' height, times their weight."""
+    rig = load_rig("finger-2n")
+    lengths, masses = [0.045, 0.045], [joint.link.mass.value for joint in rig.joints if joint.link is not None]
+
+    def energy(angles: np.ndarray) -> float:
+        turned, height, total = 0.0, 0.0, 0.0
+        for angle, length, mass in zip(angles, lengths, masses):
+            turned += float(angle)
+            total += mass * 9.80665 * (height - length / 2 * np.sin(turned))  # about y: a positive angle lowers the tip
+            height -= length * np.sin(turned)
+        return total
+
+    def balance(described: Rig, angles: np.ndarray) -> np.ndarray:
+        time = np.arange(50) / 100.0
+        told = {f"theta_{joint.name}": time for joint in rig.joints}
+        referred, references = with_references(described, Log(time, {}, told, "told"))
+        equations = Equations(FitFilter(referred, references, (), compiled=False), compiled=False)
+        at = np.concatenate([angles, np.full(4, 1e-3)])
+        p = equations.mechanism.parameters.values
+        return np.array(equations._forces()(at, np.zeros(6), np.zeros(6), p)[2]).ravel()[:2]
+
+    angles, step = np.array([0.4, 0.7]), 1e-6
+    weightless = rig.with_values({f"joints.{j}.link.mass": 1e-9 for j in range(2)})
+    weight = balance(rig, angles) - balance(weightless, angles)
+    slopes = [(energy(angles + step * unit) - energy(angles - step * unit)) / (2 * step) for unit in np.eye(2)]
+    np.testing.assert_allclose(weight, slopes, rtol=1e-4)

@@ -4,7 +4,7 @@ With q = (angles, places) known, and v and a from it, the equations of `Mechanis
 
     forces      U_i − (pull_i(q, v) + l_i d_i + α_i |d_i|)
     tensions    T_measured − T(q, v)
-    joints      −(M a + pulls − passive forces + l d)_j
+    joints      −(M a + Coriolis + gravity + pulls − passive forces + l d)_j
 
 each over its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), with what is left of the noise of angles
 and places: a stiffness that multiplies their noise would come out too small (Clutton-Brock, Technometrics 9, 1967).
@@ -135,7 +135,7 @@ class Equations:
         tendons = mechanism.pulls(q, v, settled=True)
         passive = mechanism.passive_forces(q)
         pulls = mechanism.dampings() * v - tendons.forces - passive
-        balance = ca.vertcat(ca.mtimes(mechanism.mass_matrix(q), a[:nj]) + pulls[:nj], pulls[nj:])
+        balance = ca.vertcat(mechanism.moving_forces(q, v, a[:nj]) + pulls[:nj], pulls[nj:])
         limits = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
         up, down = (ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down"))
         p = mechanism.parameters.symbols

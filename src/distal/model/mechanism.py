@@ -55,8 +55,20 @@ class Mechanism(Tendons):
         diagonal = ca.diag(self.inertias()[: self.n_joints])
         return diagonal if self.chain is None else diagonal + self.chain.mass_matrix(q)
 
+    def moving_forces(self, q: Vector, v: Vector, a: Vector) -> Vector:
+        """Return what it takes to move the joints so, J a + (M a + Coriolis + gravity) of a chain, (n_joints,) [N m].
+
+        Coordinates q and velocities v are of all bodies, accelerations a, (n_joints,) [rad/s²], of the joints. Gravity of
+        a joint that carries no other is among `passive_forces`.
+        """
+        own = self.inertias()[: self.n_joints] * a
+        return own if self.chain is None else own + self.chain.torques(q, v, a)
+
     def passive_forces(self, q: Vector) -> Vector:
-        """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m]."""
+        """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m].
+
+        Gravity of a chain's links is among `moving_forces`.
+        """
         forces = [self._passive_torque(i, joint, q) for i, joint in enumerate(self.rig.joints)]
         return ca.vertcat(*forces, *(self._cogging(i, q) for i in range(self.n_drives)))
 
