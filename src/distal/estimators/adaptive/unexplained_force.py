@@ -20,7 +20,7 @@ MOST_INNOVATION = 3.0
 UNEXPLAINED = 0.7
 """A mean normalised innovation beyond this stays unexplained [1]: docs/results/chains.md, "Something happens"."""
 
-OPENED = 20.0
+OPENED = 14.0
 """So many times the part of an innovation that stays unexplained is the std of the force that may act [1]."""
 
 CLOSING_TIME = 1.2
