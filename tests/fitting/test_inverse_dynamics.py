@@ -289,7 +289,6 @@ def test_a_foreign_finger_stays_near_its_priors() -> None:
     assert max(far) < 6.0
 
 
-
 def test_the_weight_of_a_chains_links_is_among_its_forces() -> None:
     """Balance of a finger at rest less that without weight: the slopes of the links' height, times their weight."""
     rig = load_rig("finger-2n")
