@@ -38,7 +38,7 @@ def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
         mean = fade * mean + (1 - fade) * float(np.clip(innovation / sqrt(variance), -3, 3))
         unusual = max(0.7, 4 * sqrt(usual))
         share = max(1 - unusual / max(abs(mean), 1e-9), 0.0)
-        opened = max(opened * exp(-2 * dt / 1.2), 100 * share**2 * min(innovation**2, 9 * variance))
+        opened = max(opened * exp(-2 * dt / 1.2), 196 * share**2 * min(innovation**2, 9 * variance))
         usual = exp(-dt / 2.5) * usual + (1 - exp(-dt / 2.5)) * mean**2
         state = found_mean, found_usual, found
         found_mean, found_usual, found = (float(x) for x in watch(*state, innovation, variance, 1, dt))
