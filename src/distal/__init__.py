@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from distal.export import export_arduino, export_c, export_fmu
     from distal.fitting import Fit, fit, learn_affine, learn_contact, learn_discrepancy, observability
     from distal.homing import at_known_angle, homing_filter
+    from distal.inverse import Commands, Inverse
     from distal.lab import lab_page
     from distal.logs import Log, from_mujoco, read_log, write_log
     from distal.results import Estimate, plot_estimates
@@ -24,12 +25,14 @@ __all__ = [
     "ESTIMATORS",
     "Belief",
     "ClosedLoop",
+    "Commands",
     "DistalError",
     "DistalWarning",
     "Estimate",
     "Estimator",
     "Fit",
     "Innovation",
+    "Inverse",
     "LiveEstimator",
     "Log",
     "Monitor",
@@ -73,6 +76,7 @@ _NAMES = {
     "export": ("export_arduino", "export_c", "export_fmu"),
     "fitting": ("Fit", "fit", "learn_affine", "learn_contact", "learn_discrepancy", "observability"),
     "homing": ("at_known_angle", "homing_filter"),
+    "inverse": ("Commands", "Inverse"),
     "lab": ("lab_page",),
     "logs": ("Log", "from_mujoco", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),

@@ -26,6 +26,10 @@ class ControlError(DistalError):
     """A controller, or what it asks of a plant, is wrong."""
 
 
+class CommandError(DistalError):
+    """Wanted angles are wrong, or a rig has no inverse."""
+
+
 class LogError(DistalError):
     """A log cannot be read, or its content cannot be used."""
 

@@ -1,0 +1,6 @@
+"""The inverse of a rig: what its drives do so that its joints get to wanted angles."""
+
+from distal.inverse.commands import Commands
+from distal.inverse.inverse import Inverse
+
+__all__ = ["Commands", "Inverse"]

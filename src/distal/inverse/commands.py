@@ -1,0 +1,103 @@
+"""Commands of drives over time, and the angles that they reach."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.confidence import BAND
+from distal.logs import write_columns
+from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, figure, legend_above, save_figure
+from distal.rig import Rig, angle_names, log_factor, position_unit, std_name
+from distal.units import unit_factor
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, repr=False)
+class Commands:
+    """What drives have to do, and the angles of the joints that they then reach, (k, …), SI.
+
+    Args:
+        wanted: angles, (k, n_joints) [rad].
+        angles: those that can be reached, (k, n_joints) [rad].
+        stds: of the true angles about these, in an open loop, (k, n_joints) [rad].
+        places: of the drives, (k, n_drives) [m, rad].
+        speeds: (k, n_drives) [m/s, rad/s].
+        forces: of the drives, (k, n_drives) [N, N m].
+        tensions: of the tendons at their drives, (k, n_tendons) [N].
+        notes: what cannot be reached, and why.
+    """
+
+    rig: Rig
+    time: Floats
+    wanted: Floats
+    angles: Floats
+    stds: Floats
+    places: Floats
+    speeds: Floats
+    forces: Floats
+    tensions: Floats
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Commands({self.rig.name}, {len(self.time)} samples, {self.time[-1] - self.time[0]:g} s)"
+
+    def columns(self) -> dict[str, Floats]:
+        """Return the commands by the rig's own columns and units, then the angles that they reach and their stds [rad].
+
+        A drive without a sensor of its place or force has columns in SI: ``DRIVE_position [m]``, ``DRIVE_force [N]``.
+        """
+        rig = self.rig
+        columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
+        for i, drive in enumerate(rig.drives):
+            units = {"position": position_unit(drive), "force": "N" if drive.kind == "slider" else "N m"}
+            for kind, values in (("position", self.places[:, i]), ("force", self.forces[:, i])):
+                sensor = next((one for one in rig.sensors if one.of == drive.name and one.measures == kind), None)
+                if sensor is None:
+                    columns[f"{drive.name}_{kind} [{units[kind]}]"] = values
+                else:
+                    columns[sensor.log_column] = sensor.sign * values / log_factor(sensor)
+            columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
+        for j, name in enumerate(angle_names([joint.name for joint in rig.joints])):
+            columns[f"{name} [rad]"], columns[f"{std_name(name)} [rad]"] = self.angles[:, j], self.stds[:, j]
+        return columns
+
+    def write(self, path: str | Path) -> None:
+        """Write `columns` as CSV or Parquet.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+        write_columns(self.columns(), path)
+
+    def plot(self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None) -> Figure:
+        """Draw what is wanted, what is reached and its 95 % band, then the drives' places; `truth` by joint [rad]."""
+        names = [joint.name for joint in self.rig.joints]
+        rows = len(names) + 1
+        with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
+            for j, (name, axis) in enumerate(zip(names, axes)):
+                wanted, angle, half = (np.rad2deg(part[:, j]) for part in (self.wanted, self.angles, BAND * self.stds))
+                axis.fill_between(self.time, angle - half, angle + half, color=COLOURS[0], alpha=BAND_ALPHA, lw=0)
+                axis.plot(self.time, angle, color=COLOURS[0], lw=1.2, label="reached by the commands, 95 % band")
+                axis.plot(self.time, wanted, color=COLOURS[1], lw=1.0, dashes=(4, 2), label="wanted")
+                if truth is not None:
+                    axis.plot(self.time, np.rad2deg(truth[name]), color=BLACK, lw=1.0, label="true")
+                axis.set_ylabel(f"{name} [°]")
+            legend_above(axes[0])
+            for i, drive in enumerate(self.rig.drives):
+                scale, unit = (1e3, "mm") if drive.kind == "slider" else (180 / np.pi, "°")
+                look = {"color": COLOURS[i % 6], "linestyle": DASHES[i % 6], "label": f"{drive.name} [{unit}]"}
+                axes[-1].plot(self.time, scale * self.places[:, i], **look)
+            axes[-1].set_ylabel("place")
+            axes[-1].set_xlabel("time [s]")
+            legend_above(axes[-1])
+        if path is not None:
+            save_figure(drawing, path)
+        return drawing

@@ -1,0 +1,84 @@
+"""Which pulls make the torques that are needed, where there are more tendons than joints: the least that keep all taut.
+
+A f = τ with f ≥ f_min, least Σ f: a linear programme. At its solution as many pulls are at their minimum as there are more
+of them than torques (a vertex), so that the few vertices are tried one after the other: without an iteration, in C as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import casadi as ca
+
+from distal.expressions import Matrix, Scalar, Vector
+
+VIOLATED = 1e6
+"""A newton below the minimum weighs as much as so many above it: where no choice keeps all taut, the nearest is taken."""
+
+SINGULAR = 1e-12
+"""Determinants below this, of arms in their largest, count as none."""
+
+
+def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool]) -> Vector:
+    """Return the pulls f, (m,), with A f = τ and the least sum; those that pull one way only are at least `lowest`.
+
+    Args:
+        arms: A, (n, m), n ≤ m: torque per pull [m].
+        torques: τ, (n,) [N m].
+        lowest: (m,) [N].
+        one_sided: which pulls are of single tendons; a motor that winds two of them pulls either way.
+    """
+    n, m = arms.shape
+    if n == m:
+        return solved(arms, torques)
+    best, cost = ca.SX.zeros(m), ca.SX(ca.inf)
+    for held in combinations([i for i in range(m) if one_sided[i]], m - n):
+        free = [i for i in range(m) if i not in held]
+        if ca.sprank(arms[:, free]) < n:
+            continue
+        at = list(held)
+        pulls = ca.SX(m, 1)
+        pulls[at] = lowest[at]
+        pulls[free] = solved(arms[:, free], torques - ca.mtimes(arms[:, at], lowest[at]))
+        total = ca.sum1(ca.fabs(pulls))
+        for i in free:
+            if one_sided[i]:
+                total += VIOLATED * ca.fmax(lowest[i] - pulls[i], 0)
+        better = total < cost
+        best, cost = ca.if_else(better, pulls, best), ca.if_else(better, total, cost)
+    return ca.densify(best)
+
+
+def solved(matrix: Matrix, right: Vector) -> Vector:
+    """Return M⁻¹ b by Cramer's rule to three rows, beyond by Gauss; a singular M gives zero, in double and in float.
+
+    The `matrix` is M, (n, n), `right` is b, (n,).
+    """
+    n = matrix.size1()
+    if n == 1:
+        return _over(right[0], matrix[0, 0])
+    if n <= 3:
+        determinant = _determinant(matrix)
+        columns = []
+        for k in range(n):
+            replaced = ca.SX(matrix)
+            replaced[:, k] = right
+            columns.append(_over(_determinant(replaced), determinant))
+        return ca.vertcat(*columns)
+    return ca.solve(ca.densify(matrix), right)
+
+
+def _determinant(matrix: Matrix) -> Scalar:
+    if matrix.size1() == 1:
+        return matrix[0, 0]
+    total, rows = ca.SX(0), list(range(1, matrix.size1()))
+    for k in range(matrix.size2()):
+        others = [j for j in range(matrix.size2()) if j != k]
+        total += (-1) ** k * matrix[0, k] * _determinant(matrix[rows, others])
+    return total
+
+
+def _over(value: Scalar, divisor: Scalar) -> Scalar:
+    usable = ca.fabs(divisor) > SINGULAR
+    return ca.if_else(usable, value / ca.if_else(usable, divisor, 1), 0)

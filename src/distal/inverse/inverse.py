@@ -1,0 +1,205 @@
+"""From a wanted trajectory of the joints to what the drives do, for a whole trajectory at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from math import inf
+from pathlib import Path
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import CommandError
+from distal.inverse.command import CommandModel, settled_inside
+from distal.inverse.commands import Commands
+from distal.inverse.reached import spread_kernel
+from distal.kernels import Feed, Kernel, advance
+from distal.rig import Rig, load_rig
+from distal.units import to_si
+
+LEAST_TENSION = 1.0
+"""Tension that every tendon keeps where nothing else is asked for [N]."""
+
+NEAR = float(np.deg2rad(0.1))
+"""An angle that is missed by less is reached [rad]."""
+
+SETTLES = 3
+"""Rounds until the drives' places and what moves inside agree at the start."""
+
+SHARE = 1.02
+"""A limit counts as passed from this multiple of it on."""
+
+
+class Inverse:
+    """What drives have to do so that the joints get to wanted angles: places, speeds and forces, and the band of the angle.
+
+    ```python
+    commands = distal.Inverse("finger-2n")(time, {"mcp": mcp, "pip": pip})  # [s], [rad]
+    commands.write("commands.csv")
+    ```
+
+    Friction is made up for in the direction of motion, and stretch, plays and creep by the model; see `CommandModel`.
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        least_tension: that every tendon keeps where there are more of them than joints: newtons, or a text with a unit.
+
+    Raises:
+        CommandError: the tension is none.
+        RigError: the rig is unknown or wrong.
+    """
+
+    def __init__(
+        self, rig: Rig | str | Path, *, least_tension: float | str = LEAST_TENSION, compiled: bool = True
+    ) -> None:
+        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.least_tension = float(
+            least_tension if isinstance(least_tension, (int, float)) else to_si(least_tension, "N")
+        )
+        if not 0.0 <= self.least_tension < inf:
+            raise CommandError(f"least_tension: at least 0 N, {least_tension} came")
+        self.model = CommandModel(self.rig)
+        self._kernel = Kernel(self.model.function(), compiled)
+        self._band = Kernel(spread_kernel(self.model), compiled)
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that move by themselves, whose angles are wanted."""
+        return tuple(self.rig.joints[j].name for j in self.model.free)
+
+    def __call__(self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]) -> Commands:
+        """Return the commands for wanted angles over time.
+
+        Args:
+            time: rising stamps [s], (k,); the closer, the better jumps are resolved.
+            angles: of the joints that move by themselves [rad], (k, n_free) in their order, or by their names.
+
+        Raises:
+            CommandError: the shapes do not fit, a joint is missing or unknown, or a number is not finite.
+        """
+        stamps = np.asarray(time, dtype=np.float64)
+        wanted = self._wanted(stamps, angles)
+        notes, held = self._within_stops(stamps, wanted)
+        rows = self._rows(stamps, held)
+        run = advance(self._kernel, Feed(self._begin(rows[0]), rows, self._numbers))
+        read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
+        mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
+        offsets, places = np.array(mechanism.offsets).ravel(), read["places"]
+        stds = np.sqrt(self._variances(read["angles"], places, run.carries))
+        notes += [*self._not_reached(stamps, held, read["angles"]), *self._beyond(stamps, read)]
+        return Commands(
+            self.rig,
+            stamps,
+            wanted=wanted @ full.T + offsets,
+            angles=read["angles"] @ full.T + offsets,
+            stds=stds @ np.abs(full).T,
+            places=places,
+            speeds=np.gradient(places, stamps, axis=0),
+            forces=read["forces"],
+            tensions=read["tensions"],
+            notes=tuple(notes),
+        )
+
+    def _wanted(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:
+        names = self.joints
+        if isinstance(angles, Mapping):
+            if set(angles) != set(names):
+                raise CommandError(
+                    f"angles are wanted of the joints {', '.join(names)} (coupled ones follow), {', '.join(angles)} came"
+                )
+            angles = np.column_stack([np.asarray(angles[name], dtype=np.float64) for name in names])
+        wanted = np.asarray(angles, dtype=np.float64).reshape(len(time), -1) if len(time) else np.zeros((0, 0))
+        if time.ndim != 1 or len(time) < 2 or wanted.shape != (len(time), len(names)):
+            raise CommandError(
+                f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or more; "
+                f"{wanted.shape[-1]} at {len(time)} came"
+            )
+        if not (np.isfinite(time).all() and np.isfinite(wanted).all()):
+            raise CommandError("wanted angles and their stamps are finite numbers")
+        if not np.all(np.diff(time) > 0.0):
+            raise CommandError("stamps of wanted angles rise from one to the next")
+        return wanted
+
+    def _within_stops(self, time: Floats, wanted: Floats) -> tuple[list[str], Floats]:
+        """Return what lies beyond stops in words, and the angles cut at them."""
+        notes, held = list[str](), wanted.copy()
+        for k, j in enumerate(self.model.free):
+            joint = self.rig.joints[j]
+            if joint.stops is None:
+                continue
+            held[:, k] = np.clip(wanted[:, k], *joint.stops)
+            beyond = np.abs(held[:, k] - wanted[:, k])
+            if beyond.max() > NEAR:
+                low, high = np.rad2deg(joint.stops)
+                notes.append(
+                    f"{joint.name} is wanted {np.rad2deg(beyond.max()):.2g}° beyond its stops ({low:.4g} to {high:.4g}°), "
+                    f"first at {time[beyond > NEAR][0]:.4g} s"
+                )
+        return notes, held
+
+    def _rows(self, time: Floats, angles: Floats) -> Floats:
+        speeds = np.gradient(angles, time, axis=0)
+        parts = {
+            "dt": np.diff(time, prepend=time[0]),
+            "angles": angles,
+            "speeds": speeds,
+            "accelerations": np.gradient(speeds, time, axis=0),
+            "torques": np.zeros((len(time), len(self.rig.joints))),
+            "lowest": np.full(len(time), self.least_tension),
+        }
+        return np.column_stack([parts[name] for name in self.model.x.names])
+
+    @property
+    def _numbers(self) -> Floats:
+        values, inside = self.model.mechanism.parameters.values, self.model.carry["inside"]
+        return values[: len(values) - (inside.stop - inside.start)]
+
+    def _begin(self, row: Floats) -> Floats:
+        """Return the carry before the first sample: drives where they hold the first angles, at rest for long."""
+        model, carry = self.model, np.zeros(self.model.carry.size)
+        for _ in range(SETTLES):
+            first = advance(self._kernel, Feed(carry, row, self._numbers))
+            carry[model.carry["places"]] = model.y.view(first.ys[-1], "places")
+            carry[model.carry["pulls"]] = model.carry.view(first.carries[-1], "pulls")
+            if model.carry["inside"].stop > model.carry["inside"].start:
+                joints = np.array(model.mechanism.spread) @ model.y.view(first.ys[-1], "angles")
+                q = np.concatenate([joints + np.array(model.mechanism.offsets).ravel(), carry[model.carry["places"]]])
+                carry[model.carry["inside"]] = settled_inside(model, q)
+        return carry
+
+    def _variances(self, angles: Floats, places: Floats, carries: Floats) -> Floats:
+        view = self.model.carry.view
+        rows = np.column_stack([angles, places, view(carries, "turned"), view(carries, "inside")])
+        return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys
+
+    def _not_reached(self, time: Floats, wanted: Floats, reached: Floats) -> list[str]:
+        notes = []
+        for k, name in enumerate(self.joints):
+            away = np.abs(reached[:, k] - wanted[:, k])
+            if away.max() > NEAR:
+                at = int(np.argmax(away))
+                notes.append(
+                    f"{name} comes no nearer than {np.rad2deg(away[at]):.2g}° to what is wanted at {time[at]:.4g} s: fewer "
+                    "drives than joints, it follows its springs"
+                )
+        return notes
+
+    def _beyond(self, time: Floats, read: Mapping[str, Floats]) -> list[str]:
+        """Return which limits of drives are passed, and which tendons would go slack, in words."""
+        notes = []
+        for i, drive in enumerate(self.rig.drives):
+            unit = "N" if drive.kind == "slider" else "N m"
+            largest = float(np.abs(read["forces"][:, i]).max())
+            if drive.limit is not None and largest > SHARE * drive.limit:
+                notes.append(f"{drive.name} would need {largest:.3g} {unit}, its limit is {drive.limit:.3g} {unit}")
+            if drive.stops is not None:
+                low, high = drive.stops
+                out = max(low - read["places"][:, i].min(), read["places"][:, i].max() - high)
+                if out > 0.0:
+                    notes.append(f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}] by {out:.2g}")
+        for i, tendon in enumerate(self.rig.tendons):
+            slack = read["tensions"][:, i] < 0.5 * min(self.least_tension, 1e-3)
+            if slack.any():
+                notes.append(f"tendon {tendon.name} goes slack, first at {time[slack][0]:.4g} s")
+        return notes

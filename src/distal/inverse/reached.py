@@ -1,0 +1,64 @@
+"""How far the joints may be from where commands should bring them: the band of an open loop.
+
+A drive at s holds the joints where they lack nothing, r(θ, s, p) = 0, so that dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The numbers p
+have the stds of the rig file; a joint whose friction has not turned over rests anywhere within l of that.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Floats
+from distal.inverse.command import CommandModel
+from distal.inverse.distribution import solved
+from distal.model.parameters import Parameters
+
+SOFTEST = 1e-9
+"""Stiffness of a joint that nothing holds, so that its band is wide and finite [N m/rad]."""
+
+
+def spread_function(model: CommandModel) -> ca.Function:
+    """Return (θ_free, s, d, τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of the rig's numbers."""
+    mechanism, nf = model.mechanism, model.nf
+    root = covariance_root(mechanism.parameters)
+    free, places, turned = ca.SX.sym("free", nf), ca.SX.sym("places", model.nd), ca.SX.sym("turned", nf)
+    external, zeros, p = ca.SX.sym("tau", model.nj), ca.SX.zeros(nf), mechanism.parameters.symbols
+    joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
+    needed, friction = model.needed(free, zeros, zeros, places, turned, external, p)
+    forces = mechanism.pulls(ca.vertcat(joints, places), ca.SX.zeros(mechanism.n_bodies), settled=True).forces
+    lacking = ca.mtimes(ca.SX(mechanism.spread).T, forces[: model.nj]) - needed
+    slopes = ca.jacobian(lacking, free) - SOFTEST * ca.SX.eye(nf)
+    by_numbers = ca.mtimes(ca.jacobian(lacking, p), ca.sparsify(ca.SX(ca.DM(root))))
+    variances = ca.SX.zeros(nf)
+    for column in ca.horzsplit(ca.densify(by_numbers)):
+        variances += solved(slopes, column) ** 2
+    # within the friction that has not turned over any place is alike likely: a third of its square
+    left = friction**2 * ca.fmax(1 - turned**2, 0) / 3
+    for j in range(nf):
+        unit = ca.SX.zeros(nf)
+        unit[j] = 1
+        variances += solved(slopes, unit) ** 2 * left[j]
+    return ca.Function("variances", [free, places, turned, external, p], [ca.cse(ca.densify(variances))])
+
+
+def spread_kernel(model: CommandModel) -> ca.Function:
+    """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, what is inside)."""
+    inside = model.carry["inside"].stop - model.carry["inside"].start
+    ends = np.cumsum([0, model.nf, model.nd, model.nf, inside]).tolist()
+    carry, x = ca.MX.sym("carry", 1), ca.MX.sym("x", ends[-1])
+    p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
+    free, places, turned, within = ca.vertsplit(x, ends)
+    variances = spread_function(model)(free, places, turned, ca.DM.zeros(model.nj), ca.vertcat(p, within))
+    return ca.Function("spread", [carry, x, p], [carry, variances], ["carry", "x", "p"], ["next", "y"])
+
+
+def covariance_root(parameters: Parameters) -> Floats:
+    """Return R of the numbers' covariance R Rᵀ, (n_p, k): a column for each, and one for what several err by together."""
+    at = np.flatnonzero(parameters.independent_stds > 0.0)
+    own = np.zeros((len(parameters), len(at)))
+    own[at, np.arange(len(at))] = parameters.independent_stds[at]
+    common = np.zeros((len(parameters), len(parameters.shared)))
+    for k, (std, members) in enumerate(parameters.shared.values()):
+        common[members, k] = std * parameters.values[members]
+    return np.hstack([own, common])

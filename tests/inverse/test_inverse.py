@@ -1,0 +1,166 @@
+"""The inverse: least pulls against a linear programme, places against the model's balance, angles of MuJoCo's fingers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+import mujoco
+import numpy as np
+import pytest
+from benchmarks.chains import PLANTS as RIGS
+from benchmarks.strangers import chain_plants
+from scipy.optimize import linprog
+
+from distal import load_rig
+from distal.errors import CommandError
+from distal.inverse import Commands, Inverse
+from distal.inverse.distribution import least_pulls
+
+TIME = np.arange(0.0, 8.0, 0.01)
+STIFF = {"slider": (3e5, 120.0), "motor": (60.0, 0.03)}
+"""Gains of servos that leave drives where they were sent to."""
+
+
+def finger(inverse: Inverse, middle: float = 0.35, size: float = 0.25) -> Commands:
+    """Return commands for slow sines of all joints that move by themselves."""
+    names = inverse.joints
+    return inverse(TIME, {name: middle + size * np.sin((1.5 + 0.3 * k) * TIME) for k, name in enumerate(names)})
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
+    """Against SciPy's HiGHS, for n + 1 and 2 n tendons."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    m = n + 1 if seed % 2 else 2 * n
+    balance = rng.uniform(0.5, 2.0, m)  # pulls that turn no joint
+    arms = rng.normal(size=(n, m)) * 1e-2
+    arms -= np.outer(arms @ balance, balance) / (balance @ balance)
+    torques, lowest = rng.normal(size=n) * 0.05, rng.uniform(0.5, 3.0, m)
+    symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
+    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m)])
+    pulls = np.array(function(arms, torques, lowest)).ravel()
+    known = linprog(np.ones(m), A_eq=arms, b_eq=torques, bounds=[(low, None) for low in lowest], method="highs")
+    assert known.success
+    assert pulls.sum() == pytest.approx(known.fun, rel=1e-6)
+    np.testing.assert_allclose(arms @ pulls, torques, atol=1e-12)
+    assert np.all(pulls >= lowest - 1e-9)
+
+
+@pytest.mark.parametrize("name", ["paper-2008", "lab-bench", "finger-2n", "finger-n-plus-1", "wrist-instrument"])
+def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
+    """Moving on, a joint's tendons pull what its motion and all of its friction need; and no tendon is too loose."""
+    inverse = Inverse(name, least_tension="2 N", compiled=False)
+    commands = finger(inverse)
+    model, mechanism = inverse.model, inverse.model.mechanism
+    p, nj, nd = mechanism.parameters.values, mechanism.n_joints, mechanism.n_drives
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    forces = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies)).forces
+    pulled = ca.Function("pulled", [q, mechanism.parameters.symbols], [forces[:nj]])
+    speeds = np.gradient(commands.angles, TIME, axis=0)
+    accelerations = np.gradient(speeds, TIME, axis=0)
+    moving = np.flatnonzero(np.all(np.abs(speeds) > 0.1, axis=1) & (TIME > 0.5))
+    assert len(moving) > 50
+    for k in moving[::20]:
+        at = np.concatenate([commands.angles[k], commands.places[k]])
+        ways = np.sign(speeds[k])
+        needed, limits = model.needed(
+            commands.angles[k], speeds[k], accelerations[k], commands.places[k], ways, np.zeros(nj), p
+        )
+        made = np.array(pulled(at, p)).ravel()
+        np.testing.assert_allclose(made, np.array(needed).ravel(), atol=2e-3 * float(np.array(limits).max()) + 1e-7)
+    if all(model.one_sided):
+        assert commands.tensions.min() >= 2.0 - 1e-6
+    assert nd == commands.places.shape[1]
+    assert commands.notes == () or name == "paper-2008"  # its sliders have little room
+
+
+def driven(name: str, seed: int, places: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Return the true angles of a drawn plant in MuJoCo whose drives are where they were sent to, at `TIME`."""
+    plant = chain_plants.PLANTS[RIGS[name][0]]
+    truth = chain_plants.draw_truth(plant, np.random.default_rng([seed, 77]))
+    model = chain_plants.build_model(plant, truth.springs)
+    data, n = mujoco.MjData(model), len(plant.joints)
+    data.qpos[:n] = begin
+    fine = np.arange(round(TIME[-1] / chain_plants.STEP) + 1) * chain_plants.STEP
+    goals = np.column_stack([np.interp(fine, TIME, place) for place in places.T])
+    sent = goals, np.zeros_like(goals), STIFF[plant.drives.kind]
+    states, _ = chain_plants.simulate(plant, truth, model, data, sent, np.zeros((len(fine), n)))
+    at = fine[:: chain_plants.EVERY]
+    return np.column_stack([np.interp(TIME, at, states[:, j]) for j in range(n)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["finger-2n", "finger-n-plus-1", "wrist-instrument"])
+def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
+    """A plant that shares no code, as drawn: 0.6 times the error of arms and a constant tension, band included."""
+    plant = chain_plants.PLANTS[RIGS[name][0]]
+    arms, winding = np.array(plant.arms), np.array(plant.drives.winding)
+    commands = finger(Inverse(name, least_tension=2.0), size=0.2)
+    balance = np.ones(len(arms)) - arms @ (np.linalg.pinv(arms) @ np.ones(len(arms)))
+    tension = 0.0 if any(plant.pretensions) else 4.0 * balance / balance.mean()
+    ratio = (commands.wanted @ arms.T + tension / plant.stiffness) @ np.linalg.pinv(winding).T
+    for seed in (1, 2):
+        own, other = (driven(name, seed, places, commands.wanted[0]) for places in (commands.places, ratio))
+        errors = [float(np.sqrt(np.mean((angles - commands.wanted) ** 2))) for angles in (own, other)]
+        assert errors[0] < 0.6 * errors[1]
+        assert np.mean(np.abs(own - commands.angles) < 1.96 * commands.stds) > 0.7
+
+
+def test_fewer_drives_than_joints_go_to_the_nearest_and_say_so() -> None:
+    inverse = Inverse("finger-underactuated", compiled=False)
+    commands = finger(inverse)
+    assert any("follows its springs" in note for note in commands.notes)
+    away = np.sqrt(np.mean((commands.angles - commands.wanted) ** 2))
+    straight = np.sqrt(np.mean((commands.wanted - commands.wanted.mean()) ** 2))
+    assert away < straight
+
+
+def test_what_cannot_be_reached_is_said() -> None:
+    inverse = Inverse(load_rig("finger-2n"), compiled=False)
+    beyond = finger(inverse, middle=1.5, size=0.5)
+    assert any("beyond its stops" in note for note in beyond.notes)
+    limited = load_rig("finger-2n", ["drives.mcp_f.limit=0.5"])
+    assert any("its limit is 0.5 N" in note for note in finger(Inverse(limited, compiled=False)).notes)
+
+
+def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
+    commands = finger(Inverse("lab-bench", compiled=False))
+    columns = commands.columns()
+    counts = columns["motor_counts"]
+    np.testing.assert_allclose(counts, commands.places[:, 0] * 30 * 2000 / (2 * np.pi), rtol=1e-9)
+    assert {"time_ms", "current_mA", "theta [rad]", "theta_std [rad]"} <= set(columns)
+    commands.write(tmp_path / "commands.csv")
+    assert (tmp_path / "commands.csv").read_text().startswith("time_ms,")
+    commands.plot(tmp_path / "commands.png")
+    assert (tmp_path / "commands.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("time", "angles", "word"),
+    [
+        (TIME, {"mcp": TIME}, "mcp, pip"),
+        (TIME, np.zeros((len(TIME), 3)), "2 angles"),
+        (TIME, np.full((len(TIME), 2), np.nan), "finite"),
+        (TIME[::-1], np.zeros((len(TIME), 2)), "rise"),
+        ([0.0], np.zeros((1, 2)), "two stamps"),
+    ],
+)
+def test_wrong_wishes_are_refused(time: object, angles: object, word: str) -> None:
+    inverse = Inverse("finger-2n", compiled=False)
+    with pytest.raises(CommandError, match=word):
+        inverse(time, angles)  # type: ignore[arg-type]
+    with pytest.raises(CommandError, match="least_tension"):
+        Inverse("finger-2n", least_tension=-1.0, compiled=False)
+
+
+def test_friction_is_made_up_for_in_the_direction_of_motion() -> None:
+    """Up and down through one angle the motor is 2 (l + b ω)/(2 k r²) r/R apart: l = μ r_a Σ T of both cables."""
+    angles = 0.3 * (1 - np.abs(TIME / 4.0 - 1.0))
+    commands = Inverse("lab-bench", compiled=False)(TIME, angles[:, None])
+    up, down = 200, 600
+    assert angles[up] == pytest.approx(angles[down])
+    limit, softness = 0.15 * 2e-3 * commands.tensions[up].sum(), 1 / (2 * 20e3 * 8e-3**2)
+    apart = float(commands.places[up, 0] - commands.places[down, 0])
+    assert apart == pytest.approx(2 * (limit + 1e-3 * 0.075) * softness * 8e-3 / 5e-3, rel=1e-3)
