@@ -74,11 +74,15 @@ def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
     states, names = rerun.runner.states, rerun.runner.state_names
     shifts = np.clip(rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds)
     outcome = rerun(Change(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)}))
-    if not outcome.bounded:
+    measured = rerun.runner.measured
+    if not outcome.bounded or not set(result.measured) <= set(measured):
         return result
-    count = len(rerun.log)
+    # a reference that is read while homing is not among what a result compares
+    count, columns = len(rerun.log), [measured.index(name) for name in result.measured]
     innovations, variances = result.innovations.copy(), result.innovation_variances.copy()
-    innovations[:count], variances[:count] = outcome.innovations, outcome.innovation_variances
+    innovations[:count], variances[:count] = (
+        part[:, columns] for part in (outcome.innovations, outcome.innovation_variances)
+    )
     return replace(result, innovations=innovations, innovation_variances=variances)
 
 
