@@ -12,10 +12,12 @@ from benchmarks.chains import PLANTS as RIGS
 from benchmarks.strangers import chain_plants
 from scipy.optimize import linprog
 
-from distal import load_rig
+from distal import Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Commands, Inverse
 from distal.inverse.distribution import least_pulls
+from distal.rig import number
+from distal.study.plants import draws_of
 
 TIME = np.arange(0.0, 8.0, 0.01)
 STIFF = {"slider": (3e5, 120.0), "motor": (60.0, 0.03)}
@@ -164,3 +166,28 @@ def test_friction_is_made_up_for_in_the_direction_of_motion() -> None:
     limit, softness = 0.15 * 2e-3 * commands.tensions[up].sum(), 1 / (2 * 20e3 * 8e-3**2)
     apart = float(commands.places[up, 0] - commands.places[down, 0])
     assert apart == pytest.approx(2 * (limit + 1e-3 * 0.075) * softness * 8e-3 / 5e-3, rel=1e-3)
+
+
+def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
+    """By differences: a rig with one number off needs other places, and by dθ/ds the joint would be off by as much.
+
+    At the start friction holds the joint anywhere within ± l of its balance: a third of (l/K)² more.
+    """
+    rig, time = load_rig("lab-bench"), TIME[:200]
+    draws, angles, share = draws_of(rig), (0.1 + 0.2 * time)[:, None], 0.1
+
+    def places(of: Rig, further: float = 0.0) -> np.ndarray:
+        return Inverse(of, compiled=False)(time, angles + further).places[[0, 150], 0]
+
+    commands, right = Inverse(rig, compiled=False)(time, angles), places(rig)
+    slope = (places(rig, 1e-3) - right) / 1e-3
+    off = np.zeros(2)
+    for draw in draws:
+        paths = [path for path in draw.paths if not path.startswith("sensors") and ".initial" not in path]
+        known = {path: number(rig, path).value for path in paths}
+        steps = {path: share * draw.std * (value if draw.common else 1.0) for path, value in known.items()}
+        values = {path: known[path] + step for path, step in steps.items()}
+        off += ((places(rig.with_values(values)) - right) / slope / share) ** 2 if values else 0.0
+    limit, stiffness = 0.15 * 2e-3 * commands.tensions[0].sum(), 2 * 20e3 * 8e-3**2
+    off[0] += (limit / stiffness) ** 2 / 3
+    np.testing.assert_allclose(commands.stds[[0, 150], 0], np.sqrt(off), rtol=0.03)
