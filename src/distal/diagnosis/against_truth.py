@@ -41,7 +41,7 @@ BEYOND = 3.0
 NOISE = 0.3
 """An RMS error above this share of the band's half-width, which is 0.51 if all of the band is used, has a cause.
 
-Right numbers in the rig file gave up to 0.23, numbers wrong by a factor of 0.5 to 2 inside of the band 0.28 to 0.75.
+Right numbers in the rig file gave up to 0.29, numbers wrong by a factor of 0.5 to 2 inside of the band 0.28 to 0.75.
 """
 
 MUCH = 0.5

@@ -15,7 +15,6 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
 from distal.inverse.distribution import least_pulls, solved
 from distal.kernels import Layout
@@ -384,16 +383,3 @@ class CommandModel:
         middle = (lower + upper) / 2
         arguments = [s, low, high, excess, slope, steepest]
         return ca.Function("refine", arguments, [ca.if_else(inner, newton, middle), lower, upper])
-
-
-def settled_inside(model: CommandModel, q: Floats) -> Floats:
-    """Return what moves inside a rig that has long stood at q, (n_bodies,): in the middle, and crept as the rig says."""
-    mechanism, still = model.mechanism, Mechanism(model.rig)
-    inside = list(still.place(at := ca.SX.sym("q", mechanism.n_bodies)).inside)
-    pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
-    for i in range(mechanism.n_tendons):
-        stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-        for name in mechanism.creeps(i):
-            part = getattr(mechanism.rig.tendons[i], name.rpartition(".")[2])
-            inside.append(part.settled.value * p[f"{name}.share"] * stretch)
-    return np.array(ca.Function("inside", [at, p.symbols], [ca.vertcat(*inside)])(q, p.values)).ravel()

@@ -11,11 +11,12 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import CommandError
-from distal.inverse.command import CommandModel, settled_inside
+from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
 from distal.inverse.reached import spread_kernel
 from distal.kernels import Feed, Kernel, advance
 from distal.rig import Rig, load_rig
+from distal.simulation.plant import inside_function
 from distal.units import to_si
 
 LEAST_TENSION = 1.0
@@ -165,7 +166,7 @@ class Inverse:
             if model.carry["inside"].stop > model.carry["inside"].start:
                 joints = np.array(model.mechanism.spread) @ model.y.view(first.ys[-1], "angles")
                 q = np.concatenate([joints + np.array(model.mechanism.offsets).ravel(), carry[model.carry["places"]]])
-                carry[model.carry["inside"]] = settled_inside(model, q)
+                carry[model.carry["inside"]] = np.array(inside_function(model.mechanism)(q, self._numbers)).ravel()
         return carry
 
     def _variances(self, angles: Floats, places: Floats, carries: Floats) -> Floats:
