@@ -71,6 +71,14 @@ class TestRerun:
         assert 1.0 < other.means[0, at] <= 1.2
         assert np.any(other.means[:, 0] != rerun.base.means[:, 0])
 
+    def test_several_side_by_side_are_those_one_by_one(self, rig: Rig, log: Log) -> None:
+        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        factors = np.linspace(0.8, 1.2, 9)  # more than there are lanes
+        changes = [Change(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor}) for factor in factors]
+        for change, one in zip(changes, rerun.each(changes), strict=True):
+            np.testing.assert_array_equal(one.means, rerun(change).means)
+            np.testing.assert_array_equal(one.innovation_variances, rerun(change).innovation_variances)
+
 
 class TestExplanations:
     """The one thing that is wrong is named."""

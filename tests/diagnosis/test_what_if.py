@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -29,13 +31,14 @@ def test_each_scale_is_tried_with_its_inverse_and_each_zero_to_both_sides() -> N
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario, 1)
     rerun = Rerun(log, runner_for(log, rig, "adaptive", compiled=False))  # type: ignore[arg-type]
-    tried: dict[tuple[str, str, str], list[float]] = {}
-    for group, drive, change in _changes(rerun):
+    tried: dict[tuple[str, tuple[str, ...], str], list[float]] = {}
+    for group, drives, change in _changes(rerun):
         for kind, values in (("channel", change.channels), ("number", change.numbers), ("added", change.added)):
             for name, value in values.items():
-                tried.setdefault((group, drive, f"{kind} {name}"), []).append(value)
+                tried.setdefault((group, drives, f"{kind} {name}"), []).append(value)
     assert {group for group, _, _ in tried} == {sentences.SCALE, sentences.COMPLIANCE, sentences.ZERO}
-    assert {drive for _, drive, _ in tried} == {"", *(drive.name for drive in rig.drives)}
+    names = [drive.name for drive in rig.drives]
+    assert {drives for _, drives, _ in tried} == {tuple(names), *((name,) for name in names)}
     for (group, _, what), values in tried.items():
         if group == sentences.ZERO:
             span = np.ptp(log.channels[what.removeprefix("added ")])
@@ -72,9 +75,10 @@ class Stub:
             squares=squares * np.ones((len(time), 1)),
         )
 
-    def __call__(self, change: Change) -> Any:
-        ((name, shift),) = change.shifts.items()
-        return self.outcome(self.slopes[("one", "two").index(name)] * shift)
+    def each(self, changes: Iterable[Change]) -> Iterator[Any]:
+        for change in changes:
+            ((name, shift),) = change.shifts.items()
+            yield self.outcome(self.slopes[("one", "two").index(name)] * shift)
 
 
 @pytest.mark.parametrize(("total", "said"), [(1.09, False), (1.11, True)])
@@ -130,7 +134,8 @@ def test_the_ratio_of_a_gear_is_searched_between_those_that_are_tried() -> None:
                 innovations=np.ones(10), bounded=True, log_likelihood=-10 * abs(np.log(ratio / true))
             )
 
-        assert _best_ratio(cast(Any, rerun), {"angle": -1, "torque": 1}) == pytest.approx(true, rel=0.01)
+        stub = SimpleNamespace(each=partial(map, rerun))
+        assert _best_ratio(cast(Any, stub), {"angle": -1, "torque": 1}) == pytest.approx(true, rel=0.01)
 
 
 def test_what_a_kinematic_estimate_may_miss_is_the_stretch_by_friction_and_unknown_stiffness() -> None:

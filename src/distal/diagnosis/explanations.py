@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -50,8 +50,8 @@ def explanations(rerun: Rerun) -> list[Finding]:
     """
     base, before = _likelihood(rerun.base), len(contradictions(rerun, rerun.base))
     explain: list[tuple[bool, float, Finding]] = []
-    for finding, change in (*_signs_and_units(rerun), *_gears(rerun)):
-        outcome = rerun(change)
+    tried = [*_signs_and_units(rerun), *_gears(rerun)]
+    for (finding, change), outcome in zip(tried, rerun.each(change for _, change in tried)):
         gain, is_sign = _likelihood(outcome) - base, set(change.channels.values()) == {-1.0}
         near = max((earlier for _, earlier, _ in explain), default=GAIN) - ALIKE
         if not outcome.bounded or gain <= (LOSS if is_sign else max(GAIN, near)) or not _moves(rerun, outcome):
@@ -95,12 +95,14 @@ def _geared(powers: dict[str, int], ratio: float) -> Change:
 def _best_ratio(rerun: Rerun, powers: dict[str, int]) -> float:
     """Return the ratio with the largest likelihood: of `GEARS` and their inverses, then between the neighbours of that."""
 
-    def likelihood(ratio: float) -> float:
-        return _likelihood(rerun(_geared(powers, ratio)))
+    def best_of(ratios: Iterable[float]) -> float:
+        tried = [float(ratio) for ratio in ratios]
+        found = [_likelihood(outcome) for outcome in rerun.each(_geared(powers, ratio) for ratio in tried)]
+        return tried[int(np.argmax(found))]
 
-    best = max((*GEARS, *(1 / gear for gear in GEARS)), key=likelihood)
+    best = best_of((*GEARS, *(1 / gear for gear in GEARS)))
     for width in np.geomspace(GEARS[1] / GEARS[0], 1.01, 5):
-        best = max(map(float, best * np.geomspace(1 / width, width, 5)), key=likelihood)
+        best = best_of(best * np.geomspace(1 / width, width, 5))
     return best
 
 

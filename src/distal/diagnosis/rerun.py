@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators import AdaptiveFilter, Robustness
-from distal.kernels import mean_of, variances_of
+from distal.estimators import AdaptiveFilter, Belief, Robustness
 from distal.logs import Log
 from distal.run.offline import out_of_bounds, prepared
 
@@ -81,26 +80,36 @@ class Rerun:
 
     def __call__(self, change: Change) -> Outcome:
         """Return what the filter gives with a change."""
+        return next(self.each([change]))
+
+    def each(self, changes: Iterable[Change]) -> Iterator[Outcome]:
+        """Yield what the filter gives with each of several changes, side by side in vector lanes."""
+        runner, changes = self.runner, list(changes)
+        width = runner.kernel.side_by_side if len(changes) > 1 else 1
+        for k in range(0, len(changes), width):
+            inputs = [self._changed(change) for change in changes[k : k + width]]
+            beliefs, samples, numbers = zip(*inputs)
+            for found in runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers):
+                bounded = len(out_of_bounds(found[0], found[1], len(runner.rig.joints))) == 0
+                yield Outcome(*found, bounded)
+
+    def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:
+        """Return belief, samples and parameters of a run with a change."""
         runner, run = self.runner, self._run
-        samples = run.samples.copy()
-        for name, factor in change.channels.items():
-            samples[:, runner.channels.index(name)] *= factor
-        for name, shift in change.added.items():
-            samples[:, runner.channels.index(name)] += shift
-        begin = run.start
+        samples, begin, p = run.samples, run.start, np.array(runner.numbers)
         if change.channels or change.added:
+            samples = samples.copy()
+            for name, factor in change.channels.items():
+                samples[:, runner.channels.index(name)] *= factor
+            for name, shift in change.added.items():
+                samples[:, runner.channels.index(name)] += shift
             is_finite = np.isfinite(samples)
             first = samples[is_finite.argmax(axis=0), np.arange(samples.shape[1])]
             begin = runner.initial(self.log.time[0], first)
-        carry, n = np.array(begin.carry), begin.size
+        carry = np.array(begin.carry)
         for name, shift in change.shifts.items():
             i = runner.state_names.index(name)
             carry[i] = max(carry[i] + shift, runner.states.lowest[i])
-        p = np.array(runner.numbers)
         for path, factor in change.numbers.items():
             p[runner.parameter_names.index(path)] *= factor
-        carries, ys = runner.advanced(replace(begin, carry=carry), self.log.time, samples, p)
-        values, spreads = runner.innovations_of(ys, samples)
-        means, diagonal = mean_of(carries, n).copy(), variances_of(carries, n).copy()
-        bounded = len(out_of_bounds(means, diagonal, len(runner.rig.joints))) == 0
-        return Outcome(means, diagonal, values, spreads, bounded)
+        return replace(begin, carry=carry), samples, p

@@ -9,6 +9,7 @@ tenth of the samples.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import zip_longest
 
 import numpy as np
 
@@ -54,19 +55,31 @@ def untestable(rerun: Rerun) -> list[Finding]:
     of_base = contradictions(rerun, rerun.base)
     drives = [drive.name for drive in rerun.runner.rig.drives]
     found: dict[str, list[str]] = {}
-    for group, drive, change in _changes(rerun):
-        named = found.setdefault(group, [])
-        if drive not in named and _unseen(rerun, rerun(change), of_base):
-            named += [drive] if drive else [each for each in drives if each not in named]
+    kinds: dict[tuple[str, tuple[str, ...]], list[Change]] = {}
+    for group, concerned, change in _changes(rerun):
+        kinds.setdefault((group, concerned), []).append(change)
+        found.setdefault(group, [])
+    # the first change of each kind, then the second: of what is named by then no more is run
+    for changes in zip_longest(*kinds.values()):
+        tried = [
+            (group, concerned, change)
+            for (group, concerned), change in zip(kinds, changes)
+            if change is not None and not set(concerned) <= set(found[group])
+        ]
+        for (group, concerned, _), outcome in zip(tried, rerun.each(change for _, _, change in tried)):
+            if _unseen(rerun, outcome, of_base):
+                found[group] += [drive for drive in concerned if drive not in found[group]]
     groups = {group: named for group, named in found.items() if named}
     return [
-        sentences.cannot_test(f"{group} of {'all drives' if len(drives) == len(named) > 1 else ', '.join(named)}")
+        sentences.cannot_test(
+            f"{group} of {'all drives' if len(drives) == len(named) > 1 else ', '.join(sorted(named, key=drives.index))}"
+        )
         for group, named in groups.items()
     ]
 
 
-def _changes(rerun: Rerun) -> Iterator[tuple[str, str, Change]]:
-    """Yield group, drive, none for all together, and each change that stands for it."""
+def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
+    """Yield a group, the drives that a change concerns, one or all of them, and the change."""
     runner = rerun.runner
     rig, channels = runner.rig, runner.channels
     arms, springs = dict[str, list[str]](), dict[str, list[str]]()
@@ -79,21 +92,21 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, str, Change]]:
         read = {s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels}
         place, force = read.get("position"), read.get("force")
         for factor in (*FACTORS, *GROSS) if place is not None else ():
-            yield sentences.SCALE, drive.name, Change(channels={str(place): factor})
+            yield sentences.SCALE, (drive.name,), Change(channels={str(place): factor})
         for factor in FACTORS:
             for path in arms.get(drive.name, ()):
-                yield sentences.SCALE, drive.name, Change(numbers={path: factor})
+                yield sentences.SCALE, (drive.name,), Change(numbers={path: factor})
         for factor in (*FACTORS, *GROSS) if force is not None else ():
-            yield sentences.COMPLIANCE, drive.name, Change(channels={str(force): factor})
+            yield sentences.COMPLIANCE, (drive.name,), Change(channels={str(force): factor})
         for factor in FACTORS if springs.get(drive.name) else ():
-            yield sentences.COMPLIANCE, drive.name, Change(numbers=dict.fromkeys(springs[drive.name], factor))
+            yield sentences.COMPLIANCE, (drive.name,), Change(numbers=dict.fromkeys(springs[drive.name], factor))
         for sign in (1.0, -1.0) if place is not None else ():
             shift = sign * ZERO * rerun.covered(str(place))
-            yield sentences.ZERO, drive.name, Change(added={str(place): shift})
+            yield sentences.ZERO, (drive.name,), Change(added={str(place): shift})
     for group, paths_of in ((sentences.SCALE, arms), (sentences.COMPLIANCE, springs)):
         together = [path for paths in paths_of.values() for path in paths]
         for factor in FACTORS if together else ():
-            yield group, "", Change(numbers=dict.fromkeys(together, factor))
+            yield group, tuple(drive.name for drive in rig.drives), Change(numbers=dict.fromkeys(together, factor))
 
 
 def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:

@@ -43,19 +43,19 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     time = rerun.log.time
     settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
-    moved: dict[str, Floats] = {}
+    moved, shifts = dict[str, Floats](), list[tuple[str, float]]()
     angles = {name for name, kind in zip(runner.state_names, runner.state_kinds) if kind is StateKind.ANGLE}
     for i, name in enumerate(runner.state_names):
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
-            for sign in (1.0, -1.0):
-                away = rerun(Change(shifts={name: sign * float(states.stds[i])}))
-                shift = (away.means - base.means)[settled, :joints]
-                if away.bounded:
-                    weight = float(np.exp(min(0.0, away.log_likelihood - base.log_likelihood)))
-                    moved[name] += 0.5 * weight * np.mean(shift**2, axis=0) / width
+            shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
     if not moved:
         return []
+    for (name, _), away in zip(shifts, rerun.each(Change(shifts={name: shift}) for name, shift in shifts)):
+        shift = (away.means - base.means)[settled, :joints]
+        if away.bounded:
+            weight = float(np.exp(min(0.0, away.log_likelihood - base.log_likelihood)))
+            moved[name] += 0.5 * weight * np.mean(shift**2, axis=0) / width
     total = np.sum(list(moved.values()), axis=0)
     worst = int(np.argmax(total))
     spread = float(np.sqrt(total[worst]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -19,7 +20,18 @@ from distal.estimators.gaps import rows_of
 from distal.estimators.report import NOTHING_REPORTED
 from distal.estimators.samples import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import state_units
-from distal.kernels import Advanced, Evaluation, Feed, Kernel, advance, at_samples, covariance_of, mean_of
+from distal.kernels import (
+    Advanced,
+    Evaluation,
+    Feed,
+    Kernel,
+    advance,
+    advance_all,
+    at_samples,
+    covariance_of,
+    mean_of,
+    variances_of,
+)
 from distal.logs import LARGEST_READING, frozen
 from distal.rig import Rig, Role, measurand_of
 
@@ -166,8 +178,30 @@ class KernelEstimator:
         covariances = self.report.covariances(covariance_of(carries, n).copy(), ys)
         return means, covariances, values, variances
 
-    def advanced(self, belief: Belief, times: Floats, samples: Floats, p: Floats | None = None) -> Advanced:
-        """Return the kernel's carries and outputs at each sample of a log; with parameters p, (n_p,), default its own.
+    def scan_all(
+        self, beliefs: Sequence[Belief], times: Sequence[Floats], samples: Sequence[Floats], numbers: Sequence[Floats]
+    ) -> list[tuple[Floats, Floats, Floats, Floats]]:
+        """Return means and variances of the states, (k, n), innovations and their variances, (k, m), of several runs.
+
+        They go side by side where there are lanes for that. Arguments are as for `checked_rows`, one of each for a run,
+        with the parameters of each run, (n_p,).
+
+        Raises:
+            EstimationError: as `checked_rows`.
+        """
+        rows = [self.checked_rows(*run) for run in zip(beliefs, times, samples)]
+        n = beliefs[0].size
+        keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
+        feeds = [Feed(belief.carry, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)]
+        found = []
+        for driven, (_, last), read in zip(advance_all(self.kernel, feeds, keep), rows, samples):
+            kept, ys = at_samples(driven, last)
+            means, variances = self.report.means(kept[:, :n], ys), self.report.variances_of(kept[:, n:], ys)
+            found.append((means, variances, *self.innovations_of(ys, read)))
+        return found
+
+    def advanced(self, belief: Belief, times: Floats, samples: Floats) -> Advanced:
+        """Return the kernel's carries and outputs at each sample of a log.
 
         Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
 
@@ -175,7 +209,7 @@ class KernelEstimator:
             EstimationError: as `checked_rows`.
         """
         rows, last = self.checked_rows(belief, times, samples)
-        return at_samples(advance(self.kernel, Feed(belief.carry, rows, self._p if p is None else p)), last)
+        return at_samples(advance(self.kernel, Feed(belief.carry, rows, self._p)), last)
 
     def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows of a whole log and the index of each sample's own row.

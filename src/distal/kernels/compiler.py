@@ -103,6 +103,7 @@ def c_source(function: ca.Function) -> str:
     return emitted(function, Plain(quick=True), _SCAN)
 
 
+@lru_cache(maxsize=64)
 def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: int) -> str:
     """Return the C of a kernel and of a loop over it, a template that names the kernel and its sizes in braces.
 

@@ -10,10 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from distal.arrays import Floats
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
-from distal.kernels import Feed, advance_all, at_samples, in_order, variances_of
+from distal.kernels import in_order
 from distal.logs import Log, Source, read_log
 from distal.logs.log import sealed
 from distal.results import Estimate
@@ -135,25 +136,23 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     # a homing move may give a run another kernel (`with_straight_line`)
     if len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator) or _side_by_side(runner) == 1:
         return [_attempt(_alone, run) for run in runs]
-    n = runs[0].start.size
     try:
-        rows = [runner.checked_rows(run.start, run.log.time, run.samples) for run in runs]
+        # a homing move gives each run parameters of its own
+        found = runner.scan_all(
+            [run.start for run in runs],
+            [run.log.time for run in runs],
+            [run.samples for run in runs],
+            [adapted.numbers for adapted in runners],
+        )
     except DistalError:
         return [_attempt(_alone, run) for run in runs]
-    keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
-    # a homing move gives each run parameters of its own
-    feeds = [Feed(run.start.carry, xs, adapted.numbers) for run, (xs, _), adapted in zip(runs, rows, runners)]
-    estimates: list[Estimate | DistalError] = []
-    for run, (_, last), driven in zip(runs, rows, advance_all(runner.kernel, feeds, keep)):
-        kept, ys = at_samples(driven, last)
-        means, spreads = runner.report.means(kept[:, :n], ys), runner.report.variances_of(kept[:, n:], ys)
-        try:
-            check_bounds(run, means, spreads)
-            innovations, variances = runner.innovations_of(ys, run.samples)
-            estimates.append(finished(run, *(sealed(part) for part in (means, spreads, innovations, variances))))
-        except DistalError as problem:
-            estimates.append(problem)
-    return estimates
+    return [_attempt(lambda pair: _judged(*pair), pair) for pair in zip(runs, found)]
+
+
+def _judged(run: Run, found: tuple[Floats, Floats, Floats, Floats]) -> Estimate:
+    means, variances, *innovations = (sealed(part) for part in found)
+    check_bounds(run, means, variances)
+    return finished(run, means, variances, *innovations)
 
 
 def _alone(run: Run) -> Estimate:
