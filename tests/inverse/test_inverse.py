@@ -113,7 +113,7 @@ def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
 def test_fewer_drives_than_joints_go_to_the_nearest_and_say_so() -> None:
     inverse = Inverse("finger-underactuated", compiled=False)
     commands = finger(inverse)
-    assert any("follows its springs" in note for note in commands.notes)
+    assert any("follow their springs" in note for note in commands.notes)
     away = np.sqrt(np.mean((commands.angles - commands.wanted) ** 2))
     straight = np.sqrt(np.mean((commands.wanted - commands.wanted.mean()) ** 2))
     assert away < straight

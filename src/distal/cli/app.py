@@ -12,6 +12,7 @@ import typer
 from typer import Option
 
 from distal.cli import (
+    command,
     control,
     doctor,
     drift,
@@ -44,6 +45,7 @@ app.command("view")(view.view_command)
 app.command("lab")(lab.lab_command)
 app.command("fit")(fit.fit_command)
 app.command("simulate")(simulate.simulate_command)
+app.command("command")(command.command_command)
 app.command("control")(control.control_command)
 app.command("drift")(drift.drift_command)
 app.command("study")(study.study_command)

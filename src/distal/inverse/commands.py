@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.logs import write_columns
 from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, figure, legend_above, save_figure
-from distal.rig import Rig, angle_names, log_factor, position_unit, std_name
+from distal.rig import Rig, angle_names, gain_of, log_factor, position_unit, std_name
 from distal.units import unit_factor
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ class Commands:
         angles: those that can be reached, (k, n_joints) [rad].
         stds: of the true angles about these, in an open loop, (k, n_joints) [rad].
         places: of the drives, (k, n_drives) [m, rad].
+        sent: what is sent to drives that follow places, for them to be there then (`distal.rig` `servo`), (k, n_drives).
         speeds: (k, n_drives) [m/s, rad/s].
         forces: of the drives, (k, n_drives) [N, N m].
         tensions: of the tendons at their drives, (k, n_tendons) [N].
@@ -41,6 +42,7 @@ class Commands:
     angles: Floats
     stds: Floats
     places: Floats
+    sent: Floats
     speeds: Floats
     forces: Floats
     tensions: Floats
@@ -50,7 +52,9 @@ class Commands:
         return f"Commands({self.rig.name}, {len(self.time)} samples, {self.time[-1] - self.time[0]:g} s)"
 
     def columns(self) -> dict[str, Floats]:
-        """Return the commands by the rig's own columns and units, then the angles that they reach and their stds [rad].
+        """Return the commands as the rig's sensors would read them, then the angles that they reach and their stds [rad].
+
+        Columns and units are the rig's own; a position is what is sent.
 
         A drive without a sensor of its place or force has columns in SI: ``DRIVE_position [m]``, ``DRIVE_force [N]``.
         """
@@ -58,12 +62,13 @@ class Commands:
         columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
         for i, drive in enumerate(rig.drives):
             units = {"position": position_unit(drive), "force": "N" if drive.kind == "slider" else "N m"}
-            for kind, values in (("position", self.places[:, i]), ("force", self.forces[:, i])):
+            for kind, values in (("position", self.sent[:, i]), ("force", self.forces[:, i])):
                 sensor = next((one for one in rig.sensors if one.of == drive.name and one.measures == kind), None)
                 if sensor is None:
                     columns[f"{drive.name}_{kind} [{units[kind]}]"] = values
                 else:
-                    columns[sensor.log_column] = sensor.sign * values / log_factor(sensor)
+                    read = gain_of(sensor).value * values + sensor.bias.value
+                    columns[sensor.log_column] = sensor.sign * read / log_factor(sensor)
             columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
         for j, name in enumerate(angle_names([joint.name for joint in rig.joints])):
             columns[f"{name} [rad]"], columns[f"{std_name(name)} [rad]"] = self.angles[:, j], self.stds[:, j]

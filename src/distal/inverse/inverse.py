@@ -13,7 +13,8 @@ from distal.arrays import Floats
 from distal.errors import CommandError
 from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
-from distal.inverse.reached import spread_kernel
+from distal.inverse.reached import place_variances, spread_kernel
+from distal.inverse.servo import sent
 from distal.kernels import Feed, Kernel, advance
 from distal.rig import Rig, load_rig
 from distal.simulation.plant import inside_function
@@ -27,6 +28,9 @@ NEAR = float(np.deg2rad(0.1))
 
 SETTLES = 3
 """Rounds until the drives' places and what moves inside agree at the start."""
+
+NAMED = 3
+"""So many joints are named that are not where they are wanted."""
 
 SHARE = 1.02
 """A limit counts as passed from this multiple of it on."""
@@ -55,9 +59,10 @@ class Inverse:
         self, rig: Rig | str | Path, *, least_tension: float | str = LEAST_TENSION, compiled: bool = True
     ) -> None:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        self.least_tension = float(
-            least_tension if isinstance(least_tension, (int, float)) else to_si(least_tension, "N")
-        )
+        try:
+            self.least_tension = to_si(least_tension, "N")
+        except ValueError as problem:
+            raise CommandError(f"least_tension: {problem}") from None
         if not 0.0 <= self.least_tension < inf:
             raise CommandError(f"least_tension: at least 0 N, {least_tension} came")
         self.model = CommandModel(self.rig)
@@ -96,6 +101,7 @@ class Inverse:
             angles=read["angles"] @ full.T + offsets,
             stds=stds @ np.abs(full).T,
             places=places,
+            sent=np.column_stack([sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]),
             speeds=np.gradient(places, stamps, axis=0),
             forces=read["forces"],
             tensions=read["tensions"],
@@ -116,8 +122,12 @@ class Inverse:
                 f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or more; "
                 f"{wanted.shape[-1]} at {len(time)} came"
             )
-        if not (np.isfinite(time).all() and np.isfinite(wanted).all()):
-            raise CommandError("wanted angles and their stamps are finite numbers")
+        unknown = np.argwhere(~np.isfinite(wanted))
+        if len(unknown) or not np.isfinite(time).all():
+            where = (
+                f"{names[unknown[0][1]]} has none at {time[unknown[0][0]]:g} s" if len(unknown) else "a stamp is none"
+            )
+            raise CommandError(f"wanted angles and their stamps are finite numbers; {where}")
         if not np.all(np.diff(time) > 0.0):
             raise CommandError("stamps of wanted angles rise from one to the next")
         return wanted
@@ -171,20 +181,18 @@ class Inverse:
 
     def _variances(self, angles: Floats, places: Floats, carries: Floats) -> Floats:
         view = self.model.carry.view
-        rows = np.column_stack([angles, places, view(carries, "turned"), view(carries, "inside")])
+        unsure = np.tile(place_variances(self.rig), (len(angles), 1))
+        rows = np.column_stack([angles, places, view(carries, "turned"), unsure, view(carries, "inside")])
         return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys
 
     def _not_reached(self, time: Floats, wanted: Floats, reached: Floats) -> list[str]:
-        notes = []
-        for k, name in enumerate(self.joints):
-            away = np.abs(reached[:, k] - wanted[:, k])
-            if away.max() > NEAR:
-                at = int(np.argmax(away))
-                notes.append(
-                    f"{name} comes no nearer than {np.rad2deg(away[at]):.2g}° to what is wanted at {time[at]:.4g} s: fewer "
-                    "drives than joints, it follows its springs"
-                )
-        return notes
+        away = np.abs(reached - wanted)
+        far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
+        if not far:
+            return []
+        each = [f"{self.joints[k]} {np.rad2deg(away[:, k].max()):.2g}°" for k in far[:NAMED]]
+        more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
+        return [f"fewer drives than joints, these follow their springs, off by up to: {', '.join(each)}{more}"]
 
     def _beyond(self, time: Floats, read: Mapping[str, Floats]) -> list[str]:
         """Return which limits of drives are passed, and which tendons would go slack, in words."""
@@ -194,6 +202,11 @@ class Inverse:
             largest = float(np.abs(read["forces"][:, i]).max())
             if drive.limit is not None and largest > SHARE * drive.limit:
                 notes.append(f"{drive.name} would need {largest:.3g} {unit}, its limit is {drive.limit:.3g} {unit}")
+            servo, fastest = drive.servo, float(np.abs(np.gradient(read["places"][:, i], time)).max())
+            if servo is not None and servo.fastest is not None and fastest > SHARE * servo.fastest:
+                notes.append(
+                    f"{drive.name} would need a speed of {fastest:.3g}, it reaches {servo.fastest:.3g}: it is late there"
+                )
             if drive.stops is not None:
                 low, high = drive.stops
                 out = max(low - read["places"][:, i].min(), read["places"][:, i].max() - high)

@@ -1,7 +1,8 @@
 """How far the joints may be from where commands should bring them: the band of an open loop.
 
 A drive at s holds the joints where they lack nothing, r(θ, s, p) = 0, so that dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The numbers p
-have the stds of the rig file; a joint whose friction has not turned over rests anywhere within l of that.
+have the stds of the rig file, and places those of their sensors; a joint whose friction has not turned over rests anywhere
+within l of that.
 """
 
 from __future__ import annotations
@@ -13,16 +14,21 @@ from distal.arrays import Floats
 from distal.inverse.command import CommandModel
 from distal.inverse.distribution import solved
 from distal.model.parameters import Parameters
+from distal.rig import Rig
 
 SOFTEST = 1e-9
 """Stiffness of a joint that nothing holds, so that its band is wide and finite [N m/rad]."""
 
 
 def spread_function(model: CommandModel) -> ca.Function:
-    """Return (θ_free, s, d, τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of the rig's numbers."""
+    """Return (θ_free, s, d, σ_s², τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of the rig's numbers.
+
+    Places of drives err by variances σ_s², (n_drives,), of their own.
+    """
     mechanism, nf = model.mechanism, model.nf
     root = covariance_root(mechanism.parameters)
     free, places, turned = ca.SX.sym("free", nf), ca.SX.sym("places", model.nd), ca.SX.sym("turned", nf)
+    place_variances = ca.SX.sym("place_variances", model.nd)
     external, zeros, p = ca.SX.sym("tau", model.nj), ca.SX.zeros(nf), mechanism.parameters.symbols
     joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
     needed, friction = model.needed(free, zeros, zeros, places, turned, external, p)
@@ -30,8 +36,9 @@ def spread_function(model: CommandModel) -> ca.Function:
     lacking = ca.mtimes(ca.SX(mechanism.spread).T, forces[: model.nj]) - needed
     slopes = ca.jacobian(lacking, free) - SOFTEST * ca.SX.eye(nf)
     by_numbers = ca.mtimes(ca.jacobian(lacking, p), ca.sparsify(ca.SX(ca.DM(root))))
+    by_places = ca.mtimes(ca.jacobian(lacking, places), ca.diag(ca.sqrt(place_variances)))
     variances = ca.SX.zeros(nf)
-    for column in ca.horzsplit(ca.densify(by_numbers)):
+    for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_places))):
         variances += solved(slopes, column) ** 2
     # within the friction that has not turned over any place is alike likely: a third of its square
     left = friction**2 * ca.fmax(1 - turned**2, 0) / 3
@@ -39,17 +46,21 @@ def spread_function(model: CommandModel) -> ca.Function:
         unit = ca.SX.zeros(nf)
         unit[j] = 1
         variances += solved(slopes, unit) ** 2 * left[j]
-    return ca.Function("variances", [free, places, turned, external, p], [ca.cse(ca.densify(variances))])
+    return ca.Function(
+        "variances", [free, places, turned, place_variances, external, p], [ca.cse(ca.densify(variances))]
+    )
 
 
 def spread_kernel(model: CommandModel) -> ca.Function:
-    """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, what is inside)."""
+    """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, σ_s², what is inside)."""
     inside = model.carry["inside"].stop - model.carry["inside"].start
-    ends = np.cumsum([0, model.nf, model.nd, model.nf, inside]).tolist()
+    ends = np.cumsum([0, model.nf, model.nd, model.nf, model.nd, inside]).tolist()
     carry, x = ca.MX.sym("carry", 1), ca.MX.sym("x", ends[-1])
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
-    free, places, turned, within = ca.vertsplit(x, ends)
-    variances = spread_function(model)(free, places, turned, ca.DM.zeros(model.nj), ca.vertcat(p, within))
+    free, places, turned, place_variances, within = ca.vertsplit(x, ends)
+    variances = spread_function(model)(
+        free, places, turned, place_variances, ca.DM.zeros(model.nj), ca.vertcat(p, within)
+    )
     return ca.Function("spread", [carry, x, p], [carry, variances], ["carry", "x", "p"], ["next", "y"])
 
 
@@ -62,3 +73,11 @@ def covariance_root(parameters: Parameters) -> Floats:
     for k, (std, members) in enumerate(parameters.shared.values()):
         common[members, k] = std * parameters.values[members]
     return np.hstack([own, common])
+
+
+def place_variances(rig: Rig) -> Floats:
+    """Return how unsure the places of drives are by their sensors, (n_drives,) [m², rad²]: zeros and linearity."""
+    sensors = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    found = [sensors.get(drive.name) for drive in rig.drives]
+    # the largest error by a curve counts as two standard deviations, as in the filter
+    return np.array([0.0 if one is None else one.bias.total_std**2 + (one.linearity / 2) ** 2 for one in found])

@@ -150,23 +150,32 @@ def read_truth(
     Raises:
         LogError: it cannot be read, or does not overlap the log.
     """
-    names = angle_names(joints)
-    cells = open_table(path, ["t", *names])
-    cells.check(["t"])
-    unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
-    stamps, angles = clock_of(cells, "t", unit).since(start), dict[str, Floats]()
-    table = table_of(cells, names)
-    check_stamps(stamps, table.source, table.first_row)
-    for name in names:
-        theta = table.in_si(name, "rad")
+    stamps, known = read_angles(path, angle_names(joints), start)
+    angles = dict[str, Floats]()
+    for name, theta in known.items():
         finite = np.isfinite(theta)
         if not finite.any() or stamps[finite][-1] < time[0] or stamps[finite][0] > time[-1]:
             raise LogError(
-                f"{table.source}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
+                f"{path}: does not overlap the log in time ({stamps[0]:g} to {stamps[-1]:g} s; "
                 f"the log has {time[0]:g} to {time[-1]:g} s)"
             )
         angles[name] = np.interp(time, stamps[finite], theta[finite], left=np.nan, right=np.nan)
     return angles
+
+
+def read_angles(path: str | Path, names: Sequence[str], start: int | None = None) -> tuple[Floats, dict[str, Floats]]:
+    """Return stamps [s] and angles [rad] by the names of their columns, of a file with ``t``; see `read_truth`.
+
+    Raises:
+        LogError: it cannot be read, or lacks a column.
+    """
+    cells = open_table(path, ["t", *names])
+    cells.check(["t"])
+    unit = scale(cells.units.get("t"), "s", f"{cells.path}: column 't'")
+    stamps = clock_of(cells, "t", unit).since(start)
+    table = table_of(cells, names)
+    check_stamps(stamps, table.source, table.first_row)
+    return stamps, {name: table.in_si(name, "rad") for name in names}
 
 
 def _in_si(sensor: Sensor, table: Table) -> Floats:

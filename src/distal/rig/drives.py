@@ -98,6 +98,22 @@ class Cogging(Description):
     sine: Annotated[Parameter, In("N m")] = Field(ZERO, description="part that is zero there")
 
 
+class Servo(Description):
+    """How a drive follows the places that are sent to it: a lag of first order behind a delay, no faster than it can."""
+
+    bandwidth: Annotated[float, In("Hz", "positive")] | None = Field(
+        None, description="frequency at which it follows 71 % of a sine; default: all"
+    )
+    delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="time before it begins to follow")
+    fastest: Annotated[float, In("rad/s", "positive")] | None = Field(None, description="largest speed")
+
+
+class SliderServo(Servo):
+    """How a slider follows the places that are sent to it; see `Servo`."""
+
+    fastest: Annotated[float, In("m/s", "positive")] | None = Field(None, description="largest speed")
+
+
 class Slider(Description):
     """A slider: displacement x [m], away from the joint positive, pulled by a force U [N]."""
 
@@ -124,6 +140,7 @@ class Slider(Description):
     lag: Annotated[float, In("s", "nonnegative")] = Field(
         0.0, description="time constant with which its force follows a controller's command"
     )
+    servo: SliderServo | None = Field(None, description="how it follows places that are sent to it")
 
 
 class Capstan(Description):
@@ -159,6 +176,7 @@ class Capstan(Description):
     lag: Annotated[float, In("s", "nonnegative")] = Field(
         0.0, description="time constant with which its torque follows a controller's command"
     )
+    servo: Servo | None = Field(None, description="how it follows angles that are sent to it")
 
 
 Drive = Annotated[Slider | Capstan, Field(discriminator="kind")]

@@ -1,0 +1,48 @@
+"""What is sent to a drive so that it is where it has to be: its speed limit, its lag and its delay are made up for."""
+
+from __future__ import annotations
+
+from math import inf, pi
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from distal.arrays import Floats
+from distal.rig import Capstan, Slider
+
+
+def followable(time: Floats, places: Floats, fastest: float) -> Floats:
+    """Return a drive's places that change no faster than a speed, jumps spread to both sides of where they are, (k,).
+
+    The mean of the fastest way there from before and the latest way there from after (a rate limiter run forwards and
+    backwards): half of a reversal's stretch is taken up before the joint turns.
+    """
+    if fastest == inf:
+        return places
+    forth, back = places.copy(), places.copy()
+    most = fastest * np.diff(time)
+    for k in range(1, len(time)):
+        forth[k] = min(max(places[k], forth[k - 1] - most[k - 1]), forth[k - 1] + most[k - 1])
+        i = len(time) - 1 - k
+        back[i] = min(max(places[i], back[i + 1] - most[i]), back[i + 1] + most[i])
+    middle: Floats = (forth + back) / 2
+    return middle
+
+
+def sent(time: Floats, places: Floats, drive: Slider | Capstan) -> Floats:
+    """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of place with bandwidth f and delay T, (k,).
+
+    Without a servo in the rig, places are sent as they are.
+    """
+    servo = drive.servo
+    if servo is None:
+        return places
+    wanted = followable(time, places, inf if servo.fastest is None else servo.fastest)
+    step = float(np.median(np.diff(time)))
+    lag = 0.0 if servo.bandwidth is None else 1.0 / (2 * pi * servo.bandwidth)
+    # a servo cannot make a corner: it is rounded over its own lag, so that the lead stays small
+    rounded = uniform_filter1d(wanted, max(1, 2 * round(lag / step / 2) + 1), mode="nearest")
+    ahead = np.interp(time + servo.delay, time, rounded)
+    speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
+    command: Floats = ahead + lag * speed
+    return command
