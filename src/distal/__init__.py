@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from distal.export import export_arduino, export_c, export_fmu
     from distal.fitting import Fit, fit, learn_affine, learn_contact, learn_discrepancy, observability
     from distal.homing import at_known_angle, homing_filter
-    from distal.inverse import Commands, Inverse
+    from distal.inverse import Commands, Inverse, LiveInverse
     from distal.lab import lab_page
     from distal.logs import Log, from_mujoco, read_log, write_log
     from distal.results import Estimate, plot_estimates
@@ -34,6 +34,7 @@ __all__ = [
     "Innovation",
     "Inverse",
     "LiveEstimator",
+    "LiveInverse",
     "Log",
     "Monitor",
     "Rig",
@@ -76,7 +77,7 @@ _NAMES = {
     "export": ("export_arduino", "export_c", "export_fmu"),
     "fitting": ("Fit", "fit", "learn_affine", "learn_contact", "learn_discrepancy", "observability"),
     "homing": ("at_known_angle", "homing_filter"),
-    "inverse": ("Commands", "Inverse"),
+    "inverse": ("Commands", "Inverse", "LiveInverse"),
     "lab": ("lab_page",),
     "logs": ("Log", "from_mujoco", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),

@@ -13,11 +13,12 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.control.controlled_plant import ControlledPlant, drive_numbers
-from distal.control.pid import GAINS, LOST, gains_of, memory_layout, pid_function
+from distal.control.pid import GAINS, gains_of, memory_layout, pid_function
 from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
+from distal.run import LOST
 from distal.sensor_errors import SENSOR, SensorErrors, quantisation_variance, quantised, quantised_values
 from distal.simulation.plant import Motion, plant_function, rows_of
 from distal.simulation.readings import Readings, reading_function

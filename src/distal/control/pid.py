@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
 
 import casadi as ca
 import numpy as np
@@ -14,7 +13,7 @@ from distal.expressions import Vector
 from distal.kernels import Evaluation, Layout
 from distal.model import Mechanism
 from distal.rig import Rig
-from distal.run import Reading
+from distal.run import LOST, Reading
 from distal.simulation import JointControl
 
 SMOOTHED = 0.3
@@ -23,14 +22,8 @@ SMOOTHED = 0.3
 LEAVES = 2.0
 """A joint that rests within its dead band rests until its error is so many times as large."""
 
-LOST = 0.35
-"""An angle whose std is above this is not known [rad]."""
-
 RIDGE = 1e-12
 """Added to A Aᵀ, as a share of its trace, so that it can be inverted."""
-
-UNUSABLE = frozenset({"bad", "dead"})
-"""Health of an estimate with which nothing is controlled."""
 
 GAINS = ("proportional", "integral", "derivative", "deadband", "torque_limit")
 """Numbers of a joint's controller, in their order."""
@@ -139,11 +132,8 @@ class PID:
 
     def __call__(self, time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
         """Return the drives' commands at a time [s]; what is measured is not used."""
-        largest = max(estimate.angle_stds, default=inf)
-        if not all(isfinite(angle) for angle in estimate.angles):
-            self._hold(time, f"no angle: {estimate.health}")
-        elif estimate.health in UNUSABLE or not largest <= LOST:
-            self._hold(time, estimate.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°")
+        if estimate.unusable:
+            self._hold(time, estimate.unusable)
         else:
             wanted = [reference.at(np.array([time]))[0] for reference in self._references]
             (self.memory,) = self._law(estimate.angles, estimate.angle_stds, self.memory, wanted, *self._fixed)

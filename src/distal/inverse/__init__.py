@@ -2,5 +2,6 @@
 
 from distal.inverse.commands import Commands
 from distal.inverse.inverse import Inverse
+from distal.inverse.live import Command, Feedback, LiveInverse
 
-__all__ = ["Commands", "Inverse"]
+__all__ = ["Command", "Commands", "Feedback", "Inverse", "LiveInverse"]

@@ -29,7 +29,8 @@ class Commands:
         angles: those that can be reached, (k, n_joints) [rad].
         stds: of the true angles about these, in an open loop, (k, n_joints) [rad].
         places: of the drives, (k, n_drives) [m, rad].
-        sent: what is sent to drives that follow places, for them to be there then (`distal.rig` `servo`), (k, n_drives).
+        sent: what is sent to drives that follow places, for them to be there then (a rig's `servo`), as
+            their sensors read it, (k, n_drives).
         speeds: (k, n_drives) [m/s, rad/s].
         forces: of the drives, (k, n_drives) [N, N m].
         tensions: of the tendons at their drives, (k, n_tendons) [N].
@@ -67,7 +68,8 @@ class Commands:
                 if sensor is None:
                     columns[f"{drive.name}_{kind} [{units[kind]}]"] = values
                 else:
-                    read = gain_of(sensor).value * values + sensor.bias.value
+                    # what is sent is a reading already
+                    read = values if kind == "position" else gain_of(sensor).value * values + sensor.bias.value
                     columns[sensor.log_column] = sensor.sign * read / log_factor(sensor)
             columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
         for j, name in enumerate(angle_names([joint.name for joint in rig.joints])):

@@ -14,6 +14,7 @@ from distal.errors import CommandError
 from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
 from distal.inverse.reached import place_variances, spread_kernel
+from distal.inverse.readings import readings
 from distal.inverse.servo import sent
 from distal.kernels import Feed, Kernel, advance
 from distal.rig import Rig, load_rig
@@ -34,6 +35,21 @@ NAMED = 3
 
 SHARE = 1.02
 """A limit counts as passed from this multiple of it on."""
+
+
+def least_tension_of(value: float | str) -> float:
+    """Return a least tension [N], given in newtons or as a text with a unit.
+
+    Raises:
+        CommandError: it is none.
+    """
+    try:
+        tension = to_si(value, "N")
+    except ValueError as problem:
+        raise CommandError(f"least_tension: {problem}") from None
+    if not 0.0 <= tension < inf:
+        raise CommandError(f"least_tension: at least 0 N, {value} came")
+    return tension
 
 
 class Inverse:
@@ -59,12 +75,7 @@ class Inverse:
         self, rig: Rig | str | Path, *, least_tension: float | str = LEAST_TENSION, compiled: bool = True
     ) -> None:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        try:
-            self.least_tension = to_si(least_tension, "N")
-        except ValueError as problem:
-            raise CommandError(f"least_tension: {problem}") from None
-        if not 0.0 <= self.least_tension < inf:
-            raise CommandError(f"least_tension: at least 0 N, {least_tension} came")
+        self.least_tension = least_tension_of(least_tension)
         self.model = CommandModel(self.rig)
         self._kernel = Kernel(self.model.function(), compiled)
         self._band = Kernel(spread_kernel(self.model), compiled)
@@ -92,6 +103,7 @@ class Inverse:
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
         mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
         offsets, places = np.array(mechanism.offsets).ravel(), read["places"]
+        ahead = np.column_stack([sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)])
         stds = np.sqrt(self._variances(read["angles"], places, run.carries))
         notes += [*self._not_reached(stamps, held, read["angles"]), *self._beyond(stamps, read)]
         return Commands(
@@ -101,7 +113,7 @@ class Inverse:
             angles=read["angles"] @ full.T + offsets,
             stds=stds @ np.abs(full).T,
             places=places,
-            sent=np.column_stack([sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]),
+            sent=readings(self.model, ahead),
             speeds=np.gradient(places, stamps, axis=0),
             forces=read["forces"],
             tensions=read["tensions"],

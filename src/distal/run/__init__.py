@@ -6,12 +6,13 @@ from distal.run.health import HEALTH
 from distal.run.live import LiveEstimator
 from distal.run.log_health import log_health
 from distal.run.long_logs import PieceEstimate, estimate_pieces
-from distal.run.monitor import Monitor, Reading
+from distal.run.monitor import LOST, Monitor, Reading
 from distal.run.offline import estimate, samples_of, with_channel
 from distal.run.smoothing import smooth
 
 __all__ = [
     "HEALTH",
+    "LOST",
     "Hour",
     "LiveEstimator",
     "Monitor",

@@ -278,6 +278,12 @@ class LiveEstimator:
         return stds
 
     @property
+    def added_by_maps(self) -> Floats:
+        """What learned maps add to the filter's own angles [rad], (n_joints,)."""
+        added: Floats = self._joints - self._carry[self._angles]
+        return added
+
+    @property
     def torque_names(self) -> tuple[str, ...]:
         """Names of the estimated external torques: one for each joint that the rig allows to be touched."""
         return self._torque_names

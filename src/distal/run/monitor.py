@@ -23,6 +23,12 @@ REWOUND = 3
 ANYWHERE = 0.5
 """Standard deviation of the joint's angle where the filter begins anew [rad]."""
 
+LOST = 0.35
+"""An angle whose std is above this is not known [rad]: nothing is controlled with it."""
+
+UNUSABLE = frozenset({"bad", "dead"})
+"""Health of an estimate with which nothing is controlled."""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -64,6 +70,15 @@ class Reading:
         """
         return self._only(self.angle_stds, "angle_std")
 
+    @property
+    def unusable(self) -> str:
+        """Why nothing is controlled with it; empty where it is known well enough."""
+        if not all(isfinite(angle) for angle in self.angles):
+            return f"no angle: {self.health}"
+        if self.health in UNUSABLE or not max(self.angle_stds) <= LOST:
+            return self.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"
+        return ""
+
     def _only(self, values: tuple[float, ...], name: str) -> float:
         if len(values) != 1:
             raise EstimationError(f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'")
@@ -91,6 +106,13 @@ class Monitor:
         """Forget everything, the estimator's belief too: the next sample is the first."""
         self._live.reset()
         self._begin()
+
+    def clone(self, live: LiveEstimator) -> Monitor:
+        """Return another one for a clone of its estimator, with the same memory."""
+        other = Monitor(live)
+        other._memory, other._anew, other._fresh = self._memory.copy(), self._anew, self._fresh
+        other._late, other._last_late, other._time = self._late, self._last_late, self._time
+        return other
 
     @property
     def rig(self) -> Rig:

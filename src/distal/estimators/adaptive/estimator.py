@@ -34,11 +34,20 @@ from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 
 @lru_cache(maxsize=32)
-def _state_vector(
-    rig: Rig, references: tuple[Sensor, ...], inputs: tuple[str, ...], guards: Robustness, kinds: tuple[Kind, ...]
+def state_vector(
+    rig: Rig,
+    references: tuple[Sensor, ...] = (),
+    inputs: tuple[str, ...] = (),
+    guards: Robustness | None = None,
+    kinds: tuple[Kind, ...] = KINDS,
 ) -> StateVector:
-    """Return the states of a filter; kept, since one rig estimates many logs and its functions take 0.1 s to build."""
+    """Return the states of a filter; kept, since one rig estimates many logs and its functions take 0.1 s to build.
+
+    Raises:
+        EstimationError: the sensors do not suffice.
+    """
     mechanism = Mechanism(rig, inputs, remembers=True)
+    guards = Robustness.usual(len(rig.joints)) if guards is None else guards
     return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references, others=True), guards), kinds)
 
 
@@ -84,7 +93,7 @@ class AdaptiveFilter(KernelEstimator):
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
-        self._states = _state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
+        self._states = state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
         self._resolution = resolution
         # a smoother goes back over the filter's own states
         maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
@@ -228,7 +237,7 @@ class AdaptiveFilter(KernelEstimator):
         """
         context, guards = self._states.context, self._states.context.robustness
         references, inputs = context.channels.angles, context.mechanism.parameters.inputs
-        states = _state_vector(rig, tuple(references), inputs, guards, self._states.kinds)
+        states = state_vector(rig, tuple(references), inputs, guards, self._states.kinds)
         if _structure(states, self._resolution) != _structure(self._states, self._resolution):
             return None
         changed, of_maps = copy(self), self.numbers[len(self.parameter_names) :]

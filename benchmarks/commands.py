@@ -1,0 +1,305 @@
+"""Wanted angles against true ones: the inverse, live and in an open loop, against the ratio, an affine map and a PI loop.
+
+`python -m benchmarks.commands [PLANTS] [--first-seed N] [--seeds N] [--fit]` drives plants whose drives are servos of place
+(`strangers/servo_plants`) and prints RMS errors of the true angle. Wanted are sines, ramps with rests and smoothed steps.
+All open loops make up for the servos' lag and delay; `--fit` also fits each rig to three logs of its plant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import table
+from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos
+from distal import Inverse, LiveEstimator, LiveInverse, Log, Rig, fit
+from distal.confidence import BAND
+from distal.control.tracking import FOR, HUNTS, constant_parts
+from distal.errors import DistalWarning
+from distal.inverse import Commands, Feedback
+from distal.inverse.servo import sent
+from distal.logs import FROM_SENSOR
+
+Floats = NDArray[np.float64]
+
+DURATION, GOES_THERE, COUNTED = 10.0, 1.5, 1.0
+"""Of a run, of the way to its first command, and what is left out after that [s]."""
+
+KINDS = ("sine", "ramps", "steps")
+LEAST_TENSION = 2.0
+RANGES = {
+    "paper": (-22.0, 22.0),
+    "Bowden sheath": (15.0, 65.0),
+    "ropes": (-35.0, 35.0),
+    "finger-2n": (5.0, 50.0),
+    "finger-n-plus-1": (10.0, 40.0),
+    "finger-underactuated": (10.0, 40.0),
+    "wrist-instrument": (-30.0, 30.0),
+}
+"""Of wanted angles [°]."""
+
+ENCODER = np.deg2rad(1.0)
+
+
+def wanted_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -> Floats:
+    """Return wanted angles of `count` joints, (k, count) [rad]."""
+    time = np.arange(round(DURATION / PERIOD)) * PERIOD
+    low, high = np.deg2rad(RANGES[plant])
+    middle, size = (low + high) / 2, (high - low) / 2
+    columns = []
+    for _ in range(count):
+        if kind == "sine":
+            raw = middle + size * rng.uniform(0.6, 1.0) * np.sin(2 * np.pi * rng.uniform(0.15, 0.4) * time)
+        else:
+            marks, levels = [0.0], [middle]
+            while marks[-1] < DURATION:
+                slow = rng.uniform(0.5, 1.5) if kind == "ramps" else 0.05
+                marks += [marks[-1] + slow, marks[-1] + slow + rng.uniform(0.6, 2.6)]
+                levels += [middle + size * rng.uniform(-1, 1)] * 2
+            raw = np.interp(time, marks, levels)
+        width = 15 if kind == "ramps" else 41
+        kernel = np.hanning(width + 2)[1:-1]
+        columns.append(np.convolve(np.pad(raw, width // 2, mode="edge"), kernel / kernel.sum(), "valid"))
+    return np.column_stack(columns)
+
+
+def inextensible(rig: Rig, angles: Floats, places: Floats) -> Floats:
+    """Return the drives' places by lengths alone, from those at the first sample, (k, n_drives)."""
+    found = np.tile(places, (len(angles), 1))
+    joints = [joint.name for joint in rig.joints]
+    for d, drive in enumerate(rig.drives):
+        own = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
+        drawn = np.zeros(len(angles))
+        for name, arm in own[0].arms().items():
+            angle = angles[:, joints.index(name)]
+            shape = getattr(own[0], "insertion", None)
+            if shape is not None and shape.kind == "pinned":
+                r, length = shape.radius.value, shape.free_length.value
+                drawn += np.sign(arm) * r * np.sin(angle) + np.sqrt(length**2 - (r * (1 - np.cos(angle))) ** 2) - length
+            else:
+                drawn += arm * angle
+        lever = 1.0 if drive.kind == "slider" else drive.radius.value * own[0].winding
+        found[:, d] += (drawn - drawn[0]) / lever
+    return found
+
+
+def run(plant: Any, sent_places: Floats) -> tuple[Floats, list[dict[str, float]]]:
+    """Return true angles, (k, n_joints), and what was read, while places are sent one after the other."""
+    servos = Servos(plant, getattr(plant, "errors", None))
+    begin = plant.places + servos.errors(plant.places)
+    for k in range(round(GOES_THERE / PERIOD)):
+        share = min(1.0, (k + 1) * PERIOD / (GOES_THERE - 0.5))
+        servos.step(begin + share * (sent_places[0] - begin))
+    angles, read = zip(*(servos.step(row) for row in sent_places))
+    return np.array(angles), list(read)
+
+
+def driven(
+    plant: Any, rig: Rig, wanted: Floats, free: Sequence[int], start: Floats, law: Callable[..., Floats]
+) -> Floats:
+    """Return true angles while a law (time, wanted, readings, true angles) says what is sent, from `start` on."""
+    servos = Servos(plant, getattr(plant, "errors", None))
+    begin = plant.places + servos.errors(plant.places)
+    angles, read = servos.step(begin)
+    for k in range(round(GOES_THERE / PERIOD)):
+        share = min(1.0, (k + 1) * PERIOD / (GOES_THERE - 0.5))
+        angles, read = servos.step(begin + share * (start - begin))
+    found = np.empty((len(wanted), len(rig.joints)))
+    for k, row in enumerate(wanted):
+        found[k] = angles
+        angles, read = servos.step(law(k * PERIOD, row[list(free)], read, angles))
+    return found
+
+
+def led(rig: Rig, places: Floats) -> Floats:
+    """Return what is sent so that servos are at places in time."""
+    time = np.arange(len(places)) * PERIOD
+    return np.column_stack([sent(time, places[:, i], drive) for i, drive in enumerate(rig.drives)])
+
+
+def live_law(rig: Rig, feedback: Feedback) -> Callable[..., Floats]:
+    """Return the live inverse as a law."""
+    inverse = LiveInverse(rig, least_tension=LEAST_TENSION, feedback=feedback)
+
+    def law(time: float, wanted: Floats, read: dict[str, float], angles: Floats) -> Floats:
+        return inverse.step(time, wanted, np.array([read[name] for name in inverse.channels])).places
+
+    return law
+
+
+def pi_law(
+    rig: Rig, free: Sequence[int], start: Floats, first: Floats, rate: float, *, encoder: bool
+) -> Callable[..., Floats]:
+    """Return the ratio with a PI correction of its angle, by an encoder of 1° or by the estimate, as a law."""
+    live = None if encoder else LiveEstimator(rig)
+    correction = np.zeros(len(free))
+
+    def law(time: float, now: Floats, read: dict[str, float], angles: Floats) -> Floats:
+        nonlocal correction
+        if live is None:
+            known = ENCODER * np.round(angles / ENCODER)
+        else:
+            live.step(time, np.array([read[name] for name in live.channels]))
+            known = np.array(live.angles)
+        error = now - known[list(free)]
+        quiet = np.abs(error) < (ENCODER / 2 if encoder else np.deg2rad(0.3))
+        correction = correction + rate * PERIOD * np.where(quiet, 0.0, error)
+        full = first.copy()
+        full[list(free)] = now + correction + 0.1 * rate * np.where(quiet, 0.0, error)
+        return inextensible(rig, np.vstack([first, full]), start)[1]
+
+    return law
+
+
+def hunts(time: Floats, wanted: Floats, angles: Floats) -> int:
+    """Return the number of rests of the wanted angles at whose end a joint still moves to and fro."""
+    count = 0
+    for begin, end in constant_parts(time, *wanted.T):
+        if time[end - 1] - time[begin] >= FOR:
+            late = slice(end - round(1.0 / PERIOD), end)
+            count += int(np.any(np.ptp(angles[late], axis=0) > HUNTS))
+    return count
+
+
+@dataclass
+class Result:
+    """Squared errors by method, shares inside, hunts."""
+
+    squares: dict[str, list[float]]
+    inside: dict[str, list[float]]
+    hunts: dict[str, int]
+
+    def add(self, method: str, wanted: Floats, angles: Floats, commands: Commands | None = None) -> None:
+        """Add a run of a method: true angles, and what its commands said of them."""
+        time = np.arange(len(wanted)) * PERIOD
+        late = time >= COUNTED
+        self.squares.setdefault(method, []).append(float(np.mean((angles - wanted)[late] ** 2)))
+        if commands is not None:
+            is_inside = np.abs(angles - commands.angles)[late] < BAND * commands.stds[late]
+            self.inside.setdefault(method, []).append(float(np.mean(is_inside)))
+        self.hunts[method] = self.hunts.get(method, 0) + hunts(time, wanted, angles)
+
+
+def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], Floats]]:
+    """Return the rig fitted to three logs of its plant, and an affine inverse by least squares on the same logs."""
+    logs, places, angles = list[Log](), [], []
+    free = Inverse(rig, compiled=False).model.free
+    for k in range(3):
+        rng = np.random.default_rng([seed, 7, k])
+        plant = PLANTS[name](seed)
+        wish = reachable(rig, np.vstack([wanted_angles("ramps", name, len(free), rng) for _ in range(2)]))
+        time = np.arange(len(wish)) * PERIOD
+        commands = Inverse(rig, least_tension=LEAST_TENSION)(time, wish[:, free])
+        true, read = run(plant, inextensible(rig, wish, commands.sent[0]))
+        names = [sensor.name for sensor in rig.sensors if sensor.name in read[0]]
+        channels = {each: np.array([row[each] for row in read]) for each in names}
+        noisy = true + np.deg2rad(0.03) * rng.normal(size=true.shape)
+        keys = ["theta"] if true.shape[1] == 1 else [f"theta_{joint.name}" for joint in rig.joints]
+        logs.append(Log(time, channels, dict(zip(keys, noisy.T)), f"{name} {k}", FROM_SENSOR))
+        positions = [next(s.name for s in rig.sensors_of("position") if s.of == drive.name) for drive in rig.drives]
+        places.append(np.column_stack([channels[each] for each in positions]))
+        angles.append(noisy)
+    matrix = np.column_stack([np.vstack(angles), np.ones(sum(map(len, angles)))])
+    slopes = np.linalg.lstsq(matrix, np.vstack(places), rcond=None)[0]
+    fitted = fit(logs, rig).rig
+    return fitted, lambda wish: np.column_stack([wish, np.ones(len(wish))]) @ slopes
+
+
+def reachable(rig: Rig, wanted: Floats) -> Floats:
+    """Return the nearest angles of all joints that the drives can hold by the rig file."""
+    time = np.arange(len(wanted)) * PERIOD
+    commands = Inverse(rig, least_tension=LEAST_TENSION)(time, wanted)
+    return commands.angles
+
+
+def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
+    """Return errors of all methods on one plant."""
+    warnings.simplefilter("ignore", DistalWarning)
+    found = Result({}, {}, {})
+    rig = PLANTS[name](seed).rig
+    inverses = {"inverse": Inverse(rig, least_tension=LEAST_TENSION)}
+    affine = None
+    if with_fit:
+        fitted, affine = calibrated(name, seed, rig)
+        inverses["fitted inverse"] = Inverse(fitted, least_tension=LEAST_TENSION)
+        numbers = replace_maps(fitted)
+        inverses["fitted, no map"] = Inverse(numbers, least_tension=LEAST_TENSION)
+    free = inverses["inverse"].model.free
+    for kind in KINDS:
+        rng = np.random.default_rng([seed, KINDS.index(kind), 3])
+        wanted = reachable(rig, wanted_angles(kind, name, len(free), rng))
+        time = np.arange(len(wanted)) * PERIOD
+        commands: dict[str, Commands] = {key: inverse(time, wanted[:, free]) for key, inverse in inverses.items()}
+        for key, command in commands.items():
+            found.add(key, wanted, run(PLANTS[name](seed), command.sent)[0], command)
+        again = PLANTS[name](seed)
+        run(again, commands["inverse"].sent[::-1][:200])  # friction begun otherwise
+        moved, first = run(again, commands["inverse"].sent)[0], run(PLANTS[name](seed), commands["inverse"].sent)[0]
+        found.add("repeatability", first, moved)
+        start = commands["inverse"].sent[0]
+        found.add("ratio", wanted, run(PLANTS[name](seed), led(rig, inextensible(rig, wanted, start)))[0])
+        if affine is not None:
+            found.add("affine", wanted, run(PLANTS[name](seed), led(rig, affine(wanted)))[0])
+        if with_loops:
+            laws = {
+                "live": live_law(rig, Feedback(follow=0.0)),
+                "live, feedback": live_law(rig, Feedback()),
+                "PI on the estimate": pi_law(rig, free, start, wanted[0], 4.0, encoder=False),
+                "PI on an encoder": pi_law(rig, free, start, wanted[0], 4.0, encoder=True),
+            }
+            for key, law in laws.items():
+                found.add(key, wanted, driven(PLANTS[name](seed), rig, wanted, free, start, law))
+    return found
+
+
+def replace_maps(rig: Rig) -> Rig:
+    """Return a fitted rig without its learned maps."""
+    return rig.model_copy(update={"discrepancy": None, "contact": None, "affine": None})
+
+
+def main() -> None:
+    """Print a table of all plants and methods."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("plants", nargs="*", default=list(PLANTS))
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--no-loops", action="store_true")
+    asked = parser.parse_args()
+    seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
+    rows = []
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        jobs = {
+            name: [pool.submit(judge, name, seed, asked.fit, not asked.no_loops) for seed in seeds]
+            for name in asked.plants
+        }
+        for name, futures in jobs.items():
+            results = [future.result() for future in futures]
+            for method in results[0].squares:
+                rms = [float(np.rad2deg(np.sqrt(np.mean(one.squares[method])))) for one in results]
+                inside = [np.mean(one.inside[method]) for one in results if method in one.inside]
+                rows.append(
+                    [
+                        name,
+                        method,
+                        f"{np.mean(rms):.2f}",
+                        f"{max(rms):.2f}",
+                        f"{100 * np.mean(inside):.0f}" if inside else "",
+                        str(sum(one.hunts.get(method, 0) for one in results)),
+                    ]
+                )
+            print(name, flush=True)
+    columns = ["plant", "method", "RMS [°]", "worst plant [°]", "inside [%]", "hunts"]
+    table("commands", "Wanted against true angles", columns, rows)
+
+
+if __name__ == "__main__":
+    main()

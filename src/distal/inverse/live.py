@@ -1,0 +1,210 @@
+"""The inverse in a control loop: readings in, commands of the drives out, with the same filter as `LiveEstimator`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import CommandError
+from distal.estimators import SHORTEST, AdaptiveFilter
+from distal.inverse.command import CommandModel
+from distal.inverse.inverse import LEAST_TENSION, least_tension_of
+from distal.inverse.live_function import layouts, live_function
+from distal.kernels import Kernel
+from distal.rig import Rig, load_rig
+from distal.run import LiveEstimator, Monitor, Reading
+from distal.run.health import LONGEST_GAP
+
+ACROSS = 0.25
+"""Default of the fastest motion: a joint goes through its whole range in this time [s]."""
+
+SKIPPED = frozenset({"late", "duplicate"})
+"""Health of a sample that comes out of order."""
+
+FIRST = 3
+"""Rounds until the drives' places and what moves inside agree at the start."""
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """How the estimated angle is fed back.
+
+    Args:
+        follow: rate at which an error of the angle is taken out [1/s]; 0 for none.
+        deadband: error that is left alone [rad], so that a loop with friction and play does not hunt.
+        proportional: for drives that follow forces [N m/rad].
+        integral: the same [N m/(rad s)].
+        derivative: the same [N m s/rad].
+        torque_limit: of the three together [N m].
+    """
+
+    follow: float = 2.0
+    deadband: float = float(np.deg2rad(0.3))
+    proportional: float = 0.0
+    integral: float = 0.0
+    derivative: float = 0.0
+    torque_limit: float = 1e300
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the drives do next, (n_drives,) each, SI.
+
+    Args:
+        places: as their sensors would read them [m, rad].
+        speeds: [m/s, rad/s].
+        forces: [N, N m].
+        reading: of the estimate on which it rests, with its health.
+        note: what is not as it should be; may be empty.
+    """
+
+    places: Floats
+    speeds: Floats
+    forces: Floats
+    reading: Reading
+    note: str = ""
+
+
+class LiveInverse:
+    """Commands sample by sample, from wanted angles and what the sensors read.
+
+    ```python
+    inverse = distal.LiveInverse("finger-2n")
+    command = inverse.step(time, {"mcp": 0.5, "pip": 0.3}, sample)  # sample: values of inverse.channels, SI
+    send(command.places)
+    ```
+
+    What the filter learns (friction, stretch, loads) is made up for. While the estimate is not known, its correction stays
+    as it was. The first command is for where the joints are; from there they go to what is wanted.
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        least_tension: that every tendon keeps where there are more of them than joints: newtons, or a text with a unit.
+        feedback: see `Feedback`; of all joints, or by their names.
+        fastest: largest speed of the joints that move by themselves [rad/s]; default all of their range in 0.25 s.
+
+    Raises:
+        CommandError: a number is none, or the filter cannot run on this rig.
+    """
+
+    def __init__(
+        self,
+        rig: Rig | str | Path,
+        *,
+        least_tension: float | str = LEAST_TENSION,
+        feedback: Feedback | Mapping[str, Feedback] | None = None,
+        fastest: float | None = None,
+        compiled: bool = True,
+    ) -> None:
+        self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        runner = AdaptiveFilter(self._rig, compiled)
+        model = CommandModel(self._rig)
+        self._setup: dict[str, Any] = {
+            "least_tension": least_tension,
+            "feedback": feedback,
+            "fastest": fastest,
+            "compiled": compiled,
+        }
+        self._live = LiveEstimator(self._rig, runner)
+        self._free, self.joints = model.free, tuple(self._rig.joints[j].name for j in model.free)
+        self._layouts = layouts(model, runner.states)
+        self._kernel = Kernel(live_function(model, runner.states), compiled)
+        gains = self._gains(least_tension_of(least_tension), feedback, fastest)
+        self._monitor = Monitor(self._live)
+        self._loop = self._kernel.loop(np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]]))
+        self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
+        self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
+        self.reset()
+
+    def _gains(
+        self, lowest: float, feedback: Feedback | Mapping[str, Feedback] | None, fastest: float | None
+    ) -> Floats:
+        given = feedback if isinstance(feedback, Mapping) else dict.fromkeys(self.joints, feedback or Feedback())
+        if set(given) - set(self.joints):
+            raise CommandError(f"feedback is for the joints {', '.join(self.joints)}; {', '.join(given)} came")
+        of = [given.get(joint, Feedback(follow=0.0)) for joint in self.joints]
+        travel = np.array([np.ptp(self._rig.joints[j].travel) for j in self._free])
+        if fastest is not None and not fastest > 0.0:
+            raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
+        parts = {
+            "fastest": travel / ACROSS if fastest is None else np.full(len(of), float(fastest)),
+            "lowest": np.array([lowest]),
+            "follow": np.array([one.follow for one in of]),
+            "deadband": np.array([one.deadband for one in of]),
+            "kp": np.array([one.proportional for one in of]),
+            "ki": np.array([one.integral for one in of]),
+            "kd": np.array([one.derivative for one in of]),
+            "torque_limit": np.array([one.torque_limit for one in of]),
+        }
+        return np.concatenate([parts[name] for name in self._layouts.gains.names])
+
+    def reset(self) -> None:
+        """Forget everything: the next sample is the first."""
+        self._monitor.reset()
+        self._loop.carry[:] = 0.0
+        self._time: float | None = None
+
+    def clone(self) -> LiveInverse:
+        """Return another one with the same belief, which goes on alone."""
+        other = LiveInverse(self._rig, **self._setup)
+        other._live = self._live.clone()
+        other._monitor = self._monitor.clone(other._live)
+        other._loop.carry[:] = self._loop.carry
+        other._time = self._time
+        return other
+
+    @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self._rig
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the sensors in a sample."""
+        return self._live.channels
+
+    @property
+    def estimator(self) -> LiveEstimator:
+        """The filter, at the last sample."""
+        return self._live
+
+    def step(self, time: float, wanted: Sequence[float] | Floats | Mapping[str, float], sample: Floats) -> Command:
+        """Take in a sample and return the drives' next commands.
+
+        Args:
+            time: of the sample [s].
+            wanted: angles of `joints` now [rad], in their order or by name; what is not finite stays as it was.
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+
+        Raises:
+            CommandError: there are more or fewer angles than joints.
+        """
+        angles = np.array([wanted[name] for name in self.joints]) if isinstance(wanted, Mapping) else np.asarray(wanted)
+        if angles.shape != (len(self.joints),):
+            raise CommandError(f"wanted are {len(self.joints)} angles ({', '.join(self.joints)}), {wanted!r} came")
+        reading = self._monitor.take(time, sample)
+        if not self._live.samples:
+            return self._command(reading, "no sample yet: nothing is commanded")
+        if reading.health in SKIPPED:
+            return self._command(reading, f"{reading.health}: the last command stays")
+        x, finite, unusable = self._x, np.isfinite(angles), reading.unusable
+        x["wanted"][finite] = angles[finite]
+        x["state"][:], x["mapped"][:] = self._live.mean, self._live.added_by_maps[self._free]
+        x["trusted"][:] = not unusable
+        if self._time is None:
+            x["wanted"][~finite] = self._live.mean[self._free][~finite]
+        rounds = FIRST if self._time is None else 1
+        for _ in range(rounds):
+            x["dt"][:] = 0.0 if self._time is None else min(max(time - self._time, SHORTEST), LONGEST_GAP)
+            self._loop.step()
+        self._time = time
+        return self._command(reading, f"no feedback: {unusable}" if unusable else "")
+
+    def _command(self, reading: Reading, note: str) -> Command:
+        y = self._y
+        return Command(y["places"].copy(), y["speeds"].copy(), y["forces"].copy(), reading, note)

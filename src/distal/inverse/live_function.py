@@ -1,0 +1,150 @@
+"""One sample of the inverse in a control loop: at what the filter believes, with feedback on the angle that it estimates.
+
+A reference r follows the wanted angles no faster than the joints may turn. Commanded is  r + T dr/dt + c,  T lag and delay
+of the drives (`Servo`), c a correction by the estimated angle θ̂:  dc/dt = k (r − θ̂)  outside of a dead band, which ends
+stick-slip (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994). Drives that follow forces get a torque
+K_p e + K_i ∫ e dt − K_d dθ̂/dt  in its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.adaptive import StateVector
+from distal.expressions import Scalar, Vector
+from distal.inverse.command import CommandModel
+from distal.inverse.readings import read_function
+from distal.kernels import Layout
+
+SMOOTHED = 0.02
+"""Time over which the reference's speed is smoothed, and its acceleration [s]."""
+
+LEAVES = 2.0
+"""A joint that rests within its dead band rests until its error is so many times as large."""
+
+SHORTEST = 1e-9
+"""Differences are over at least so much [s]."""
+
+MOST = float(np.deg2rad(20.0))
+"""The largest correction by feedback [rad]."""
+
+
+@dataclass(frozen=True)
+class LiveLayouts:
+    """Layouts of the carry, the sample, the gains and the output of `live_function`."""
+
+    carry: Layout
+    x: Layout
+    gains: Layout
+    y: Layout
+
+
+def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
+    """Return the layouts of a rig's live inverse."""
+    nf, nd = model.nf, model.nd
+    guide = dict.fromkeys(("reference", "speed", "acceleration", "correction", "effort", "rests", "last"), nf)
+    return LiveLayouts(
+        carry=Layout(**guide, started=1, command=model.carry.size),
+        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, trusted=1),
+        gains=Layout(fastest=nf, follow=nf, deadband=nf, lowest=1, kp=nf, ki=nf, kd=nf, torque_limit=nf),
+        y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt),
+    )
+
+
+def live_function(model: CommandModel, states: StateVector) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y), p the gains and then the filter's numbers; y are the drives' commands.
+
+    The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`. Places are those that
+    the drives' sensors would read.
+    """
+    layout = layouts(model, states)
+    carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
+    p = ca.MX.sym("p", layout.gains.size + states.context.mechanism.parameters.symbols.numel())
+    was, came, gains, own = layout.carry.parts(carry), layout.x.parts(x), layout.gains.parts(p), p[layout.gains.size :]
+    command = was.pop("command")
+    numbers, torques = _believed(model, states)(came["state"], own)
+    inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
+    inputs |= {name: came[name] for name in ("dt", "wanted", "trusted")}
+    guided = _guide(model)(angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"})
+    ahead = guided["reference"] + _lead(model) * guided["speed"] + guided["correction"] - came["mapped"]
+    row = model.x.joined(
+        dt=came["dt"],
+        angles=_within_stops(model, ahead),
+        speeds=guided["speed"],
+        accelerations=guided["acceleration"],
+        torques=torques + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
+        lowest=gains["lowest"],
+    )
+    command, y = model.function()(command, row, numbers)
+    commanded = model.y.parts(y)
+    commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
+    after = {name: guided[name] for name in was if name not in ("last", "started")}
+    following = layout.carry.joined(**after, last=came["state"][model.free], started=ca.MX(1), command=command)
+    y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
+    return ca.Function("live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+
+
+def _guide(model: CommandModel) -> ca.Function:
+    """Return the function of the reference and its motion, of the correction and of the torque that feedback adds."""
+    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {"dt": 1, "trusted": 1, "started_before": 1}
+    kept = ("reference", "speed", "acceleration", "correction", "effort", "rests", "last")
+    sizes |= dict.fromkeys((f"{name}_before" for name in kept), model.nf)
+    sizes |= dict.fromkeys(("fastest", "follow", "deadband", "kp", "ki", "kd", "torque_limit"), model.nf)
+    v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    dt, angles, trusted, started = v["dt"], v["angles"], v["trusted"], v["started_before"]
+    safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)
+    before = ca.if_else(started > 0, v["reference_before"], angles)
+    reference = before + _limited(v["wanted"] - before, v["fastest"] * dt)
+    speed = v["speed_before"] + share * ((reference - before) / safe - v["speed_before"])
+    change = (speed - v["speed_before"]) / safe - v["acceleration_before"]
+    error = reference - angles
+    rests = ca.fabs(error) < v["deadband"] * ca.if_else(v["rests_before"] > 0, LEAVES, 1)
+    counted = trusted * ca.if_else(rests, 0, error - _limited(error, v["deadband"]))
+    correction = _limited(v["correction_before"] + v["follow"] * counted * dt, MOST)
+    turning = started * (angles - v["last_before"]) / safe
+    asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * trusted * (speed - turning)
+    pushed = _limited(asked, v["torque_limit"])
+    found = {
+        "reference": reference,
+        "speed": speed,
+        "acceleration": v["acceleration_before"] + share * change,
+        "correction": correction,
+        # what is cut does not wind up
+        "effort": v["effort_before"] + ca.if_else(pushed == asked, counted * dt, 0),
+        "rests": rests,
+        "pushed": -pushed,
+    }
+    return ca.Function("guide", list(v.values()), list(found.values()), list(v), list(found))
+
+
+def _limited(value: Vector, most: Scalar) -> Vector:
+    return ca.fmin(ca.fmax(value, -most), most)
+
+
+def _lead(model: CommandModel) -> float:
+    """Return the lag and delay of the slowest drive as far as its servo is stated [s]."""
+    servos = [drive.servo for drive in model.rig.drives if drive.servo is not None]
+    lags = [(0.0 if servo.bandwidth is None else 1 / (2 * pi * servo.bandwidth)) + servo.delay for servo in servos]
+    return max(lags, default=0.0)
+
+
+def _within_stops(model: CommandModel, angles: Vector) -> Vector:
+    ends = [model.rig.joints[j].stops or (-ca.inf, ca.inf) for j in model.free]
+    low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
+    return ca.fmin(ca.fmax(angles, low), high)
+
+
+def _believed(model: CommandModel, states: StateVector) -> ca.Function:
+    """Return (state, p) → the numbers of the inverse as the filter believes them, and external torques, (n_joints,)."""
+    state, known = ca.SX.sym("state", len(states)), states.context.mechanism.parameters
+    learned, wanted = states.parameters(state), model.mechanism.parameters
+    inside = model.carry["inside"].stop - model.carry["inside"].start
+    at = {name: i for i, name in enumerate(known.names)}
+    names = wanted.names[: len(wanted) - inside]
+    numbers = [learned[at[name]] if name in at else ca.SX(wanted.values[i]) for i, name in enumerate(names)]
+    outputs = [ca.densify(ca.vertcat(*numbers)), ca.densify(states.torques(state))]
+    return ca.Function("believed", [state, known.symbols], outputs)
