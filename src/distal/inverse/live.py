@@ -43,7 +43,7 @@ class Feedback:
         torque_limit: of the three together [N m].
     """
 
-    follow: float = 2.0
+    follow: float = 1.0
     deadband: float = float(np.deg2rad(0.3))
     proportional: float = 0.0
     integral: float = 0.0

@@ -20,7 +20,7 @@ from distal.inverse.command import CommandModel
 from distal.inverse.readings import read_function
 from distal.kernels import Layout
 
-SMOOTHED = 0.02
+SMOOTHED = 0.005
 """Time over which the reference's speed is smoothed, and its acceleration [s]."""
 
 LEAVES = 2.0
@@ -70,11 +70,13 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
     inputs |= {name: came[name] for name in ("dt", "wanted", "trusted")}
     guided = _guide(model)(angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"})
-    ahead = guided["reference"] + _lead(model) * guided["speed"] + guided["correction"] - came["mapped"]
+    later = _lead(model)
+    bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
+    ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - came["mapped"]
     row = model.x.joined(
         dt=came["dt"],
         angles=_within_stops(model, ahead),
-        speeds=guided["speed"],
+        speeds=guided["speed"] + guided["correcting"],
         accelerations=guided["acceleration"],
         torques=torques + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
         lowest=gains["lowest"],
@@ -116,6 +118,7 @@ def _guide(model: CommandModel) -> ca.Function:
         # what is cut does not wind up
         "effort": v["effort_before"] + ca.if_else(pushed == asked, counted * dt, 0),
         "rests": rests,
+        "correcting": (correction - v["correction_before"]) / safe,
         "pushed": -pushed,
     }
     return ca.Function("guide", list(v.values()), list(found.values()), list(v), list(found))
