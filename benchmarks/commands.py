@@ -160,12 +160,24 @@ def pi_law(
 
 
 def hunts(time: Floats, wanted: Floats, angles: Floats) -> int:
-    """Return the number of rests of the wanted angles at whose end a joint still moves to and fro."""
+    """Return the number of rests of the wanted angles in which a joint, after the first second, moves to and fro."""
     count = 0
     for begin, end in constant_parts(time, *wanted.T):
-        if time[end - 1] - time[begin] >= FOR:
-            late = slice(end - round(1.0 / PERIOD), end)
-            count += int(np.any(np.ptp(angles[late], axis=0) > HUNTS))
+        late = angles[begin + round(1.0 / PERIOD) : end]
+        if time[end - 1] - time[begin] >= FOR and max(map(swings, late.T)) > 1:
+            count += 1
+    return count
+
+
+def swings(angle: Floats) -> int:
+    """Return how often an angle turns back by more than `HUNTS`."""
+    count, way, farthest = 0, 0.0, float(angle[0])
+    for value in angle.tolist():
+        away = value - farthest
+        if way * away > 0.0:
+            farthest = value
+        elif abs(away) > HUNTS:
+            count, way, farthest = count + 1, float(np.sign(away)), value
     return count
 
 

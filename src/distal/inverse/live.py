@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,6 @@ from distal.run.health import LONGEST_GAP
 
 ACROSS = 0.25
 """Default of the fastest motion: a joint goes through its whole range in this time [s]."""
-
-SKIPPED = frozenset({"late", "duplicate"})
-"""Health of a sample that comes out of order."""
 
 FIRST = 3
 """Rounds until the drives' places and what moves inside agree at the start."""
@@ -57,7 +55,7 @@ class Command:
 
     Args:
         places: as their sensors would read them [m, rad].
-        speeds: [m/s, rad/s].
+        speeds: for drives that follow speeds, which bring them to these places too [m/s, rad/s].
         forces: [N, N m].
         reading: of the estimate on which it rests, with its health.
         note: what is not as it should be; may be empty.
@@ -117,6 +115,10 @@ class LiveInverse:
         gains = self._gains(least_tension_of(least_tension), feedback, fastest)
         self._monitor = Monitor(self._live)
         self._loop = self._kernel.loop(np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]]))
+        self._has_map = bool(runner.report.states)
+        at = {sensor.of: runner.channels.index(sensor.name) for sensor in self._rig.sensors_of("position")}
+        drives = enumerate(self._rig.drives)
+        self._places = [(d, at[drive.name]) for d, drive in drives if drive.name in at]
         self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
         self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
         self.reset()
@@ -176,31 +178,41 @@ class LiveInverse:
     def step(self, time: float, wanted: Sequence[float] | Floats | Mapping[str, float], sample: Floats) -> Command:
         """Take in a sample and return the drives' next commands.
 
+        A sample without an estimate (late, or of the wrong shape) leaves the last command as it is.
+
         Args:
             time: of the sample [s].
             wanted: angles of `joints` now [rad], in their order or by name; what is not finite stays as it was.
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            CommandError: there are more or fewer angles than joints.
+            CommandError: an angle is missing, or there are more of them than joints.
         """
-        angles = np.array([wanted[name] for name in self.joints]) if isinstance(wanted, Mapping) else np.asarray(wanted)
+        if isinstance(wanted, Mapping):
+            wanted = [wanted.get(name, nan) for name in self.joints] if set(wanted) <= set(self.joints) else []
+        angles = np.atleast_1d(np.asarray(wanted, dtype=np.float64))
         if angles.shape != (len(self.joints),):
-            raise CommandError(f"wanted are {len(self.joints)} angles ({', '.join(self.joints)}), {wanted!r} came")
+            raise CommandError(f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another joint's")
         reading = self._monitor.take(time, sample)
-        if not self._live.samples:
-            return self._command(reading, "no sample yet: nothing is commanded")
-        if reading.health in SKIPPED:
-            return self._command(reading, f"{reading.health}: the last command stays")
-        x, finite, unusable = self._x, np.isfinite(angles), reading.unusable
-        x["wanted"][finite] = angles[finite]
-        x["state"][:], x["mapped"][:] = self._live.mean, self._live.added_by_maps[self._free]
-        x["trusted"][:] = not unusable
+        if isnan(reading.angles[0]):
+            return self._command(reading, f"{reading.health} {reading.detail}: the last command stays")
+        x, y, unusable = self._x, self._y, reading.unusable
+        np.copyto(x["wanted"], angles, where=np.isfinite(angles))
+        x["state"][:] = self._live.mean
+        if self._has_map:
+            x["mapped"][:] = self._live.added_by_maps[self._free]
+        for drive, channel in self._places:
+            value = float(sample[channel])
+            # without a reading a drive counts as being where it was sent
+            x["read"][drive] = y["places"][drive] if isnan(value) else value
+        x["trusted"][0] = not unusable
         if self._time is None:
-            x["wanted"][~finite] = self._live.mean[self._free][~finite]
-        rounds = FIRST if self._time is None else 1
-        for _ in range(rounds):
-            x["dt"][:] = 0.0 if self._time is None else min(max(time - self._time, SHORTEST), LONGEST_GAP)
+            np.copyto(x["wanted"], self._live.mean[self._free], where=~np.isfinite(angles))
+            x["dt"][0] = 0.0
+            for _ in range(FIRST):
+                self._loop.step()
+        else:
+            x["dt"][0] = min(max(time - self._time, SHORTEST), LONGEST_GAP)
             self._loop.step()
         self._time = time
         return self._command(reading, f"no feedback: {unusable}" if unusable else "")
@@ -208,3 +220,11 @@ class LiveInverse:
     def _command(self, reading: Reading, note: str) -> Command:
         y = self._y
         return Command(y["places"].copy(), y["speeds"].copy(), y["forces"].copy(), reading, note)
+
+    def __copy__(self) -> LiveInverse:
+        """Return a clone: buffers are never shared."""
+        return self.clone()
+
+    def __deepcopy__(self, memo: object) -> LiveInverse:
+        """Return a clone."""
+        return self.clone()

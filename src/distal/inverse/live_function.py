@@ -1,8 +1,10 @@
 """One sample of the inverse in a control loop: at what the filter believes, with feedback on the angle that it estimates.
 
-A reference r follows the wanted angles no faster than the joints may turn. Commanded is  r + T dr/dt + c,  T lag and delay
-of the drives (`Servo`), c a correction by the estimated angle θ̂:  dc/dt = k (r − θ̂)  outside of a dead band, which ends
-stick-slip (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994). Drives that follow forces get a torque
+A reference r follows the wanted angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one sample h before, no
+faster and with no more acceleration a than the joints may. Commanded is  r + T dr/dt + c,  T lag and delay of the drives
+(`Servo`), c a correction by the estimated angle θ̂:  dc/dt = k (r − θ̂)  outside of a dead band, which ends stick-slip
+(Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
+Drives that follow forces get a torque
 K_p e + K_i ∫ e dt − K_d dθ̂/dt  in its place.
 """
 
@@ -29,8 +31,18 @@ LEAVES = 2.0
 SHORTEST = 1e-9
 """Differences are over at least so much [s]."""
 
+SPEEDS_UP = 0.1
+"""A joint comes to its largest speed in this time [s]."""
+
+COMES_BACK = 0.1
+"""A drive that follows speeds makes up for a wrong place in this time [s]."""
+
 MOST = float(np.deg2rad(20.0))
 """The largest correction by feedback [rad]."""
+
+
+GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
+"""What is remembered of the reference and of feedback, for each joint that moves by itself."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +58,12 @@ class LiveLayouts:
 def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
     """Return the layouts of a rig's live inverse."""
     nf, nd = model.nf, model.nd
-    guide = dict.fromkeys(("reference", "speed", "acceleration", "correction", "effort", "rests", "last"), nf)
+    guide = dict.fromkeys(
+        ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests", "last"), nf
+    )
     return LiveLayouts(
         carry=Layout(**guide, started=1, command=model.carry.size),
-        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, trusted=1),
+        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1),
         gains=Layout(fastest=nf, follow=nf, deadband=nf, lowest=1, kp=nf, ki=nf, kd=nf, torque_limit=nf),
         y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt),
     )
@@ -59,7 +73,7 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y), p the gains and then the filter's numbers; y are the drives' commands.
 
     The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`. Places are those that
-    the drives' sensors would read.
+    the drives' sensors would read; `read` is what they do.
     """
     layout = layouts(model, states)
     carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
@@ -84,7 +98,8 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     command, y = model.function()(command, row, numbers)
     commanded = model.y.parts(y)
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
-    after = {name: guided[name] for name in was if name not in ("last", "started")}
+    commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
+    after = {name: guided[name] for name in GUIDED}
     following = layout.carry.joined(**after, last=came["state"][model.free], started=ca.MX(1), command=command)
     y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
     return ca.Function("live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
@@ -93,15 +108,20 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
 def _guide(model: CommandModel) -> ca.Function:
     """Return the function of the reference and its motion, of the correction and of the torque that feedback adds."""
     sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {"dt": 1, "trusted": 1, "started_before": 1}
-    kept = ("reference", "speed", "acceleration", "correction", "effort", "rests", "last")
-    sizes |= dict.fromkeys((f"{name}_before" for name in kept), model.nf)
+    sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
     sizes |= dict.fromkeys(("fastest", "follow", "deadband", "kp", "ki", "kd", "torque_limit"), model.nf)
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     dt, angles, trusted, started = v["dt"], v["angles"], v["trusted"], v["started_before"]
     safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)
     before = ca.if_else(started > 0, v["reference_before"], angles)
-    reference = before + _limited(v["wanted"] - before, v["fastest"] * dt)
-    speed = v["speed_before"] + share * ((reference - before) / safe - v["speed_before"])
+    wished = ca.if_else(started > 0, v["wished_before"], angles)
+    most = v["fastest"] / SPEEDS_UP
+    behind = wished - before
+    catching_up = _limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))
+    rate = _limited(_limited((v["wanted"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"])
+    rate = v["rate_before"] + _limited(rate - v["rate_before"], most * dt)
+    reference = before + rate * dt
+    speed = v["speed_before"] + share * (rate - v["speed_before"])
     change = (speed - v["speed_before"]) / safe - v["acceleration_before"]
     error = reference - angles
     rests = ca.fabs(error) < v["deadband"] * ca.if_else(v["rests_before"] > 0, LEAVES, 1)
@@ -111,7 +131,9 @@ def _guide(model: CommandModel) -> ca.Function:
     asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * trusted * (speed - turning)
     pushed = _limited(asked, v["torque_limit"])
     found = {
+        "wished": v["wanted"],
         "reference": reference,
+        "rate": rate,
         "speed": speed,
         "acceleration": v["acceleration_before"] + share * change,
         "correction": correction,

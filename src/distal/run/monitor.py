@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite, nan, sqrt
+from math import inf, isfinite, isnan, nan, sqrt
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Reading:
     @property
     def unusable(self) -> str:
         """Why nothing is controlled with it; empty where it is known well enough."""
-        if not all(isfinite(angle) for angle in self.angles):
+        if isnan(self.angles[0]):
             return f"no angle: {self.health}"
         if self.health in UNUSABLE or not max(self.angle_stds) <= LOST:
             return self.detail or f"the angle is not known to ±{np.rad2deg(2 * LOST):.0f}°"

@@ -1,0 +1,233 @@
+"""The inverse in a loop: its guide against a naive twin, a plant that is not the model's, and what goes wrong in use."""
+
+from __future__ import annotations
+
+from copy import copy, deepcopy
+
+import numpy as np
+import pytest
+from benchmarks.commands import driven, hunts, inextensible, live_law, run
+from benchmarks.strangers.servo_plants import PERIOD, Ropes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from distal import Inverse, LiveInverse, load_rig
+from distal.errors import CommandError
+from distal.inverse import Feedback
+from distal.inverse.command import CommandModel
+from distal.inverse.live import ACROSS
+from distal.inverse.live_function import LEAVES, MOST, SMOOTHED, SPEEDS_UP, _guide
+from distal.inverse.readings import readings
+from distal.inverse.servo import followable, sent
+
+RIG = "paper-2008-observed"
+
+
+@pytest.fixture(scope="module")
+def inverse() -> LiveInverse:
+    return LiveInverse(RIG, compiled=False)
+
+
+def sample_of(inverse: LiveInverse) -> np.ndarray:
+    """Return readings of drives that hold the joint at 0.1 rad."""
+    commands = Inverse(RIG, compiled=False)(np.array([0.0, 0.01]), np.full((2, 1), 0.1))
+    sensors = {sensor.name: sensor for sensor in inverse.rig.sensors}
+    drives = [drive.name for drive in inverse.rig.drives]
+    kinds = {"position": commands.sent[-1], "force": commands.forces[-1]}
+    return np.array([kinds[sensors[name].measures][drives.index(sensors[name].of)] for name in inverse.channels])
+
+
+def naive_guide(v: dict[str, float]) -> dict[str, float]:
+    """Return what the guide of one joint gives, in plain numbers."""
+    dt = v["dt"]
+    before = v["reference_before"] if v["started_before"] else v["angles"]
+    wished, fastest = v["wished_before"] if v["started_before"] else v["angles"], v["fastest"]
+    most = fastest / SPEEDS_UP
+    braking = np.sqrt(2 * most * abs(wished - before))
+    rate = max(-fastest, min(fastest, (v["wanted"] - wished) / dt)) + np.clip((wished - before) / dt, -braking, braking)
+    rate = float(np.clip(np.clip(rate, -fastest, fastest), v["rate_before"] - most * dt, v["rate_before"] + most * dt))
+    step = rate * dt
+    share = dt / (dt + SMOOTHED)
+    speed = (1 - share) * v["speed_before"] + share * step / dt
+    acceleration = (1 - share) * v["acceleration_before"] + share * (speed - v["speed_before"]) / dt
+    error = before + step - v["angles"]
+    rests = abs(error) < v["deadband"] * (LEAVES if v["rests_before"] else 1.0)
+    counted = 0.0 if rests or not v["trusted"] else np.sign(error) * max(abs(error) - v["deadband"], 0.0)
+    correction = max(-MOST, min(MOST, v["correction_before"] + v["follow"] * counted * dt))
+    turning = (v["angles"] - v["last_before"]) / dt if v["started_before"] else 0.0
+    asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * v["trusted"] * (speed - turning)
+    pushed = max(-v["torque_limit"], min(v["torque_limit"], asked))
+    return {
+        "wished": v["wanted"],
+        "reference": before + step,
+        "rate": rate,
+        "speed": speed,
+        "acceleration": acceleration,
+        "correction": correction,
+        "effort": v["effort_before"] + (counted * dt if pushed == asked else 0.0),
+        "rests": float(rests),
+        "correcting": (correction - v["correction_before"]) / dt,
+        "pushed": -pushed,
+    }
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000))
+def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    guide = _guide(CommandModel(load_rig(RIG)))
+    values = {name: float(rng.normal()) for name in guide.name_in()}
+    positive = ("fastest", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
+    values |= {name: abs(values[name]) for name in positive} | {"dt": rng.uniform(0.001, 0.02)}
+    values |= {name: float(rng.integers(2)) for name in ("trusted", "started_before", "rests_before")}
+    values["wished_before"] = values["reference_before"] + 0.1 * rng.normal() * values["fastest"] * values["dt"]
+    values["wanted"] = values["wished_before"] + rng.normal() * values["fastest"] * values["dt"]
+    values["rate_before"] = rng.normal() * values["fastest"]
+    values["angles"] = values["reference_before"] + rng.normal() * values["deadband"]
+    found = guide(**values)
+    for name, expected in naive_guide(values).items():
+        assert float(found[name]) == pytest.approx(expected, rel=1e-9, abs=1e-12), name
+
+
+def test_on_a_plant_of_others_the_joint_goes_where_it_is_wanted() -> None:
+    """Ropes that creep, with backlash and servos that lag: better than lengths alone, and still at rest."""
+    rig, time = Ropes(0).rig, np.arange(600) * PERIOD
+    wanted = np.where(time < 3.0, 0.4 * np.sin(2.0 * time), 0.4 * np.sin(6.0))[:, None]
+    start = Inverse(rig, least_tension=2.0)(time, wanted).sent[0]
+    late = time >= 0.5
+    live = driven(Ropes(0), rig, wanted, (0,), start, live_law(rig, Feedback()))
+    ratio, _ = run(Ropes(0), inextensible(rig, wanted, start))
+    errors = [np.sqrt(np.mean((angles - wanted)[late] ** 2)) for angles in (live, ratio)]
+    assert errors[0] < 0.4 * errors[1]
+    assert np.rad2deg(errors[0]) < 0.8
+    assert hunts(time, wanted, live) == 0
+
+
+def test_with_and_without_a_compiler_it_is_the_same() -> None:
+    compiled, interpreted = LiveInverse(RIG), LiveInverse(RIG, compiled=False)
+    sample = sample_of(compiled)
+    for k in range(20):
+        wanted = [0.1 + 0.01 * k]
+        both = [one.step(0.01 * k, wanted, sample) for one in (compiled, interpreted)]
+        np.testing.assert_allclose(both[0].places, both[1].places, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(both[0].speeds, both[1].speeds, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(both[0].forces, both[1].forces, rtol=0, atol=1e-9)
+
+
+def test_a_clone_goes_on_alone(inverse: LiveInverse) -> None:
+    inverse.reset()
+    sample = sample_of(inverse)
+    for k in range(5):
+        inverse.step(0.01 * k, {"link": 0.1 + 0.02 * k}, sample)
+    for made in (LiveInverse.clone, copy, deepcopy):
+        other = made(inverse)
+        once = other.step(0.05, [0.25], sample)
+        assert inverse.estimator.time == 0.04
+        np.testing.assert_array_equal(once.places, made(inverse).step(0.05, [0.25], sample).places)
+
+
+def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
+    inverse.reset()
+    sample = sample_of(inverse)
+    inverse.step(0.0, [0.1], sample)
+    last = inverse.step(0.01, [0.12], sample)
+    late = inverse.step(0.005, [0.5], sample)
+    np.testing.assert_array_equal(late.places, last.places)
+    assert "late" in late.note
+    assert "the last command stays" in inverse.step(float("nan"), [0.5], sample).note
+    assert "the last command stays" in inverse.step(0.02, [0.5], sample[:1]).note
+    assert inverse.step(0.02, [0.12], sample).note == ""
+
+
+def test_a_jump_is_as_fast_as_joints_may_turn_and_no_angle_is_the_one_before(inverse: LiveInverse) -> None:
+    inverse.reset()
+    sample, places = sample_of(inverse), []
+    for k in range(60):
+        wanted = 0.1 if k < 10 else 0.3 if k < 40 else np.nan
+        places.append(inverse.step(0.01 * k, [wanted], sample).places)
+    # inertia at the largest acceleration, friction that turns over, and the motion itself
+    fastest = np.ptp(inverse.rig.joints[0].travel) / ACROSS
+    arm, inertia = 9.53e-3, inverse.rig.joints[0].inertia.value
+    stretch = (inertia * fastest / SPEEDS_UP + 2 * 0.03) / arm / 806.0
+    assert np.abs(np.diff(places, axis=0)).max() < 2 * stretch + fastest * 0.01 * arm
+    assert np.abs(places[-1] - places[9]).max() > 0.15 * arm
+    np.testing.assert_allclose(places[-1], places[42], atol=2e-4)
+
+
+def test_what_is_not_known_is_not_fed_back(inverse: LiveInverse) -> None:
+    """All sensors silent for long: the correction stays, commands go on, and it is said."""
+    inverse.reset()
+    sample = sample_of(inverse)
+    for k in range(100):
+        inverse.step(0.01 * k, [0.3], sample)  # the readings say 0.1: it is corrected
+    at = inverse._layouts.carry["correction"]
+    for k in range(100, 400):
+        silent = inverse.step(0.01 * k, [0.3], np.full(len(sample), np.nan))
+    held = inverse._loop.carry[at].copy()
+    assert abs(held[0]) > 0.01
+    assert "no feedback" in silent.note
+    silent = inverse.step(4.0, [0.2], np.full(len(sample), np.nan))
+    np.testing.assert_array_equal(inverse._loop.carry[at], held)
+    assert np.isfinite(silent.places).all()
+
+
+def test_a_drive_that_follows_speeds_comes_back_to_its_place(inverse: LiveInverse) -> None:
+    """A tenth of a second for what its reading is away, the motion of the place beside it."""
+    inverse.reset()
+    sample = sample_of(inverse)
+    for k in range(200):
+        command = inverse.step(0.01 * k, [0.1], sample)
+    read = np.array([sample[inverse.channels.index(name)] for name in ("x1", "x2")])
+    np.testing.assert_allclose(command.speeds, (command.places - read) / 0.1, atol=2e-3)
+
+
+def test_a_reading_is_the_place_its_offset_and_its_curve() -> None:
+    """Σ w_j cos(π j ξ) over the travel, and the bias."""
+    rig = load_rig("paper-2008").with_values(
+        {"sensors.x1.bias": {"value": 2e-4, "std": 0.0}, "sensors.x1.curve": [0.0, 5e-5]}
+    )
+    places = np.linspace(-2e-3, 6e-3, 9)
+    found = readings(CommandModel(rig), np.column_stack([places, places]))
+    low, high = rig.drives[0].stops
+    expected = places + 2e-4 + 5e-5 * np.cos(np.pi * (places - low) / (high - low))
+    np.testing.assert_allclose(found[:, 0], expected, atol=1e-7)
+    np.testing.assert_allclose(found[:, 1], places, atol=1e-12)
+
+
+def test_a_servo_is_where_it_has_to_be_in_time() -> None:
+    """A drive with lag and delay that is sent what `sent` says follows a sine; alone it would be 10 % behind."""
+    rig = load_rig(RIG).with_values({"drives.0.servo": {"bandwidth": 10.0, "delay": 0.02, "fastest": 1.0}})
+    step = 1e-3
+    time = np.arange(0.0, 3.0, step)
+    places = 5e-3 * np.sin(2 * np.pi * 0.7 * time)
+    for given_places, most in ((sent(time, places, rig.drives[0]), 0.01), (places, 0.2)):
+        late, place, error = np.interp(time - 0.02, time, given_places), float(places[0]), []
+        for k in range(len(time)):
+            place += (1 - np.exp(-2 * np.pi * 10.0 * step)) * (late[k] - place)
+            error.append(place - places[k])
+        away = np.abs(error[1000:2500]).max() / 5e-3
+        assert away < most
+        assert away > most / 10
+    fast = followable(time, np.where(time < 1.5, 0.0, 1.0), 2.0)
+    assert np.abs(np.diff(fast)).max() <= 2.0 * step * (1 + 1e-9)
+    assert fast[1500] == pytest.approx(0.5, abs=0.01)  # half of a jump before it, half after
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"least_tension": "3 mm"}, "least_tension"),
+        ({"least_tension": -1.0}, "at least 0 N"),
+        ({"fastest": 0.0}, "fastest: a speed above 0"),
+        ({"feedback": {"elbow": Feedback()}}, "feedback is for the joints link; elbow came"),
+    ],
+)
+def test_a_wrong_setting_is_named(change: dict[str, object], words: str) -> None:
+    with pytest.raises(CommandError, match=words):
+        LiveInverse(RIG, compiled=False, **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wanted", [[0.1, 0.2], {"elbow": 0.1}, []])
+def test_wanted_angles_are_those_of_the_joints(wanted: object, inverse: LiveInverse) -> None:
+    with pytest.raises(CommandError, match="link"):
+        inverse.step(0.0, wanted, sample_of(inverse))  # type: ignore[arg-type]
