@@ -29,6 +29,9 @@ def export_command(
         str | None, Option(help="Home while it runs: how well a joint's angle is known there, such as '1 deg'.")
     ] = None,
     plant: Annotated[bool, Option("--plant", help="Write the simulated rig with its sensors as C too.")] = False,
+    command: Annotated[
+        bool, Option("--command", help="Write the inverse as C too: from wanted angles to what the drives do.")
+    ] = False,
     name: NameOption = None,
     set_: SetOption = None,
 ) -> None:
@@ -43,16 +46,23 @@ def export_command(
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
     if out is not None:
-        check_outputs(to_folder("--out", out, export_files(name, plant)), rig=rig)
-        check_ours(out, export_files(name, plant))
+        check_outputs(to_folder("--out", out, export_files(name, plant, command)), rig=rig)
+        check_ours(out, export_files(name, plant, command))
         with working("writing C"):
             exported = export_c(
-                load_rig(rig, set_ or ()), out, estimator, single=single, name=name, home=home_std, plant=plant
+                load_rig(rig, set_ or ()),
+                out,
+                estimator,
+                single=single,
+                name=name,
+                home=home_std,
+                plant=plant,
+                command=command,
             )
     else:
         assert arduino is not None
-        if plant or home_std is not None:
-            raise typer.BadParameter("--plant and --home are for --out")
+        if plant or command or home_std is not None:
+            raise typer.BadParameter("--plant, --command and --home are for --out")
         edited = [file for file in EDITED if (arduino / file).is_file()]
         with working("writing C"):
             exported = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from distal.errors import OutputError
+from distal.errors import ExportError, OutputError
+from distal.export.command import c_command
 from distal.export.names import c_name, checked_name
 from distal.export.outputs import comment, filled
 from distal.export.plant import c_plant
@@ -26,6 +27,7 @@ def export_c(
     name: str | None = None,
     home: float | None = None,
     plant: bool = False,
+    command: bool = False,
 ) -> Exported:
     """Write an estimator of a rig as C99 to a folder.
 
@@ -35,6 +37,7 @@ def export_c(
         name: prefix of all names; default from the rig's title and the estimator.
         home: how well an angle is known where a joint homes, std [rad]; default it does not home while it runs.
         plant: write the simulated rig with its sensors too, as NAME_plant.
+        command: write the live inverse beside `adaptive` too, as NAME_command; see `LiveInverse`.
 
     Raises:
         ExportError: the name is no C identifier, or the estimator or the plant has no C.
@@ -42,7 +45,9 @@ def export_c(
         OutputError: the folder cannot be written.
     """
     folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
-    names = export_files(name, plant)
+    if command and estimator != "adaptive":
+        raise ExportError(f"commands are by the state of adaptive, {estimator} has another; leave command out")
+    names = export_files(name, plant, command)
     check_outputs(outputs_in(folder, names, "the export"))
     check_ours(folder, names)
     exported = c_filter(rig, estimator, single, name, home)
@@ -50,6 +55,9 @@ def export_c(
     if plant:
         c_of_plant = c_plant(rig, f"{name}_plant")
         files |= {f"{name}_plant.h": c_of_plant.header, f"{name}_plant.c": c_of_plant.source}
+    if command:
+        c_of_command = c_command(rig, f"{name}_command", name, single=single)
+        files |= {f"{name}_command.h": c_of_command.header, f"{name}_command.c": c_of_command.source}
     write_files(folder, files)
     return exported
 
@@ -68,14 +76,15 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
     write_together({folder / file: text for file, text in files.items()})
 
 
-def export_files(name: str, plant: bool = False) -> tuple[str, ...]:
+def export_files(name: str, plant: bool = False, command: bool = False) -> tuple[str, ...]:
     """Return the names of an export's files.
 
     Raises:
         ExportError: the name is no C identifier.
     """
     names = f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
-    return (*names, f"{name}_plant.h", f"{name}_plant.c") if plant else names
+    also = [f"{name}_{part}" for part, wanted in (("plant", plant), ("command", command)) if wanted]
+    return (*names, *(f"{part}.{ending}" for part in also for ending in "hc"))
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:

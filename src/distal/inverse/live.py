@@ -15,7 +15,7 @@ from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter
 from distal.inverse.command import CommandModel
 from distal.inverse.inverse import LEAST_TENSION, least_tension_of
-from distal.inverse.live_function import layouts, live_function
+from distal.inverse.live_function import GAINS, layouts, live_function
 from distal.kernels import Kernel
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
@@ -68,6 +68,35 @@ class Command:
     note: str = ""
 
 
+def gains_of(
+    model: CommandModel, lowest: float, feedback: Feedback | Mapping[str, Feedback] | None, fastest: float | None
+) -> Floats:
+    """Return the gains of `live_function`: of all joints, or by their names; see `LiveInverse`.
+
+    Raises:
+        CommandError: a joint is unknown, or a speed is none.
+    """
+    joints = [model.rig.joints[j] for j in model.free]
+    names = [joint.name for joint in joints]
+    given = feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
+    if not set(given) <= set(names):
+        raise CommandError(f"feedback is for the joints {', '.join(names)}; {', '.join(given)} came")
+    if fastest is not None and not fastest > 0.0:
+        raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
+    of = [given.get(name, Feedback(follow=0.0)) for name in names]
+    parts = {
+        "fastest": [np.ptp(joint.travel) / ACROSS if fastest is None else fastest for joint in joints],
+        "lowest": [lowest],
+        "follow": [one.follow for one in of],
+        "deadband": [one.deadband for one in of],
+        "kp": [one.proportional for one in of],
+        "ki": [one.integral for one in of],
+        "kd": [one.derivative for one in of],
+        "torque_limit": [one.torque_limit for one in of],
+    }
+    return np.concatenate([np.array(parts[name], dtype=np.float64) for name in GAINS])
+
+
 class LiveInverse:
     """Commands sample by sample, from wanted angles and what the sensors read.
 
@@ -112,7 +141,7 @@ class LiveInverse:
         self._free, self.joints = model.free, tuple(self._rig.joints[j].name for j in model.free)
         self._layouts = layouts(model, runner.states)
         self._kernel = Kernel(live_function(model, runner.states), compiled)
-        gains = self._gains(least_tension_of(least_tension), feedback, fastest)
+        gains = gains_of(model, least_tension_of(least_tension), feedback, fastest)
         self._monitor = Monitor(self._live)
         self._loop = self._kernel.loop(np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]]))
         self._has_map = bool(runner.report.states)
@@ -122,28 +151,6 @@ class LiveInverse:
         self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
         self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
         self.reset()
-
-    def _gains(
-        self, lowest: float, feedback: Feedback | Mapping[str, Feedback] | None, fastest: float | None
-    ) -> Floats:
-        given = feedback if isinstance(feedback, Mapping) else dict.fromkeys(self.joints, feedback or Feedback())
-        if set(given) - set(self.joints):
-            raise CommandError(f"feedback is for the joints {', '.join(self.joints)}; {', '.join(given)} came")
-        of = [given.get(joint, Feedback(follow=0.0)) for joint in self.joints]
-        travel = np.array([np.ptp(self._rig.joints[j].travel) for j in self._free])
-        if fastest is not None and not fastest > 0.0:
-            raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
-        parts = {
-            "fastest": travel / ACROSS if fastest is None else np.full(len(of), float(fastest)),
-            "lowest": np.array([lowest]),
-            "follow": np.array([one.follow for one in of]),
-            "deadband": np.array([one.deadband for one in of]),
-            "kp": np.array([one.proportional for one in of]),
-            "ki": np.array([one.integral for one in of]),
-            "kd": np.array([one.derivative for one in of]),
-            "torque_limit": np.array([one.torque_limit for one in of]),
-        }
-        return np.concatenate([parts[name] for name in self._layouts.gains.names])
 
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""

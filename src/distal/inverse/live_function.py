@@ -44,6 +44,9 @@ MOST = float(np.deg2rad(20.0))
 GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
 """What is remembered of the reference and of feedback, for each joint that moves by itself."""
 
+GAINS = ("fastest", "lowest", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
+"""Numbers of the guide: of each joint that moves by itself, but for the least tension, `lowest`."""
+
 
 @dataclass(frozen=True)
 class LiveLayouts:
@@ -64,7 +67,7 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
     return LiveLayouts(
         carry=Layout(**guide, started=1, command=model.carry.size),
         x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1),
-        gains=Layout(fastest=nf, follow=nf, deadband=nf, lowest=1, kp=nf, ki=nf, kd=nf, torque_limit=nf),
+        gains=Layout(**dict.fromkeys(GAINS, nf) | {"lowest": 1}),
         y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt),
     )
 
@@ -109,7 +112,7 @@ def _guide(model: CommandModel) -> ca.Function:
     """Return the function of the reference and its motion, of the correction and of the torque that feedback adds."""
     sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {"dt": 1, "trusted": 1, "started_before": 1}
     sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
-    sizes |= dict.fromkeys(("fastest", "follow", "deadband", "kp", "ki", "kd", "torque_limit"), model.nf)
+    sizes |= dict.fromkeys((name for name in GAINS if name != "lowest"), model.nf)
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     dt, angles, trusted, started = v["dt"], v["angles"], v["trusted"], v["started_before"]
     safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)

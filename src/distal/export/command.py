@@ -1,0 +1,179 @@
+"""The live inverse as C99, beside an exported filter: what the drives do next, from its state and the wanted angles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.codegen import CodeError, Emitter, Plain
+from distal.errors import ExportError
+from distal.estimators import AdaptiveFilter
+from distal.export.names import checked_name
+from distal.export.outputs import angle_fields, comment, filled, torque_fields
+from distal.inverse.command import CommandModel
+from distal.inverse.inverse import LEAST_TENSION
+from distal.inverse.live import FIRST, gains_of
+from distal.inverse.live_function import layouts, live_function
+from distal.rig import Rig
+
+
+@dataclass(frozen=True)
+class ExportedCommand:
+    """The commands of a rig as C; `operations` in a step, `carry` numbers that are remembered."""
+
+    name: str
+    header: str
+    source: str
+    carry: int
+    operations: int
+    joints: tuple[str, ...]
+
+
+def c_command(rig: Rig, name: str, filter_name: str, *, single: bool = False) -> ExportedCommand:
+    """Return the live inverse of a rig as C99, with the numbers of `LiveInverse`, for the filter exported as `filter_name`.
+
+    Raises:
+        ExportError: the name is no C identifier, or the inverse has no C.
+        EstimationError: the filter cannot run on this rig.
+    """
+    checked_name(name)
+    runner, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
+    layout, step = layouts(model, runner.states), live_function(model, runner.states)
+    dialect = Plain(single)
+    emitter = Emitter(dialect)
+    try:
+        advance = emitter.add(step, in_place=True)
+    except CodeError as problem:
+        raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
+    gains = gains_of(model, LEAST_TENSION, None, None)
+    numbers = np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])
+    at = {sensor.of: runner.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
+    reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
+    reported += [(runner.state_names.index(state), field) for state, field in torque_fields(runner)]
+    joints = tuple(rig.joints[j].name for j in model.free)
+    values = {
+        "name": name,
+        "NAME": name.upper(),
+        "filter": filter_name,
+        "rig": comment(rig.name),
+        "real": dialect.type,
+        "joints": "\n".join(f" *   {i}  {comment(joint)} [rad]" for i, joint in enumerate(joints)),
+        "drives": "\n".join(f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)),
+        "n_joints": str(model.nf),
+        "n_drives": str(model.nd),
+        "n_states": str(len(runner.states)),
+        "n_carry": str(layout.carry.size),
+        "n_x": str(layout.x.size),
+        "n_y": str(layout.y.size),
+        "numbers": ", ".join(dialect.constant(float(number)) for number in numbers),
+        "reported": "\n".join(f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported),
+        "free": ", ".join(map(str, model.free)),
+        "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
+        "zero": dialect.constant(0.0),
+        "one": dialect.constant(1.0),
+        "first": str(FIRST),
+        "prelude": dialect.prelude(emitter.text),
+        "functions": emitter.text,
+        "advance": advance,
+        **{f"x_{part}": str(layout.x[part].start) for part in layout.x.names},
+        **{f"y_{part}": str(layout.y[part].start) for part in layout.y.names},
+    }
+    operations = emitter.functions[advance].cost.operations
+    header, source = filled(_HEADER, values), filled(_SOURCE, values)
+    return ExportedCommand(name, header, source, layout.carry.size, operations, joints)
+
+
+_HEADER = """\
+/* $name$.h: what the drives of the rig "$rig$" do next, from the filter of $filter$.h and wanted angles
+ *
+ * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state. All numbers are SI.
+ *
+ * wanted, in this order (NAN: as before):
+$joints$
+ *
+ * drives, in this order:
+$drives$
+ */
+#ifndef $NAME$_H
+#define $NAME$_H
+
+#include "$filter$.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define $NAME$_JOINTS $n_joints$
+#define $NAME$_DRIVES $n_drives$
+
+typedef struct {
+  $real$ carry[$n_carry$];
+  $real$ wanted[$NAME$_JOINTS];
+  $real$ places[$NAME$_DRIVES];
+  int begun;
+} $name$_state;
+
+typedef struct {
+  $real$ places[$NAME$_DRIVES]; /* as the drives' sensors would read them [m, rad] */
+  $real$ speeds[$NAME$_DRIVES]; /* for drives that follow speeds [m/s, rad/s] */
+  $real$ forces[$NAME$_DRIVES]; /* [N, N m] */
+} $name$_output;
+
+/* Forget everything, when the filter begins. */
+void $name$_begin($name$_state* state);
+
+/* Say what the drives do next, after a step of the filter that returned OK, with its dt, values and output. Where the
+ * estimate is not `trusted` (its health is bad or dead), the correction by feedback stays as it was. */
+void $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
+                 const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* $name$.c: what the drives of the rig "$rig$" do next; see $name$.h. Written by `distal export-c`. */
+#include "$name$.h"
+
+#include <math.h>
+#include <string.h>
+
+/* gains, and the rig's parameters as the filter takes them */
+static const $real$ numbers[] = {$numbers$};
+
+$prelude$
+$functions$
+void $name$_begin($name$_state* state) { memset(state, 0, sizeof *state); }
+
+void $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
+                 const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands) {
+  static const int joints[] = {$free$}, positions[] = {$positions$};
+  $real$ x[$n_x$], y[$n_y$];
+  int i, k;
+  memcpy(x + $x_state$, filter->carry, $n_states$ * sizeof *x);
+$reported$
+  for (i = 0; i < $n_joints$; ++i) {
+    if (wanted[i] - wanted[i] == $zero$) state->wanted[i] = wanted[i];
+    else if (!state->begun) state->wanted[i] = x[$x_state$ + joints[i]];
+    x[$x_wanted$ + i] = state->wanted[i];
+    x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->carry[joints[i]];
+  }
+  for (i = 0; i < $n_drives$; ++i) {
+    /* without a reading a drive counts as being where it was sent */
+    const $real$ read = positions[i] < 0 ? state->places[i] : values[positions[i]];
+    x[$x_read$ + i] = read == read ? read : state->places[i];
+  }
+  x[$x_trusted$] = trusted ? $one$ : $zero$;
+  x[$x_dt$] = state->begun ? dt : $zero$;
+  for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->carry, x, numbers, y);
+  memcpy(commands->places, y + $y_places$, sizeof commands->places);
+  memcpy(commands->speeds, y + $y_speeds$, sizeof commands->speeds);
+  memcpy(commands->forces, y + $y_forces$, sizeof commands->forces);
+  memcpy(state->places, commands->places, sizeof state->places);
+  state->begun = 1;
+}
+"""

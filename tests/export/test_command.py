@@ -1,0 +1,86 @@
+"""The live inverse in C against Python's, in double and in float."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from distal import LiveInverse, load_rig, simulate
+from distal.errors import ExportError
+from distal.export import export_c
+from distal.export.command import c_command
+from distal.kernels.compiler import find_compiler
+
+needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
+
+GLUE = """
+#include "f_command.h"
+static f_state filter; static f_command_state state; static int begun;
+int commanded(double dt, const f_real* values, const f_real* wanted, int trusted, f_command_output* commands) {
+  f_output out;
+  int code;
+  if (!begun) { f_begin(&filter, values); f_command_begin(&state); }
+  code = f_step(&filter, (f_real)dt, values, &out);
+  begun = 1;
+  f_command_step(&state, &filter, (f_real)dt, values, &out, wanted, trusted, commands);
+  return code;
+}
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "scenario", "single", "near"),
+    [
+        ("paper-2008-observed", "series-2", False, 1e-9),
+        ("paper-2008-observed", "series-2", True, 2e-5),
+        pytest.param("finger-2n", "finger", False, 1e-9, marks=pytest.mark.slow),
+    ],
+)
+def test_c_says_what_python_says(name: str, scenario: str, single: bool, near: float, tmp_path: Path) -> None:
+    """The same places [m]; a wanted angle that is missing, a value that is, and an estimate that is not trusted."""
+    rig = load_rig(name)
+    export_c(rig, tmp_path, single=single, name="f", command=True)
+    (tmp_path / "glue.c").write_text(GLUE)
+    sources = [str(tmp_path / file) for file in ("f.c", "f_command.c", "glue.c")]
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *(["-Wdouble-promotion"] if single else [])]
+    subprocess.run(
+        ["cc", *strict, "-O1", "-fPIC", "-shared", *sources, "-o", str(tmp_path / "f.so"), "-lm"], check=True
+    )
+    call = ctypes.CDLL(str(tmp_path / "f.so")).commanded
+    real = np.float32 if single else np.float64
+    log = simulate(rig, scenario)
+    inverse = LiveInverse(rig, compiled=False)
+    samples = np.column_stack([log.channels[channel] for channel in inverse.channels])[:60]
+    samples[20:25, 0] = np.nan
+    drives, out = len(rig.drives), np.zeros(3 * len(rig.drives), dtype=real)
+    for k, sample in enumerate(samples):
+        wanted = (
+            np.full(len(inverse.joints), 0.2 + 0.1 * np.sin(0.1 * k)) if k % 7 else np.full(len(inverse.joints), np.nan)
+        )
+        expected = inverse.step(float(log.time[k] - log.time[0]), wanted, sample)
+        arrays = [np.ascontiguousarray(part, dtype=real) for part in (sample, wanted)]
+        trusted = not expected.reading.unusable
+        dt = 0.0 if k == 0 else float(log.time[k] - log.time[k - 1])
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+        assert call(ctypes.c_double(dt), *pointers, int(trusted), ctypes.c_void_p(out.ctypes.data)) == 0
+        np.testing.assert_allclose(out[:drives], expected.places, rtol=0, atol=near)
+        np.testing.assert_allclose(out[drives : 2 * drives], expected.speeds, rtol=0, atol=near * 500)
+        np.testing.assert_allclose(out[2 * drives :], expected.forces, rtol=0, atol=near * 5000)
+
+
+def test_a_step_costs_few_operations() -> None:
+    """A Cortex-M4F does about one in a cycle or two: 30,000 instructions are allowed."""
+    made = c_command(load_rig("lab-bench"), "f_command", "f", single=True)
+    assert made.operations < 15_000
+    assert "malloc" not in made.source
+
+
+def test_commands_are_for_adaptive(tmp_path: Path) -> None:
+    with pytest.raises(ExportError, match="commands are by the state of adaptive"):
+        export_c(load_rig("paper-2008"), tmp_path, "inextensible", command=True)
+    assert not list(tmp_path.iterdir())
