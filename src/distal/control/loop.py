@@ -10,6 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from distal.arrays import Floats
+from distal.control.commanded_forces import CommandedForces
 from distal.control.compiled import scan_loop
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.pid import PID, Held
@@ -28,8 +29,14 @@ from distal.units import to_si
 Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[str, float]]
 """(time [s], readings by sensor [SI], estimate) → commands by drive [N or N m]."""
 
+Teller: TypeAlias = Callable[[float, Floats], Reading]
+"""(stamp [s], sample of all sensors) → what is told of the angles."""
+
 ENCODER, RATIO = "encoder", "ratio"
 """Feedback by an encoder in the joint, and by the displacements alone over the radii."""
+
+COMMAND = "command"
+"""Feedback by `adaptive`, with the forces that the rig's inverse says for the reference beside those of the gains."""
 
 ENCODER_STEP = np.pi / 180.0
 
@@ -116,7 +123,7 @@ def closed_loop(
 ) -> ClosedLoop:
     """Run a controller on a simulated rig; see `simulate`. What is not given is that of the scenario's ``[control]``.
 
-    A feedback is "encoder", "ratio" or an estimator's name, a period seconds or a text with a unit.
+    A feedback is "encoder", "ratio", "command" or an estimator's name, a period seconds or a text with a unit.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -133,7 +140,8 @@ def closed_loop(
         raise ControlError("no controller: give one, or a [control] table in the scenario")
     _check_joints(rig, control.joints)
     plant = ControlledPlant(rig, scenario, length)
-    run = _by_scan(plant, feedback, seed) or _by_calls(plant, feedback, seed)
+    run = None if feedback == COMMAND else _by_scan(plant, feedback, seed)
+    run = run or _by_calls(plant, feedback, seed)
     return replace(run, references={name: joint.reference.at(run.time) for name, joint in control.joints.items()})
 
 
@@ -141,6 +149,9 @@ def _by_calls(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop:
     """Return the loop of the shipped controller, called period after period."""
     control = plant.prepared.scenario.control
     assert control is not None
+    if feedback == COMMAND:
+        commanded = CommandedForces(plant.rig, control.joints, control.co_contraction)
+        return _run(plant, commanded, commanded.tell, feedback, seed)
     pid = PID(plant.rig, control.joints, plant.period, control.co_contraction)
     run = run_controller(plant, pid, feedback, seed, encoder_step=control.encoder_resolution)
     return replace(run, held=pid.held)
@@ -180,6 +191,11 @@ def run_controller(
         ControlError: the controller failed, or asked for what is not possible.
     """
     tell = _encoder(plant, encoder_step) if feedback == ENCODER else _estimator(plant.rig, feedback)
+    return _run(plant, controller, tell, feedback, seed)
+
+
+def _run(plant: SteppedPlant, controller: Controller, tell: Teller, feedback: str, seed: int) -> ClosedLoop:
+    """Return the loop of a controller with what tells it the angles."""
     rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
     measured, reading, waiting = dict[str, float](), None, dict[str, float]()
     names = [sensor.name for sensor in plant.rig.sensors]
@@ -232,7 +248,7 @@ def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
             raise ControlError(f"control.joints: the rig has no joint '{name}'{did_you_mean(name, names)}")
 
 
-def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Reading]:
+def _encoder(plant: SteppedPlant, step: float) -> Teller:
     """Return (stamp, sample) → what encoders of the true angles say, with a step [rad]."""
 
     def tell(stamp: float, values: Floats) -> Reading:
@@ -242,7 +258,7 @@ def _encoder(plant: SteppedPlant, step: float) -> Callable[[float, Floats], Read
     return tell
 
 
-def _estimator(rig: Rig, name: str) -> Callable[[float, Floats], Reading]:
+def _estimator(rig: Rig, name: str) -> Teller:
     """Return (stamp, sample) → what an estimator makes of the sensors' values."""
     monitor = Monitor(LiveEstimator(rig, _estimator_name(name)))
     at = [[sensor.name for sensor in rig.sensors].index(channel) for channel in monitor.channels]
@@ -252,6 +268,6 @@ def _estimator(rig: Rig, name: str) -> Callable[[float, Floats], Reading]:
 def _estimator_name(feedback: str) -> str:
     name = "inextensible" if feedback == RATIO else feedback
     if name not in ESTIMATORS:
-        allowed = [ENCODER, RATIO, *ESTIMATORS]
+        allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
         raise ControlError(f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}")
     return name

@@ -133,20 +133,18 @@ class Balance:
 
     @cached_property
     def driven(self) -> ca.Function:
-        """(θ, s, ṡ, d_s, p) → force of each drive, and tensions at the drives."""
+        """(θ, s, s in its range, ṡ, d_s, p) → force of each drive, and tensions at the drives."""
         mechanism = self.mechanism
-        angles, places, rates, turned = (
-            ca.SX.sym("angles", self.nj),
-            *(ca.SX.sym(n, self.nd) for n in ("s", "r", "d")),
-        )
+        angles = ca.SX.sym("angles", self.nj)
+        places, within, rates, turned = (ca.SX.sym(name, self.nd) for name in ("s", "within", "r", "d"))
         q, v = ca.vertcat(angles, places), ca.vertcat(ca.SX.zeros(self.nj), rates)
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
         friction = [limit.mean * turned[d] + limit.asymmetry * ca.fabs(turned[d]) for d, limit in enumerate(limits)]
-        drag = mechanism.dampings() * v - mechanism.passive_forces(q)
+        drag = mechanism.dampings() * v - mechanism.passive_forces(ca.vertcat(angles, within))
         force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
         return ca.Function(
-            "driven", [angles, places, rates, turned, mechanism.parameters.symbols], [force, pulls.drive]
+            "driven", [angles, places, within, rates, turned, mechanism.parameters.symbols], [force, pulls.drive]
         )
 
     @cached_property

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from distal.expressions import Vector
 from distal.inverse.balance import Balance
 from distal.inverse.distribution import least_pulls, solved
 from distal.kernels import Layout
@@ -74,6 +75,8 @@ class CommandModel(Balance):
             inside=inside,
             begun=ca.MX(1),
         )
+        # where a drive's range ends, it goes no further; what it would have to pull is still its force
+        named["places"] = named.pop("within")
         y = self.y.joined(**{name: named[name] for name in self.y.names})
         return ca.Function("command", [carry, x, p], [after, y], ["carry", "x", "p"], ["next", "y"])
 
@@ -103,7 +106,8 @@ class CommandModel(Balance):
         rates = ca.if_else(begun > 0, (s - places) / ca.if_else(dt > 0, dt, 1), 0)
         along = ca.DM([self.radius(d) for d in range(nd)])
         drives_turning = ca.fmin(ca.fmax(drives_turned + begun * along * (s - places) / DRIVE_TURNS, -1), 1)
-        forces, tensions = self.driven(joints, s, rates, drives_turning, p)
+        within = self._within_range(s)
+        forces, tensions = self.driven(joints, s, within, rates, drives_turning, p)
         names = ("places", "pulls", "drives_turned", "rubbed", "turned", "begun")
         before = dict(zip(names, (places, pulls, drives_turned, rubbed, turned, begun)))
         arguments = [before[name] for name in self.carry.names if name != "inside"]
@@ -112,6 +116,7 @@ class CommandModel(Balance):
             "joints": joints,
             "angles": held,
             "places": s,
+            "within": within,
             "speeds": rates,
             "forces": forces,
             "tensions": tensions,
@@ -123,6 +128,12 @@ class CommandModel(Balance):
         }
         named = [f"i{k}" for k in range(len(arguments))]
         return ca.Function("sample", arguments, list(outputs.values()), named, list(outputs))
+
+    def _within_range(self, places: Vector) -> Vector:
+        """Return places of drives, cut where these end."""
+        ends = [drive.stops or (-ca.inf, ca.inf) for drive in self.rig.drives]
+        low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
+        return ca.fmin(ca.fmax(places, low), high)
 
     def _pulls(self) -> ca.Function:
         """Return (arms, τ, lowest, f) → pulls: the least where there are enough drives; those of fewer stay."""

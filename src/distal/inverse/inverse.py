@@ -13,16 +13,20 @@ from distal.arrays import Floats
 from distal.errors import CommandError
 from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
+from distal.inverse.learned import LearnedShift
 from distal.inverse.reached import place_variances, spread_kernel
 from distal.inverse.readings import readings
 from distal.inverse.servo import sent
-from distal.kernels import Feed, Kernel, advance
+from distal.kernels import Advanced, Feed, Kernel, advance
 from distal.rig import Rig, load_rig
 from distal.simulation.plant import inside_function
 from distal.units import to_si
 
 LEAST_TENSION = 1.0
 """Tension that every tendon keeps where nothing else is asked for [N]."""
+
+MAPPED = 3
+"""So often commands follow from what a learned map adds, and that from the commands."""
 
 NEAR = float(np.deg2rad(0.1))
 """An angle that is missed by less is reached [rad]."""
@@ -77,6 +81,7 @@ class Inverse:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.least_tension = least_tension_of(least_tension)
         self.model = CommandModel(self.rig)
+        self._compiled = compiled
         self._kernel = Kernel(self.model.function(), compiled)
         self._band = Kernel(spread_kernel(self.model), compiled)
 
@@ -98,20 +103,26 @@ class Inverse:
         stamps = np.asarray(time, dtype=np.float64)
         wanted = self._wanted(stamps, angles)
         notes, held = self._within_stops(stamps, wanted)
-        rows = self._rows(stamps, held)
-        run = advance(self._kernel, Feed(self._begin(rows[0]), rows, self._numbers))
+        added = np.zeros((len(stamps), len(self.rig.joints)))
+        unsure = np.zeros_like(added)
+        run = self._run(stamps, held)
+        for _ in range(MAPPED if self._learned is not None else 0):
+            assert self._learned is not None
+            added, unsure = self._learned(stamps, self._readings(run))
+            run = self._run(stamps, held - added[:, self.model.free])
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
         mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
         offsets, places = np.array(mechanism.offsets).ravel(), read["places"]
+        reached = read["angles"] + added[:, self.model.free]
         ahead = np.column_stack([sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)])
         stds = np.sqrt(self._variances(read["angles"], places, run.carries))
-        notes += [*self._not_reached(stamps, held, read["angles"]), *self._beyond(stamps, read)]
+        notes += [*self._not_reached(stamps, held, reached), *self._beyond(stamps, read)]
         return Commands(
             self.rig,
             stamps,
             wanted=wanted @ full.T + offsets,
-            angles=read["angles"] @ full.T + offsets,
-            stds=stds @ np.abs(full).T,
+            angles=reached @ full.T + offsets,
+            stds=np.sqrt((stds @ np.abs(full).T) ** 2 + unsure),
             places=places,
             sent=readings(self.model, ahead),
             speeds=np.gradient(places, stamps, axis=0),
@@ -119,6 +130,24 @@ class Inverse:
             tensions=read["tensions"],
             notes=tuple(notes),
         )
+
+    def _run(self, time: Floats, angles: Floats) -> Advanced:
+        rows = self._rows(time, angles)
+        return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._numbers))
+
+    @cached_property
+    def _learned(self) -> LearnedShift | None:
+        """What maps of a fit add to the angles; None where there is none."""
+        return None if self.rig.discrepancy is None else LearnedShift(self.rig, self._compiled)
+
+    def _readings(self, run: Advanced) -> dict[str, dict[str, Floats]]:
+        """Return what sensors of drives and tendons would read in a run."""
+        view, rig = self.model.y.view, self.rig
+        at = readings(self.model, view(run.ys, "places"))
+        of = {"position": at, "force": view(run.ys, "forces")}
+        found = {kind: {drive.name: part[:, i] for i, drive in enumerate(rig.drives)} for kind, part in of.items()}
+        tensions = view(run.ys, "tensions")
+        return found | {"tension": {tendon.name: tensions[:, i] for i, tendon in enumerate(rig.tendons)}}
 
     def _wanted(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:
         names = self.joints
@@ -221,9 +250,12 @@ class Inverse:
                 )
             if drive.stops is not None:
                 low, high = drive.stops
-                out = max(low - read["places"][:, i].min(), read["places"][:, i].max() - high)
-                if out > 0.0:
-                    notes.append(f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}] by {out:.2g}")
+                cut = (read["places"][:, i] <= low) | (read["places"][:, i] >= high)
+                if cut.any():
+                    notes.append(
+                        f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], first at "
+                        f"{time[cut][0]:.4g} s"
+                    )
         for i, tendon in enumerate(self.rig.tendons):
             slack = read["tensions"][:, i] < 0.5 * min(self.least_tension, 1e-3)
             if slack.any():

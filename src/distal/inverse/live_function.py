@@ -101,6 +101,7 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     command, y = model.function()(command, row, numbers)
     commanded = model.y.parts(y)
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
+    commanded["forces"] = _within_limits(model, commanded["forces"])
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
     after = {name: guided[name] for name in GUIDED}
     following = layout.carry.joined(**after, last=came["state"][model.free], started=ca.MX(1), command=command)
@@ -164,6 +165,14 @@ def _within_stops(model: CommandModel, angles: Vector) -> Vector:
     ends = [model.rig.joints[j].stops or (-ca.inf, ca.inf) for j in model.free]
     low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
     return ca.fmin(ca.fmax(angles, low), high)
+
+
+def _within_limits(model: CommandModel, forces: Vector) -> Vector:
+    """Return forces of drives, cut at their limits; a slider does not push."""
+    drives = model.rig.drives
+    high = [ca.inf if drive.limit is None else drive.limit for drive in drives]
+    low = [0.0 if drive.kind == "slider" else -most for drive, most in zip(drives, high)]
+    return ca.fmin(ca.fmax(forces, ca.DM(low)), ca.DM(high))
 
 
 def _believed(model: CommandModel, states: StateVector) -> ca.Function:

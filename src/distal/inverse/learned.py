@@ -1,0 +1,44 @@
+"""What a map that a fit learned adds to the angles at what the drives' sensors would read, and how sure it is of that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.estimators import AdaptiveFilter, first_values
+from distal.kernels import mean_of, variances_of
+from distal.rig import Rig, gain_of
+
+
+class LearnedShift:
+    """The filter of a rig, run over the readings that commands would give: what its maps add.
+
+    Args:
+        rig: one with a learned `discrepancy`.
+    """
+
+    def __init__(self, rig: Rig, compiled: bool = True) -> None:
+        self._runner = AdaptiveFilter(rig, compiled)
+
+    def __call__(self, time: Floats, readings: Mapping[str, Mapping[str, Floats]]) -> tuple[Floats, Floats]:
+        """Return what maps add to the joints' angles [rad] and their variances, (k, n_joints) each.
+
+        Args:
+            readings: what a sensor measures → drive → values of that, (k,).
+        """
+        runner, rig = self._runner, self._runner.rig
+        samples = np.full((len(time), len(runner.channels)), np.nan)
+        for sensor in rig.sensors:
+            of = readings.get(sensor.measures, {})
+            if sensor.name in runner.channels and sensor.of in of:
+                offset = sensor.bias.value if sensor.measures != "position" else 0.0
+                samples[:, runner.channels.index(sensor.name)] = gain_of(sensor).value * of[sensor.of] + offset
+        begin = runner.initial(time[0], first_values(samples))
+        carries, ys = runner.advanced(begin, time, samples)
+        n, joints = begin.size, len(rig.joints)
+        own, spreads = mean_of(carries, n), variances_of(carries, n)
+        added = runner.report.means(own.copy(), ys) - own
+        variances = runner.report.variances_of(spreads.copy(), ys) - spreads
+        return added[:, :joints], np.maximum(variances[:, :joints], 0.0)
