@@ -151,7 +151,6 @@ TABLES: dict[str, Callable[[], str]] = {
         "strangers-steps", names=("adaptive", "adaptive, plant known", "elastic", "inextensible")
     ),
     "strangers-glitches": lambda: strangers("strangers-glitches", names=RIVALS),
-    "strangers-series": lambda: strangers("strangers-series", names=RIVALS),
     "strangers-rigs": lambda: part(
         "strangers-rigs",
         "logs",
@@ -183,7 +182,6 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-paper",
             "control-finger",
             "control-seconds",
-            "control-hours",
             "chains-bounds",
             "models-tendons",
             "models-hands",

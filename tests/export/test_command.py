@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from distal import LiveInverse, load_rig, simulate
+from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.command import c_command
@@ -75,7 +76,7 @@ def test_c_says_what_python_says(name: str, scenario: str, single: bool, near: f
 
 def test_a_step_costs_few_operations() -> None:
     """A Cortex-M4F does about one in a cycle or two: 30,000 instructions are allowed."""
-    made = c_command(load_rig("lab-bench"), "f_command", "f", single=True)
+    made = c_command(load_rig("lab-bench"), "f_command", "f", Plain(single=True))
     assert made.operations < 15_000
     assert "malloc" not in made.source
 

@@ -38,7 +38,7 @@ class CommandedForces:
         self._forces: Floats = np.zeros(len(self._drives))
 
     def tell(self, stamp: float, values: Floats) -> Reading:
-        """Return what the filter makes of a sample, and find the commands for it."""
+        """Return what the filter makes of the `values` of all sensors at a `stamp` [s], and find the commands for it."""
         wanted = {name: float(one.reference.at(np.array([stamp]))[0]) for name, one in self._joints.items()}
         command = self._inverse.step(stamp, wanted, values[self._at])
         self._forces = command.forces

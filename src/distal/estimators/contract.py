@@ -183,8 +183,8 @@ class KernelEstimator:
     ) -> list[tuple[Floats, Floats, Floats, Floats]]:
         """Return means and variances of the states, (k, n), innovations and their variances, (k, m), of several runs.
 
-        They go side by side where there are lanes for that. Arguments are as for `checked_rows`, one of each for a run,
-        with the parameters of each run, (n_p,).
+        They go side by side where there are lanes for that. Of each run come belief, `times` and `samples` as for
+        `checked_rows`, and its parameters, `numbers`, (n_p,).
 
         Raises:
             EstimationError: as `checked_rows`.

@@ -30,8 +30,11 @@ class ExportedCommand:
     joints: tuple[str, ...]
 
 
-def c_command(rig: Rig, name: str, filter_name: str, *, single: bool = False) -> ExportedCommand:
+def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
     """Return the live inverse of a rig as C99, with the numbers of `LiveInverse`, for the filter exported as `filter_name`.
+
+    Args:
+        real: double, or float as that filter is.
 
     Raises:
         ExportError: the name is no C identifier, or the inverse has no C.
@@ -40,8 +43,7 @@ def c_command(rig: Rig, name: str, filter_name: str, *, single: bool = False) ->
     checked_name(name)
     runner, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
     layout, step = layouts(model, runner.states), live_function(model, runner.states)
-    dialect = Plain(single)
-    emitter = Emitter(dialect)
+    emitter = Emitter(real)
     try:
         advance = emitter.add(step, in_place=True)
     except CodeError as problem:
@@ -57,7 +59,7 @@ def c_command(rig: Rig, name: str, filter_name: str, *, single: bool = False) ->
         "NAME": name.upper(),
         "filter": filter_name,
         "rig": comment(rig.name),
-        "real": dialect.type,
+        "real": real.type,
         "joints": "\n".join(f" *   {i}  {comment(joint)} [rad]" for i, joint in enumerate(joints)),
         "drives": "\n".join(f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)),
         "n_joints": str(model.nf),
@@ -66,14 +68,14 @@ def c_command(rig: Rig, name: str, filter_name: str, *, single: bool = False) ->
         "n_carry": str(layout.carry.size),
         "n_x": str(layout.x.size),
         "n_y": str(layout.y.size),
-        "numbers": ", ".join(dialect.constant(float(number)) for number in numbers),
+        "numbers": ", ".join(real.constant(float(number)) for number in numbers),
         "reported": "\n".join(f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported),
         "free": ", ".join(map(str, model.free)),
         "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
-        "zero": dialect.constant(0.0),
-        "one": dialect.constant(1.0),
+        "zero": real.constant(0.0),
+        "one": real.constant(1.0),
         "first": str(FIRST),
-        "prelude": dialect.prelude(emitter.text),
+        "prelude": real.prelude(emitter.text),
         "functions": emitter.text,
         "advance": advance,
         **{f"x_{part}": str(layout.x[part].start) for part in layout.x.names},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from distal.codegen import Plain
 from distal.errors import ExportError, OutputError
 from distal.export.command import c_command
 from distal.export.names import c_name, checked_name
@@ -56,7 +57,7 @@ def export_c(
         c_of_plant = c_plant(rig, f"{name}_plant")
         files |= {f"{name}_plant.h": c_of_plant.header, f"{name}_plant.c": c_of_plant.source}
     if command:
-        c_of_command = c_command(rig, f"{name}_command", name, single=single)
+        c_of_command = c_command(rig, f"{name}_command", name, Plain(single))
         files |= {f"{name}_command.h": c_of_command.header, f"{name}_command.c": c_of_command.source}
     write_files(folder, files)
     return exported

@@ -62,7 +62,7 @@ class Balance:
         return [len(tendons) == 1 for tendons in self.tendons_of]
 
     def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
-        """Return the joints' angles, (n_joints,), or speeds, of those that move by themselves."""
+        """Return the joints' angles, (n_joints,) [rad], or speeds, of those of `free` joints, (n_free,)."""
         mechanism = self.mechanism
         return ca.mtimes(ca.SX(mechanism.spread), free) + (mechanism.offsets if offsets else 0)
 
@@ -80,7 +80,7 @@ class Balance:
         return shares
 
     def arms(self, angles: Vector, places: Vector, p: Vector) -> Matrix:
-        """Return the torque per pull on joints that move by themselves, (n_free, n_drives) [m]."""
+        """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`, `places` and parameters `p`."""
         first = [tendons[0] for tendons in self.tendons_of]
         levers = self._levers(angles, places)[first, : self.nj]
         arms = -ca.mtimes(levers, ca.SX(self.mechanism.spread)).T

@@ -71,7 +71,7 @@ class Command:
 def gains_of(
     model: CommandModel, lowest: float, feedback: Feedback | Mapping[str, Feedback] | None, fastest: float | None
 ) -> Floats:
-    """Return the gains of `live_function`: of all joints, or by their names; see `LiveInverse`.
+    """Return the gains of `live_function`, (n_gains,): `lowest` tension [N], `fastest` motion [rad/s]; see `LiveInverse`.
 
     Raises:
         CommandError: a joint is unknown, or a speed is none.

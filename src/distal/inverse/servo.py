@@ -12,7 +12,7 @@ from distal.rig import Capstan, Slider
 
 
 def followable(time: Floats, places: Floats, fastest: float) -> Floats:
-    """Return a drive's places that change no faster than a speed, jumps spread to both sides of where they are, (k,).
+    """Return a drive's places over `time` [s], (k,), no faster than `fastest`, jumps spread to both sides of them.
 
     The mean of the fastest way there from before and the latest way there from after (a rate limiter run forwards and
     backwards): half of a reversal's stretch is taken up before the joint turns.
@@ -30,9 +30,12 @@ def followable(time: Floats, places: Floats, fastest: float) -> Floats:
 
 
 def sent(time: Floats, places: Floats, drive: Slider | Capstan) -> Floats:
-    """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of place with bandwidth f and delay T, (k,).
+    """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of place, (k,).
 
-    Without a servo in the rig, places are sent as they are.
+    It has the bandwidth f and the delay T; without a servo in the rig, places are sent as they are.
+
+    Args:
+        time: rising stamps [s], (k,).
     """
     servo = drive.servo
     if servo is None:

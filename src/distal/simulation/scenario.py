@@ -75,7 +75,8 @@ class Control(Description):
     """A controller in the loop; with one joint, its keys may stand here beside ``joint``."""
 
     feedback: str = Field(
-        "adaptive", description="what tells the angle: an estimator's name, encoder, or ratio (displacements alone)"
+        "adaptive",
+        description="what tells the angle: an estimator's name, encoder, ratio (displacements alone), or command",
     )
     period: Annotated[float, In("s", "positive")] = Field(0.01, description="time between two commands")
     co_contraction: Annotated[float, In("N", "nonnegative")] = Field(
