@@ -40,8 +40,9 @@ def sample_of(inverse: LiveInverse) -> np.ndarray:
 def naive_guide(v: dict[str, float]) -> dict[str, float]:
     """Return what the guide of one joint gives, in plain numbers."""
     dt = v["dt"]
-    before = v["reference_before"] if v["started_before"] else v["angles"]
-    wished, fastest = v["wished_before"] if v["started_before"] else v["angles"], v["fastest"]
+    first = v["angles"] if v["trusted"] else v["wanted"]
+    before = v["reference_before"] if v["started_before"] else first
+    wished, fastest = v["wished_before"] if v["started_before"] else first, v["fastest"]
     most = fastest / SPEEDS_UP
     braking = np.sqrt(2 * most * abs(wished - before))
     rate = max(-fastest, min(fastest, (v["wanted"] - wished) / dt)) + np.clip((wished - before) / dt, -braking, braking)

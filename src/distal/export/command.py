@@ -16,18 +16,22 @@ from distal.inverse.inverse import LEAST_TENSION
 from distal.inverse.live import FIRST, gains_of
 from distal.inverse.live_function import layouts, live_function
 from distal.rig import Rig
+from distal.run import LOST
 
 
 @dataclass(frozen=True)
 class ExportedCommand:
-    """The commands of a rig as C; `operations` in a step, `carry` numbers that are remembered."""
+    """The commands of a rig as C; `operations` in a step, `carry` numbers that are remembered.
+
+    The indices of the joints whose angles are wanted are `joints`.
+    """
 
     name: str
     header: str
     source: str
     carry: int
     operations: int
-    joints: tuple[str, ...]
+    joints: tuple[int, ...]
 
 
 def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
@@ -53,14 +57,13 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     at = {sensor.of: runner.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
     reported += [(runner.state_names.index(state), field) for state, field in torque_fields(runner)]
-    joints = tuple(rig.joints[j].name for j in model.free)
     values = {
         "name": name,
         "NAME": name.upper(),
         "filter": filter_name,
         "rig": comment(rig.name),
         "real": real.type,
-        "joints": "\n".join(f" *   {i}  {comment(joint)} [rad]" for i, joint in enumerate(joints)),
+        "joints": "\n".join(f" *   {i}  {comment(rig.joints[j].name)} [rad]" for i, j in enumerate(model.free)),
         "drives": "\n".join(f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)),
         "n_joints": str(model.nf),
         "n_drives": str(model.nd),
@@ -70,6 +73,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "n_y": str(layout.y.size),
         "numbers": ", ".join(real.constant(float(number)) for number in numbers),
         "reported": "\n".join(f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported),
+        "known": " && ".join(f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)),
         "free": ", ".join(map(str, model.free)),
         "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
         "zero": real.constant(0.0),
@@ -83,7 +87,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     }
     operations = emitter.functions[advance].cost.operations
     header, source = filled(_HEADER, values), filled(_SOURCE, values)
-    return ExportedCommand(name, header, source, layout.carry.size, operations, joints)
+    return ExportedCommand(name, header, source, layout.carry.size, operations, tuple(model.free))
 
 
 _HEADER = """\
@@ -126,7 +130,7 @@ typedef struct {
 void $name$_begin($name$_state* state);
 
 /* Say what the drives do next, after a step of the filter that returned OK, with its dt, values and output. Where the
- * estimate is not `trusted` (its health is bad or dead), the correction by feedback stays as it was. */
+ * estimate is not `trusted` (its health is bad or dead) or its std is large, the correction by feedback stays as it was. */
 void $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
                  const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands);
 
@@ -169,7 +173,7 @@ $reported$
     const $real$ read = positions[i] < 0 ? state->places[i] : values[positions[i]];
     x[$x_read$ + i] = read == read ? read : state->places[i];
   }
-  x[$x_trusted$] = trusted ? $one$ : $zero$;
+  x[$x_trusted$] = trusted && $known$ ? $one$ : $zero$;
   x[$x_dt$] = state->begun ? dt : $zero$;
   for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->carry, x, numbers, y);
   memcpy(commands->places, y + $y_places$, sizeof commands->places);

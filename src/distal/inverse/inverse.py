@@ -19,6 +19,7 @@ from distal.inverse.readings import readings
 from distal.inverse.servo import sent
 from distal.kernels import Advanced, Feed, Kernel, advance
 from distal.rig import Rig, load_rig
+from distal.run import LOST
 from distal.simulation.plant import inside_function
 from distal.units import to_si
 
@@ -109,6 +110,8 @@ class Inverse:
         for _ in range(MAPPED if self._learned is not None else 0):
             assert self._learned is not None
             added, unsure = self._learned(stamps, self._readings(run))
+            # far from where it was learned a map is not followed
+            added, unsure = (np.where(np.sqrt(unsure) <= LOST, part, 0.0) for part in (added, unsure))
             run = self._run(stamps, held - added[:, self.model.free])
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
         mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)

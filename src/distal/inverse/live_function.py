@@ -65,7 +65,7 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
         ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests", "last"), nf
     )
     return LiveLayouts(
-        carry=Layout(**guide, started=1, command=model.carry.size),
+        carry=Layout(**guide, mapped=nf, started=1, command=model.carry.size),
         x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1),
         gains=Layout(**dict.fromkeys(GAINS, nf) | {"lowest": 1}),
         y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt),
@@ -82,20 +82,23 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
     p = ca.MX.sym("p", layout.gains.size + states.context.mechanism.parameters.symbols.numel())
     was, came, gains, own = layout.carry.parts(carry), layout.x.parts(x), layout.gains.parts(p), p[layout.gains.size :]
-    command = was.pop("command")
+    command, mapped = was.pop("command"), was.pop("mapped")
+    # maps that are not trusted, far from where they were learned, are not followed, nor torques from outside
+    mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
     numbers, torques = _believed(model, states)(came["state"], own)
     inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
     inputs |= {name: came[name] for name in ("dt", "wanted", "trusted")}
     guided = _guide(model)(angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"})
     later = _lead(model)
     bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
-    ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - came["mapped"]
+    ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
     row = model.x.joined(
         dt=came["dt"],
         angles=_within_stops(model, ahead),
         speeds=guided["speed"] + guided["correcting"],
         accelerations=guided["acceleration"],
-        torques=torques + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
+        torques=came["trusted"] * torques
+        + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
         lowest=gains["lowest"],
     )
     command, y = model.function()(command, row, numbers)
@@ -104,7 +107,9 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     commanded["forces"] = _within_limits(model, commanded["forces"])
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
     after = {name: guided[name] for name in GUIDED}
-    following = layout.carry.joined(**after, last=came["state"][model.free], started=ca.MX(1), command=command)
+    following = layout.carry.joined(
+        **after, last=came["state"][model.free], mapped=mapped, started=ca.MX(1), command=command
+    )
     y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
     return ca.Function("live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
 
@@ -117,8 +122,9 @@ def _guide(model: CommandModel) -> ca.Function:
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     dt, angles, trusted, started = v["dt"], v["angles"], v["trusted"], v["started_before"]
     safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)
-    before = ca.if_else(started > 0, v["reference_before"], angles)
-    wished = ca.if_else(started > 0, v["wished_before"], angles)
+    # it begins where the joint is, if that is known
+    first = ca.if_else(trusted > 0, angles, v["wanted"])
+    before, wished = (ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before"))
     most = v["fastest"] / SPEEDS_UP
     behind = wished - before
     catching_up = _limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))

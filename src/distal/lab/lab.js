@@ -13,6 +13,8 @@
   const values = view("lab_values", sensors.length), dead = view("lab_dead", sensors.length, Uint8Array);
   const told = view("lab_told", data.told.length), pull = view("lab_pull", 5 * bodies);
   const part = (k) => pull.subarray(k * bodies, (k + 1) * bodies);
+  const free = data.commanded, commanded = free.length ? view("lab_commanded", bodies - nj) : null;
+  const aims = free.length ? view("lab_wanted", free.length) : [], brings = () => free.length > 0 && by("bring").checked;
   const [effort, , stiffness, target, damping] = [0, 1, 2, 3, 4].map(part);
   const at = (name) => data.told.indexOf(name), tensionsAt = 2 * bodies;
 
@@ -41,8 +43,14 @@
     const ramp = Math.min(time / 2, 1);
     return data.motion.map((m) => m.from + ramp * (m.centre - m.from + range * m.amplitude * Math.sin(2 * Math.PI * speed * m.pace * time)));
   }
+  // the inverse brings the joint in the curves to the wanted angle, the others where they are led
+  function aim(way) {
+    free.forEach((j, i) => { aims[i] = brings() && j === joint ? data.motion[j].centre + setting("wanted") * DEGREE : way[j]; });
+  }
   function act(time) {
-    const wanted = places(led(time, setting("range"), setting("speed"))), tight = setting("pretension");
+    const way = led(time, setting("range"), setting("speed")), tight = setting("pretension");
+    aim(way);
+    const wanted = brings() ? [...data.start.slice(0, nj), ...Array.from(commanded, (place, d) => place - data.zeros[d])] : places(way);
     for (let i = nj; i < bodies; i++) {
       effort[i] = data.effort[i] * tight; stiffness[i] = data.servo[i - nj][0]; damping[i] = data.servo[i - nj][1]; target[i] = wanted[i];
     }
@@ -68,6 +76,7 @@
   }
   function begin() {
     count = 0; readings.length = 0; broken = false; hand = null; data.shape.most = most;
+    aim(data.motion.map((m) => m.from));
     dead.fill(0);  // the first sample fills what has no prior
     wasm.lab_begin(Number(by("seed").value) >>> 0);
     nominal = nominal || Float64Array.from(numbers);
@@ -280,6 +289,7 @@
       const wanted = JSON.parse(button.dataset.set);
       for (const input of Object.values(settings)) input.value = wanted[input.name] ?? input.defaultValue;
       for (const i of data.read) by(`dead-${i}`).checked = (wanted.dead || []).includes(i);
+      if (free.length) by("bring").checked = false;
       for (const one of experiments) one.setAttribute("aria-pressed", String(one === button));
       loaded = joint; by("why").textContent = button.dataset.why; by("saved").textContent = "";
       toSay = ["why", "verdict"]; begin(); tell();
@@ -296,6 +306,7 @@
     by("saved").textContent = `Saved ${readings.length < count ? `the first ${data.longest} s` : `${readings.length} samples, from the beginning`}; ${data.command}`;
   });
   window.addEventListener("resize", fitted);
+  if (free.length) by("bring").addEventListener("input", () => tell());
   for (const input of [...Object.values(settings), ...data.read.map((i) => by(`dead-${i}`))]) input.addEventListener("input", () => byHand(input));
 
   // what a test needs: run on without waiting, and say what was kept

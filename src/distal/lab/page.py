@@ -106,6 +106,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
     runner = make_estimator(estimator, rig, compiled=False)
     names = [joint.name for joint in rig.joints]
+    zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
     touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
     scales = [unit_factor(rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in sensors)]
     columns = [rig.log.time.column, *(sensor.log_column for sensor in sensors)]
@@ -141,6 +142,8 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "columns": columns,
         "scales": [*scales, *[1.0] * nj],
         "colours": {"plain": COLOURS[1]},
+        "commanded": list(module.commanded),
+        "zeros": [zeros.get(drive.name, 0.0) for drive in rig.drives],
         "command": f"distal estimate lab.csv --rig {source} -e {estimator} gives the same angles.",
     }
 
@@ -208,6 +211,10 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
     sliders.append(_slider("load", "load torque", (-most, most, 0.0), "N m"))
     motion = _slider("range", "range", (0.0, 1.0, 0.7), "")
     motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz")
+    if module.commanded:
+        most_turned = float(np.rad2deg(max(row["amplitude"] for row in _motion(rig))))
+        motion += "<label><input type='checkbox' id='bring'> bring the joint in the curves to an angle</label>"
+        motion += _slider("wanted", "wanted angle", (-most_turned, most_turned, 0.0), "°")
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"

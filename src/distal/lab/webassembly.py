@@ -9,9 +9,11 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from distal.codegen import Plain
 from distal.errors import EstimationError, ExportError
 from distal.estimators import make_estimator
 from distal.export import Exported, c_filter
+from distal.export.command import ExportedCommand, c_command
 from distal.export.outputs import angle_fields, filled, torque_fields
 from distal.export.plant import ExportedPlant, c_plant
 from distal.rig import Rig, std_name
@@ -24,6 +26,7 @@ class LabModule:
     Args:
         outputs: names of what `lab_step` leaves in the array of the estimates, in order.
         inextensible: whether the angles of inextensible tendons are among them.
+        commanded: indices of the joints that it can bring to wanted angles; none where the filter is not `adaptive`.
     """
 
     code: bytes
@@ -31,6 +34,7 @@ class LabModule:
     filter: Exported
     outputs: tuple[str, ...]
     inextensible: bool
+    commanded: tuple[int, ...]
 
 
 def check_ziglang() -> None:
@@ -52,6 +56,7 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
         plain: Exported | None = c_filter(rig, "inextensible", name="plain")
     except EstimationError:
         plain = None  # it needs the places of the drives
+    command = c_command(rig, "command", "filter", Plain()) if estimator == "adaptive" else None
     runner = make_estimator(estimator, rig, compiled=False)
     pairs = [*angle_fields(rig), *((field, std_name(field)) for _, field in torque_fields(runner))]
     names = [*(field for pair in pairs for field in pair), "health"]
@@ -67,13 +72,18 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
             "channels": _channels(plant, filter_),
             "plain": _plain(rig, plain, plant, len(fields) + 1),
             "include_plain": '#include "plain.h"' if plain is not None else "",
+            "command": _COMMAND if command is not None else _NO_COMMAND,
+            "include_command": '#include "command.h"' if command is not None else "",
         },
     )
     files = {"lab.c": source}
-    exports: list[Exported | ExportedPlant] = [plant, filter_, *([plain] if plain is not None else [])]
+    exports: list[Exported | ExportedPlant | ExportedCommand] = [plant, filter_]
+    exports += [export for export in (plain, command) if export is not None]
     for export in exports:
         files |= {f"{export.name}.h": export.header, f"{export.name}.c": export.source}
-    return LabModule(_compiled(files), plant, filter_, tuple(names), plain is not None)
+    return LabModule(
+        _compiled(files), plant, filter_, tuple(names), plain is not None, command.joints if command else ()
+    )
 
 
 def _plain(rig: Rig, plain: Exported | None, plant: ExportedPlant, at: int) -> str:
@@ -120,6 +130,26 @@ static void follow(int begins) {
 $told$
 }"""
 
+_COMMAND = """\
+static command_state command;
+static command_output commands;
+static double wanted[COMMAND_JOINTS];
+
+static void bring(int begins, double dt, const filter_real* own, const filter_output* out, int trusted) {
+  if (begins) command_begin(&command);
+  command_step(&command, &filter, dt, own, out, wanted, trusted, &commands);
+}
+
+void* EXPORTED(lab_wanted)(void) { return wanted; }
+void* EXPORTED(lab_commanded)(void) { return commands.places; }
+"""
+
+_NO_COMMAND = """\
+static void bring(int begins, double dt, const filter_real* own, const filter_output* out, int trusted) {
+  (void)begins, (void)dt, (void)own, (void)out, (void)trusted;
+}
+"""
+
 _GLUE = """\
 /* The lab: the plant moves, its sensors are read, dead ones left out, and the filters take the sample. */
 #include <math.h>
@@ -127,6 +157,7 @@ _GLUE = """\
 #include "filter.h"
 #include "plant.h"
 $include_plain$
+$include_command$
 
 #define EXPORTED(name) __attribute__((export_name(#name))) name
 
@@ -139,7 +170,7 @@ static unsigned char dead[PLANT_SENSORS];
 static const unsigned char channels[] = {$channels$};
 
 $plain$
-
+$command$
 static void estimate(int begins) {
   filter_real own[FILTER_CHANNELS];
   filter_output out;
@@ -158,6 +189,7 @@ static void estimate(int begins) {
     filter_step(&filter, 0, own, &out);
     told[$health$] = FILTER_HEALTH_RESTARTED;
   }
+  if (code != FILTER_BAD) bring(begins, dt, own, &out, told[$health$] < FILTER_HEALTH_DEAD);
 $told$
   follow(begins);
 }
