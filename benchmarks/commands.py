@@ -48,6 +48,20 @@ RANGES = {
 
 ENCODER = np.deg2rad(1.0)
 
+METHODS = (
+    "ratio",
+    "affine",
+    "inverse",
+    "fitted inverse",
+    "fitted, no map",
+    "repeatability",
+    "live",
+    "live, feedback",
+    "fitted, feedback",
+    "PI on the estimate",
+    "PI on an encoder",
+)
+
 
 def wanted_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -> Floats:
     """Return wanted angles of `count` joints, (k, count) [rad]."""
@@ -267,6 +281,8 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
                 "PI on the estimate": pi_law(rig, free, start, wanted[0], 4.0, encoder=False),
                 "PI on an encoder": pi_law(rig, free, start, wanted[0], 4.0, encoder=True),
             }
+            if with_fit:
+                laws["fitted, feedback"] = live_law(fitted, Feedback())
             for key, law in laws.items():
                 found.add(key, wanted, driven(PLANTS[name](seed), rig, wanted, free, start, law))
     return found
@@ -294,23 +310,22 @@ def main() -> None:
             for name in asked.plants
         }
         for name, futures in jobs.items():
-            results = [future.result() for future in futures]
-            for method in results[0].squares:
-                rms = [float(np.rad2deg(np.sqrt(np.mean(one.squares[method])))) for one in results]
-                inside = [np.mean(one.inside[method]) for one in results if method in one.inside]
-                rows.append(
-                    [
-                        name,
-                        method,
-                        f"{np.mean(rms):.2f}",
-                        f"{max(rms):.2f}",
-                        f"{100 * np.mean(inside):.0f}" if inside else "",
-                        str(sum(one.hunts.get(method, 0) for one in results)),
-                    ]
-                )
-            print(name, flush=True)
-    columns = ["plant", "method", "RMS [°]", "worst plant [°]", "inside [%]", "hunts"]
-    table("commands", "Wanted against true angles", columns, rows)
+            rows.append([name, *cells([future.result() for future in futures])])
+            print(*rows[-1], flush=True)
+    said = "RMS [°], in brackets the worst plant, then % inside the band; 'hunts': runs with a limit cycle at rest"
+    table("commands" + "-fit" * asked.fit, f"Wanted against true angles: {said}", ["plant", *METHODS, "hunts"], rows)
+
+
+def cells(results: Sequence[Result]) -> list[str]:
+    """Return what each method does on a kind of plant."""
+    found = []
+    for method in METHODS:
+        rms = [float(np.rad2deg(np.sqrt(np.mean(one.squares[method])))) for one in results if method in one.squares]
+        inside = [np.mean(one.inside[method]) for one in results if method in one.inside]
+        share = f" {100 * np.mean(inside):.0f}%" if inside else ""
+        found.append(f"{np.mean(rms):.2f} ({max(rms):.2f}){share}" if rms else "")
+    hunting = [f"{method} {count}" for method in METHODS if (count := sum(one.hunts.get(method, 0) for one in results))]
+    return [*found, ", ".join(hunting)]
 
 
 if __name__ == "__main__":

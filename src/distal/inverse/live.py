@@ -42,7 +42,7 @@ class Feedback:
     """
 
     follow: float = 1.0
-    deadband: float = float(np.deg2rad(0.3))
+    deadband: float = float(np.deg2rad(0.5))
     proportional: float = 0.0
     integral: float = 0.0
     derivative: float = 0.0
