@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from benchmarks.chains import PLANTS as RIGS
 from benchmarks.strangers import chain_plants
-from scipy.optimize import linprog
+from scipy.optimize import linprog, nnls
 
 from distal import Rig, load_rig
 from distal.errors import CommandError
@@ -42,13 +42,33 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
     arms -= np.outer(arms @ balance, balance) / (balance @ balance)
     torques, lowest = rng.normal(size=n) * 0.05, rng.uniform(0.5, 3.0, m)
     symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
-    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m)])
+    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m, "tension")])
     pulls = np.array(function(arms, torques, lowest)).ravel()
     known = linprog(np.ones(m), A_eq=arms, b_eq=torques, bounds=[(low, None) for low in lowest], method="highs")
     assert known.success
     assert pulls.sum() == pytest.approx(known.fun, rel=1e-6)
     np.testing.assert_allclose(arms @ pulls, torques, atol=1e-12)
     assert np.all(pulls >= lowest - 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_coolest_pulls_are_those_of_a_quadratic_programme(seed: int) -> None:
+    """Least Σ f² against SciPy's non-negative least squares, with the torques as heavy rows (Haskell and Hanson, 1981)."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 3))
+    m = n + 1 if seed % 2 else 2 * n
+    balance = rng.uniform(0.5, 2.0, m)
+    arms = rng.normal(size=(n, m)) * 1e-2
+    arms -= np.outer(arms @ balance, balance) / (balance @ balance)
+    torques, lowest = rng.normal(size=n) * 0.05, rng.uniform(0.5, 3.0, m)
+    symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
+    function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m, "heat")])
+    pulls = np.array(function(arms, torques, lowest)).ravel()
+    weight = 1e8
+    above, _ = nnls(
+        np.vstack([np.eye(m), weight * arms]), np.concatenate([-lowest, weight * (torques - arms @ lowest)])
+    )
+    np.testing.assert_allclose(pulls, lowest + above, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["paper-2008", "lab-bench", "finger-2n", "finger-n-plus-1", "wrist-instrument"])

@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.expressions import Vector
 from distal.inverse.balance import Balance
-from distal.inverse.distribution import least_pulls, solved
+from distal.inverse.distribution import Prefer, least_pulls, solved
 from distal.kernels import Layout
 from distal.rig import Rig
 
@@ -46,8 +46,9 @@ REACHES = 8
 class CommandModel(Balance):
     """The inverse of a rig as a kernel: layouts of its carry, its wanted sample and its output, and the function."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, prefer: Prefer = "tension") -> None:
         super().__init__(rig)
+        self.prefer = prefer
         self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
         inside = len(self.mechanism.plays) + len(self.mechanism.strains)
         self.carry = Layout(
@@ -148,7 +149,7 @@ class CommandModel(Balance):
                 pattern = self._pattern(joints, drives)
                 for r, c in pattern:
                     block[r, c] = arms[joints[r], drives[c]]
-                found = least_pulls(block, torques[joints], lowest * ca.SX.ones(len(drives)), sided)
+                found = least_pulls(block, torques[joints], lowest * ca.SX.ones(len(drives)), sided, self.prefer)
                 for d, is_sided, pull in zip(drives, sided, ca.vertsplit(found)):
                     pulls[d] = ca.fmax(pull, lowest) if is_sided else pull
         return ca.Function("pulls", [arms, torques, lowest, before], [ca.cse(ca.densify(pulls))])

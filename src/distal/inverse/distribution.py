@@ -1,17 +1,22 @@
-"""Which pulls make the torques that are needed, where there are more tendons than joints: the least that keep all taut.
+"""Which pulls make the torques that are needed, where there are more tendons than joints, all taut.
 
-A f = τ with f ≥ f_min, least Σ f: a linear programme. At its solution as many pulls are at their minimum as there are more
-of them than torques (a vertex), so that the few vertices are tried one after the other: without an iteration, in C as well.
+A f = τ with f ≥ f_min. Least Σ f is a linear programme: at its solution as many pulls are at their minimum as there are
+more of them than torques (a vertex). Least Σ f², the heat of alike motors, is a quadratic one: some pulls are at their minimum,
+the others are the shortest that make the rest. The few sets are tried one after the other: without an iteration, in C too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Literal
 
 import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
+
+Prefer = Literal["tension", "heat"]
+"""What is least: the sum of the pulls, or of their squares."""
 
 VIOLATED = 1e6
 """A newton below the minimum weighs as much as so many above it: where no choice keeps all taut, the nearest is taken."""
@@ -20,8 +25,8 @@ SINGULAR = 1e-12
 """Determinants below this, of arms in their largest, count as none."""
 
 
-def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool]) -> Vector:
-    """Return the pulls f, (m,), with A f = τ and the least sum; those that pull one way only are at least `lowest`.
+def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool], prefer: Prefer) -> Vector:
+    """Return the pulls f, (m,), with A f = τ and the least sum, or of squares; those of one side are at least `lowest`.
 
     Args:
         arms: A, (n, m), n ≤ m: torque per pull [m].
@@ -33,15 +38,18 @@ def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequen
     if n == m:
         return solved(arms, torques)
     best, cost = ca.SX.zeros(m), ca.SX(ca.inf)
-    for held in combinations([i for i in range(m) if one_sided[i]], m - n):
-        free = [i for i in range(m) if i not in held]
-        if ca.sprank(arms[:, free]) < n:
+    sided = [i for i in range(m) if one_sided[i]]
+    counts = range(m - n + 1) if prefer == "heat" else (m - n,)
+    for held in (at for count in counts for at in combinations(sided, count)):
+        free, at = [i for i in range(m) if i not in held], list(held)
+        own = arms[:, free]
+        if ca.sprank(own) < n:
             continue
-        at = list(held)
         pulls = ca.SX(m, 1)
         pulls[at] = lowest[at]
-        pulls[free] = solved(arms[:, free], torques - ca.mtimes(arms[:, at], lowest[at]))
-        total = ca.sum1(ca.fabs(pulls))
+        left = torques - ca.mtimes(arms[:, at], lowest[at])
+        pulls[free] = solved(own, left) if len(free) == n else ca.mtimes(own.T, solved(ca.mtimes(own, own.T), left))
+        total = ca.sumsqr(pulls) if prefer == "heat" else ca.sum1(ca.fabs(pulls))
         for i in free:
             if one_sided[i]:
                 total += VIOLATED * ca.fmax(lowest[i] - pulls[i], 0)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import inf
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from distal.arrays import Floats
 from distal.errors import CommandError
 from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
+from distal.inverse.distribution import Prefer
 from distal.inverse.learned import LearnedShift
 from distal.inverse.reached import place_variances, spread_kernel
 from distal.inverse.readings import readings
@@ -70,18 +72,26 @@ class Inverse:
     Args:
         rig: the description, or a shipped rig's name, or a path.
         least_tension: that every tendon keeps where there are more of them than joints: newtons, or a text with a unit.
+        prefer: what is least there, "tension" or "heat": the sum of the pulls, or of their squares.
 
     Raises:
-        CommandError: the tension is none.
+        CommandError: the tension or the preference is none.
         RigError: the rig is unknown or wrong.
     """
 
     def __init__(
-        self, rig: Rig | str | Path, *, least_tension: float | str = LEAST_TENSION, compiled: bool = True
+        self,
+        rig: Rig | str | Path,
+        *,
+        least_tension: float | str = LEAST_TENSION,
+        prefer: Prefer = "tension",
+        compiled: bool = True,
     ) -> None:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.least_tension = least_tension_of(least_tension)
-        self.model = CommandModel(self.rig)
+        if prefer not in get_args(Prefer):
+            raise CommandError(f"prefer: {' or '.join(get_args(Prefer))}, {prefer!r} came")
+        self.model = CommandModel(self.rig, prefer)
         self._compiled = compiled
         self._kernel = Kernel(self.model.function(), compiled)
         self._band = Kernel(spread_kernel(self.model), compiled)
