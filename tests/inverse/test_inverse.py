@@ -241,3 +241,28 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
     limit, stiffness = 0.15 * 2e-3 * commands.tensions[0].sum(), 2 * 20e3 * 8e-3**2
     off[0] += (limit / stiffness) ** 2 / 3
     np.testing.assert_allclose(commands.stds[[0, 150], 0], np.sqrt(off), rtol=0.03)
+
+
+def test_a_joint_is_as_stiff_as_its_tendons_say() -> None:
+    """Tendons of k at arms r hold the joint with Σ k r², whatever their tension: pulleys, and straight springs."""
+    inverse = Inverse("finger-2n", compiled=False)
+    found = inverse.stiffness({"mcp": 0.4, "pip": 0.3}, "3 N")
+    rig = inverse.rig
+    for joint, stiffness in zip(inverse.joints, found):
+        arms = [tendon.arms().get(joint, 0.0) for tendon in rig.tendons]
+        springs = [tendon.stiffness.value for tendon in rig.tendons]
+        assert stiffness == pytest.approx(sum(k * r**2 for k, r in zip(springs, arms)), rel=0.05)  # and gravity
+    np.testing.assert_allclose(found, inverse.stiffness([0.4, 0.3], 30.0), rtol=1e-6)
+    assert inverse.pretension([0.4, 0.3], 0.5 * found.min()) == pytest.approx(0.1)
+    with pytest.raises(CommandError, match="more than the tendons give"):
+        inverse.pretension([0.4, 0.3], 2.0 * found.max())
+
+
+def test_pretension_makes_a_joint_stiff_whose_tendons_stiffen() -> None:
+    """The stiffness that is wanted is that at the tension that is returned."""
+    stiffening = load_rig("paper-2008").with_values({f"tendons.{i}.stiffening": 200.0 for i in range(2)})
+    inverse = Inverse(stiffening, compiled=False)
+    low, high = (float(inverse.stiffness([0.2], tension)[0]) for tension in (1.0, 50.0))
+    assert high > 1.1 * low
+    tension = inverse.pretension([0.2], 0.5 * (low + high))
+    assert float(inverse.stiffness([0.2], tension)[0]) == pytest.approx(0.5 * (low + high), rel=1e-3)

@@ -1,8 +1,8 @@
 """Which pulls make the torques that are needed, where there are more tendons than joints, all taut.
 
 A f = τ with f ≥ f_min. Least Σ f is a linear programme: at its solution as many pulls are at their minimum as there are
-more of them than torques (a vertex). Least Σ f², the heat of alike motors, is a quadratic one: some pulls are at their minimum,
-the others are the shortest that make the rest. The few sets are tried one after the other: without an iteration, in C too.
+more of them than torques (a vertex). Least Σ f², the heat of alike motors, is a quadratic one: some pulls are at their
+minimum, the others are the shortest that make the rest. The few sets are tried one by one: no iteration, in C too.
 """
 
 from __future__ import annotations

@@ -8,7 +8,9 @@ from math import inf
 from pathlib import Path
 from typing import get_args
 
+import casadi as ca
 import numpy as np
+from scipy.optimize import brentq
 
 from distal.arrays import Floats
 from distal.errors import CommandError
@@ -16,7 +18,7 @@ from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
 from distal.inverse.distribution import Prefer
 from distal.inverse.learned import LearnedShift
-from distal.inverse.reached import place_variances, spread_kernel
+from distal.inverse.reached import place_variances, spread_kernel, stiffness_function
 from distal.inverse.readings import readings
 from distal.inverse.servo import sent
 from distal.kernels import Advanced, Feed, Kernel, advance
@@ -27,6 +29,9 @@ from distal.units import to_si
 
 LEAST_TENSION = 1.0
 """Tension that every tendon keeps where nothing else is asked for [N]."""
+
+SLACKEST, TAUTEST = 0.1, 500.0
+"""Between these a tension is looked for that makes a joint stiff [N]."""
 
 MAPPED = 3
 """So often commands follow from what a learned map adds, and that from the commands."""
@@ -161,6 +166,56 @@ class Inverse:
         found = {kind: {drive.name: part[:, i] for i, drive in enumerate(rig.drives)} for kind, part in of.items()}
         tensions = view(run.ys, "tensions")
         return found | {"tension": {tendon.name: tensions[:, i] for i, tendon in enumerate(rig.tendons)}}
+
+    def stiffness(self, angles: Sequence[float] | Floats | Mapping[str, float], tension: float | str) -> Floats:
+        """Return how stiff each free joint is at rest, its drives and the other joints held, (n_free,) [N m/rad].
+
+        Args:
+            angles: of the free joints [rad], in their order or by name.
+            tension: least tension of the tendons: newtons, or a text with a unit.
+
+        Raises:
+            CommandError: an angle is missing, or the tension is none.
+        """
+        still = np.array([0.0, 1.0])
+        each = {name: np.full(2, angle) for name, angle in angles.items()} if isinstance(angles, Mapping) else None
+        wanted = self._wanted(
+            still, each if each is not None else np.tile(np.asarray(angles, dtype=np.float64), (2, 1))
+        )
+        row = self._rows(still, wanted)[0]
+        row[self.model.x["lowest"]] = least_tension_of(tension)
+        carry = self._begin(row)
+        places, inside = carry[self.model.carry["places"]], carry[self.model.carry["inside"]]
+        found: Floats = self._stiffness(wanted[0], places, np.concatenate([self._numbers, inside])).full().ravel()
+        return found
+
+    @cached_property
+    def _stiffness(self) -> ca.Function:
+        return stiffness_function(self.model)
+
+    def pretension(self, angles: Sequence[float] | Floats | Mapping[str, float], stiffness: float) -> float:
+        """Return the least tension of the tendons at which each free joint is so stiff [N].
+
+        Args:
+            angles: of the free joints [rad], in their order or by name.
+            stiffness: that is wanted [N m/rad].
+
+        Raises:
+            CommandError: no tension up to `TAUTEST` gives it; the message says what they give.
+        """
+
+        def lacks(tension: float) -> float:
+            return stiffness - float(self.stiffness(angles, tension).min())
+
+        if lacks(SLACKEST) <= 0.0:
+            return SLACKEST
+        if lacks(TAUTEST) > 0.0:
+            ends = [f"{stiffness - lacks(tension):.3g}" for tension in (SLACKEST, TAUTEST)]
+            raise CommandError(
+                f"stiffness: {stiffness:.3g} N m/rad is more than the tendons give: {ends[0]} at {SLACKEST:g} N, {ends[1]} "
+                f"at {TAUTEST:g} N; tendons whose stiffness does not grow with their tension hardly change it"
+            )
+        return float(brentq(lacks, SLACKEST, TAUTEST, xtol=1e-3))
 
     def _wanted(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:
         names = self.joints

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
+from distal.expressions import Vector
 from distal.inverse.command import CommandModel
 from distal.inverse.distribution import solved
 from distal.model.parameters import Parameters
@@ -25,15 +26,11 @@ def spread_function(model: CommandModel) -> ca.Function:
 
     Places of drives err by variances σ_s², (n_drives,), of their own.
     """
-    mechanism, nf = model.mechanism, model.nf
-    root = covariance_root(mechanism.parameters)
+    nf, p = model.nf, model.mechanism.parameters.symbols
+    root = covariance_root(model.mechanism.parameters)
     free, places, turned = ca.SX.sym("free", nf), ca.SX.sym("places", model.nd), ca.SX.sym("turned", nf)
-    place_variances = ca.SX.sym("place_variances", model.nd)
-    external, zeros, p = ca.SX.sym("tau", model.nj), ca.SX.zeros(nf), mechanism.parameters.symbols
-    joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
-    needed, friction = model.needed(free, zeros, zeros, places, turned, external, p)
-    forces = mechanism.pulls(ca.vertcat(joints, places), ca.SX.zeros(mechanism.n_bodies), settled=True).forces
-    lacking = ca.mtimes(ca.SX(mechanism.spread).T, forces[: model.nj]) - needed
+    place_variances, external = ca.SX.sym("place_variances", model.nd), ca.SX.sym("tau", model.nj)
+    lacking, friction = _lacking(model, free, places, turned, external)
     slopes = ca.jacobian(lacking, free) - SOFTEST * ca.SX.eye(nf)
     by_numbers = ca.mtimes(ca.jacobian(lacking, p), ca.sparsify(ca.SX(ca.DM(root))))
     by_places = ca.mtimes(ca.jacobian(lacking, places), ca.diag(ca.sqrt(place_variances)))
@@ -49,6 +46,25 @@ def spread_function(model: CommandModel) -> ca.Function:
     return ca.Function(
         "variances", [free, places, turned, place_variances, external, p], [ca.cse(ca.densify(variances))]
     )
+
+
+def _lacking(
+    model: CommandModel, free: Vector, places: Vector, turned: Vector, external: Vector
+) -> tuple[Vector, Vector]:
+    """Return what joints at rest lack, (n_free,) [N m], and their friction limits."""
+    mechanism, zeros = model.mechanism, ca.SX.zeros(model.nf)
+    joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
+    needed, friction = model.needed(free, zeros, zeros, places, turned, external, mechanism.parameters.symbols)
+    forces = mechanism.pulls(ca.vertcat(joints, places), ca.SX.zeros(mechanism.n_bodies), settled=True).forces
+    return ca.mtimes(ca.SX(mechanism.spread).T, forces[: model.nj]) - needed, friction
+
+
+def stiffness_function(model: CommandModel) -> ca.Function:
+    """Return (θ_free, s, p) → stiffness of each joint, drives and other joints held, (n_free,) [N m/rad]."""
+    free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
+    lacking, _ = _lacking(model, free, places, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
+    arguments = [free, places, model.mechanism.parameters.symbols]
+    return ca.Function("stiffness", arguments, [-ca.diag(ca.jacobian(lacking, free))])
 
 
 def spread_kernel(model: CommandModel) -> ca.Function:
