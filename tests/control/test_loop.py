@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from distal import Scenario, closed_loop, estimate, load_rig, simulate, simulate_batch
+from distal import Scenario, closed_loop, estimate, load_rig, load_scenario, scenario_rig, simulate, simulate_batch
 from distal.control import ControlledPlant, plot_control, track
 from distal.control.loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
@@ -154,6 +155,27 @@ def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
         (one,) = track(run)
         assert np.rad2deg(one.rms) < 5.0
         assert one.estimate_rms < np.deg2rad(3.0)  # it begins with a std of 3°
+
+
+def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> None:
+    """The gains alone are late and wait for friction; the filter runs once, and says what it says over the log."""
+    time = np.arange(0.0, 6.0, 0.05)
+    wanted = np.deg2rad(15.0) * np.sin(2 * np.pi * 0.3 * time) * np.minimum(time / 2.0, 1.0)
+    shipped = load_scenario("control-paper", ['duration="6 s"'])
+    rig = scenario_rig(shipped)
+    assert shipped.control is not None
+    link = shipped.control.joints["link"]
+    smooth = replace(link.reference, times=tuple(time.tolist()), values=tuple(wanted.tolist()))
+    joints = {"link": link.model_copy(update={"reference": smooth})}
+    described = shipped.model_copy(update={"control": shipped.control.model_copy(update={"joints": joints})})
+    run, pid = (closed_loop(rig, described, 1, feedback=name) for name in ("command", "adaptive"))
+    again = estimate(run.log, rig)
+    np.testing.assert_allclose(run.estimates, again.angles[: len(run.estimates)], rtol=0, atol=1e-12)
+    errors = [float(np.rad2deg(track(one)[0].rms)) for one in (run, pid)]
+    assert errors[0] < 0.4 * errors[1]
+    assert np.all(np.column_stack([*run.commands.values()]) >= 0.0)  # a slider does not push
+    with pytest.raises(ControlError, match=r"feedback: 'comand' is none of .*did you mean 'command'"):
+        closed_loop(rig, described, feedback="comand")
 
 
 @pytest.mark.parametrize("feedback", ["encoder", "adaptive", "ratio"])

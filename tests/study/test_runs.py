@@ -102,15 +102,16 @@ def test_a_row_does_not_depend_on_what_ran_before(monkeypatch: pytest.MonkeyPatc
 def test_a_closed_loop_is_asked_for_its_reference() -> None:
     """The joint that is fed back by displacements stays behind; what is told of it is judged apart."""
     asked = {"joint": "link", "within": "6 deg", "time": "50 %"}
-    vary = {"feedback": ["encoder", "adaptive", "ratio"]}
+    vary = {"feedback": ["encoder", "adaptive", "ratio", "command"]}
     plan = small(scenarios=["control-paper"], vary=vary, fill="grid", seeds=1, duration="5 s", requirement=asked)
-    rows = run_chunk(plan, [0, 1, 2])
-    assert rows["problem"] == ["", "", ""]
-    assert rows["feedback"] == ["encoder", "adaptive", "ratio"]
-    encoder, adaptive, ratio = (float(value or 0.0) for value in rows["rms_deg"])
+    rows = run_chunk(plan, [0, 1, 2, 3])
+    assert rows["problem"] == ["", "", "", ""]
+    assert rows["feedback"] == ["encoder", "adaptive", "ratio", "command"]
+    encoder, adaptive, ratio, command = (float(value or 0.0) for value in rows["rms_deg"])
     assert encoder == pytest.approx(adaptive, rel=0.3)
+    assert command < 1.2 * encoder
     assert ratio > 2.0 * encoder
-    assert rows["met"] == [True, True, False]
+    assert rows["met"] == [True, True, False, True]
     with pytest.raises(StudyError, match=r"vary\.feedback: no scenario of the study has a \[control\] table"):
         space_of(small(vary={"feedback": ["encoder"]}))
     with pytest.raises(StudyError, match=r"vary\.feedback: unknown 'encodr'; did you mean 'encoder'\?"):

@@ -2,11 +2,12 @@
 
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.figures import plot_control
-from distal.control.loop import ENCODER, RATIO, ClosedLoop, Controller, closed_loop, run_controller, simulate
+from distal.control.loop import COMMAND, ENCODER, RATIO, ClosedLoop, Controller, closed_loop, run_controller, simulate
 from distal.control.pid import PID, Held
 from distal.control.tracking import Hunting, Tracking, track
 
 __all__ = [
+    "COMMAND",
     "ENCODER",
     "PID",
     "RATIO",

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control import ENCODER, RATIO
+from distal.control import COMMAND, ENCODER, RATIO
 from distal.errors import DistalError, StudyError
 from distal.estimators import ESTIMATORS
 from distal.rig import ALL, Rig, number
@@ -65,7 +65,7 @@ class Axis:
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
     sensors = [sensor.name for sensor in rig.sensors]
     if path in (ESTIMATOR, FEEDBACK):
-        allowed, names = [*ESTIMATORS, *((ENCODER, RATIO) if path == FEEDBACK else ())], _list(path, raw)
+        allowed, names = [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())], _list(path, raw)
         for name in names:
             if name not in allowed:
                 raise StudyError(f"vary.{path}: unknown '{name}'{did_you_mean(str(name), allowed)}")
