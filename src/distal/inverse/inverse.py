@@ -33,9 +33,6 @@ LEAST_TENSION = 1.0
 SLACKEST, TAUTEST = 0.1, 500.0
 """Between these a tension is looked for that makes a joint stiff [N]."""
 
-MAPPED = 3
-"""So often commands follow from what a learned map adds, and that from the commands."""
-
 NEAR = float(np.deg2rad(0.1))
 """An angle that is missed by less is reached [rad]."""
 
@@ -119,15 +116,14 @@ class Inverse:
         stamps = np.asarray(time, dtype=np.float64)
         wanted = self._wanted(stamps, angles)
         notes, held = self._within_stops(stamps, wanted)
-        added = np.zeros((len(stamps), len(self.rig.joints)))
-        unsure = np.zeros_like(added)
+        added = unsure = np.zeros((len(stamps), len(self.rig.joints)))
         run = self._run(stamps, held)
-        for _ in range(MAPPED if self._learned is not None else 0):
-            assert self._learned is not None
-            added, unsure = self._learned(stamps, self._readings(run))
-            # far from where it was learned a map is not followed
-            added, unsure = (np.where(np.sqrt(unsure) <= LOST, part, 0.0) for part in (added, unsure))
-            run = self._run(stamps, held - added[:, self.model.free])
+        if self._learned is not None:
+            shift, unsure = self._learned(stamps, self._readings(run))
+            unsure = np.where(np.sqrt(unsure) <= LOST, unsure, 0.0)
+            if self._learned.is_constant:
+                added = shift
+                run = self._run(stamps, held - added[:, self.model.free])
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
         mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
         offsets, places = np.array(mechanism.offsets).ravel(), read["places"]

@@ -1,4 +1,9 @@
-"""What a map that a fit learned adds to the angles at what the drives' sensors would read, and how sure it is of that."""
+"""What a map that a fit learned adds to the angles at what the drives' sensors would read, and how sure it is of that.
+
+It corrects what the filter makes of readings. A command has none: those that the model foresees often lie outside of what
+the logs had, where terms that cancelled in the logs do not. So only a constant is followed; of other maps the band counts
+(docs/results/control.md).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +15,7 @@ from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, first_values
 from distal.kernels import mean_of, variances_of
 from distal.rig import Rig, gain_of
+from distal.rig.learned_map import CONSTANT
 
 
 class LearnedShift:
@@ -21,6 +27,11 @@ class LearnedShift:
 
     def __init__(self, rig: Rig, compiled: bool = True) -> None:
         self._runner = AdaptiveFilter(rig, compiled)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the map is the same everywhere."""
+        return self._runner.discrepancy is not None and self._runner.discrepancy.terms == (CONSTANT,)
 
     def __call__(self, time: Floats, readings: Mapping[str, Mapping[str, Floats]]) -> tuple[Floats, Floats]:
         """Return what maps add to the joints' angles [rad] and their variances, (k, n_joints) each.
