@@ -27,7 +27,7 @@ def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_notebooks_are_there_with_figures_and_without_errors() -> None:
-    assert [path.stem for path in NOTEBOOKS] == ["finger", "first_estimate"]
+    assert [path.stem for path in NOTEBOOKS] == ["command", "finger", "first_estimate"]
     for path in NOTEBOOKS:
         outputs = [output for cell in cells(path, "code") for output in cell["outputs"]]
         assert not any(output["output_type"] == "error" for output in outputs)
