@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,10 @@ from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.command import c_command
+from distal.export.source import c_filter
 from distal.kernels.compiler import find_compiler
+from tests.export.helpers import missing_tools
+from tests.export.test_microcontroller import cases, measure
 
 needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")
 
@@ -85,3 +90,37 @@ def test_commands_are_for_adaptive(tmp_path: Path) -> None:
     with pytest.raises(ExportError, match="commands are by the state of adaptive"):
         export_c(load_rig("paper-2008"), tmp_path, "inextensible", command=True)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {missing_tools()}")
+def test_on_a_cortex_m4f_a_step_takes_few_instructions(tmp_path: Path) -> None:
+    """Filter and commands in one step, less the filter alone: 30,000 instructions are allowed for one joint."""
+    name, rig, scenario = cases()[0]
+    made = c_filter(rig, "adaptive", True, "filter")
+    command = c_command(rig, "command", "filter", Plain(single=True))
+    body = command.header.replace('#include "filter.h"\n', "") + command.source.replace('#include "command.h"\n', "")
+    # in one file: names of its own for what both have
+    for shared in {
+        word for word in re.findall(r"static [^(;={]*?(\w+)[(\[]", body) if re.search(rf"\b{word}\b", made.source)
+    }:
+        body = re.sub(rf"\b{shared}\b", f"own_{shared}", body)
+    first, *rest = made.source.split("int filter_step(")
+    both = f"{first}int filter_alone(filter_state* state, float dt, const float* values, filter_output* out);\n{body}"
+    both += "static command_state commanding;\nint filter_alone(" + "int filter_step(".join(rest)
+    both += """
+int filter_step(filter_state* state, float dt, const float* values, filter_output* out) {
+  static const float wanted[COMMAND_JOINTS] = {0.1f};
+  static command_output commands;
+  const int code = filter_alone(state, dt, values, out);
+  command_step(&commanding, state, dt, values, out, wanted, 1, &commands);
+  return code;
+}
+"""
+    means = []
+    for k, one in enumerate((made, replace(made, source=both))):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        means.append(measure(rig, scenario, "adaptive", folder, one)[0].instructions[0])
+    print(f"{name}: filter {means[0]:,.0f}, commands {means[1] - means[0]:,.0f} instructions")
+    assert 0 < means[1] - means[0] < 30_000
