@@ -9,18 +9,21 @@ from __future__ import annotations
 
 import argparse
 import os
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.hands import hand
 
 from benchmarks.report import table
 from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos
-from distal import Inverse, LiveEstimator, LiveInverse, Log, Rig, fit
+from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, fit, load_rig
 from distal.confidence import BAND
 from distal.control.tracking import FOR, HUNTS, constant_parts
 from distal.errors import DistalWarning
@@ -301,7 +304,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--fit", action="store_true")
     parser.add_argument("--no-loops", action="store_true")
+    parser.add_argument("--time", action="store_true", help="time a step instead")
     asked = parser.parse_args()
+    if asked.time:
+        times()
+        return
     seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
     rows = []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -314,6 +321,43 @@ def main() -> None:
             print(*rows[-1], flush=True)
     said = "RMS [°], in brackets the worst plant, then % inside the band; 'hunts': runs with a limit cycle at rest"
     table("commands" + "-fit" * asked.fit, f"Wanted against true angles: {said}", ["plant", *METHODS, "hunts"], rows)
+
+
+def cost(step: Callable[[float], object]) -> float:
+    """Return the median time of a step [µs]."""
+    costs = []
+    for k in range(2000):
+        start = time.perf_counter()
+        step(0.01 * k)
+        costs.append(time.perf_counter() - start)
+    return 1e6 * float(np.median(costs))
+
+
+def _with(step: Callable[..., object], *arguments: object) -> None:
+    *rest, stamp = arguments
+    step(stamp, *rest)
+
+
+def times() -> None:
+    """Print what a step costs: Python, beside its filter and monitor, and the compiled kernel alone."""
+    rows = []
+    rigs = {name: load_rig(name) for name in ("lab-bench", "paper-2008", "finger-2n", "wrist-instrument")}
+    rigs |= {f"{count} × finger-n-plus-1": hand(count * ["finger-n-plus-1"]) for count in (1, 2, 5)}
+    for name, rig in rigs.items():
+        begun = time.perf_counter()
+        inverse, monitor = LiveInverse(rig), Monitor(LiveEstimator(rig))
+        built = time.perf_counter() - begun
+        sample, wanted = np.zeros(len(inverse.channels)), np.full(len(inverse.joints), 0.2)
+        kernel = inverse._loop.step
+        found = [
+            cost(partial(_with, inverse.step, wanted, sample)),
+            cost(partial(_with, monitor.take, sample)),
+            cost(lambda _, step=kernel: step()),
+        ]
+        rows.append([name, f"{found[0] - found[1]:.1f}", f"{found[2]:.1f}", f"{built:.1f}"])
+    table(
+        "commands-time", "A live step", ["rig", "beside filter and monitor [µs]", "kernel [µs]", "building [s]"], rows
+    )
 
 
 def cells(results: Sequence[Result]) -> list[str]:
