@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from distal.confidence import BAND
 from distal.expressions import Vector
 from distal.inverse.balance import Balance
 from distal.inverse.distribution import Prefer, least_pulls, solved
@@ -149,10 +150,19 @@ class CommandModel(Balance):
                 pattern = self._pattern(joints, drives)
                 for r, c in pattern:
                     block[r, c] = arms[joints[r], drives[c]]
-                found = least_pulls(block, torques[joints], lowest * ca.SX.ones(len(drives)), sided, self.prefer)
+                least = lowest * ca.DM([self._margin(d) for d in drives])
+                found = least_pulls(block, torques[joints], least, sided, self.prefer)
                 for d, is_sided, pull in zip(drives, sided, ca.vertsplit(found)):
-                    pulls[d] = ca.fmax(pull, lowest) if is_sided else pull
+                    pulls[d] = ca.fmax(pull, lowest * self._margin(d)) if is_sided else pull
         return ca.Function("pulls", [arms, torques, lowest, before], [ca.cse(ca.densify(pulls))])
+
+    def _margin(self, drive: int) -> float:
+        """Return by which factor a pull is above what is asked for, for all but 2.5 % of the rigs as built to keep it.
+
+        At its place a drive whose tendons are as much softer as the rig file allows pulls so much less.
+        """
+        tendons = [self.rig.tendons[i] for i in self.tendons_of[drive]]
+        return 1.0 + BAND * max(tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons)
 
     def _pattern(self, joints: Sequence[int], drives: Sequence[int]) -> list[tuple[int, int]]:
         symbols = ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
