@@ -11,7 +11,7 @@ from benchmarks.strangers.servo_plants import PERIOD, Ropes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from distal import Inverse, LiveInverse, load_rig
+from distal import Inverse, LiveInverse, Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Feedback
 from distal.inverse.command import CommandModel
@@ -19,6 +19,7 @@ from distal.inverse.live import ACROSS
 from distal.inverse.live_function import LEAVES, MOST, SMOOTHED, SPEEDS_UP, _guide
 from distal.inverse.readings import readings
 from distal.inverse.servo import followable, sent
+from tests.estimators.test_discrepancy import made
 
 RIG = "paper-2008-observed"
 
@@ -26,6 +27,11 @@ RIG = "paper-2008-observed"
 @pytest.fixture(scope="module")
 def inverse() -> LiveInverse:
     return LiveInverse(RIG, compiled=False)
+
+
+def with_delay(delay: float) -> Rig:
+    """Return the rig whose drives follow places so late."""
+    return load_rig(RIG).with_values({f"drives.{i}.servo": {"delay": delay} for i in range(2)})
 
 
 def sample_of(inverse: LiveInverse) -> np.ndarray:
@@ -120,11 +126,11 @@ def test_a_clone_goes_on_alone(inverse: LiveInverse) -> None:
     sample = sample_of(inverse)
     for k in range(5):
         inverse.step(0.01 * k, {"link": 0.1 + 0.02 * k}, sample)
-    for made in (LiveInverse.clone, copy, deepcopy):
-        other = made(inverse)
+    for cloned in (LiveInverse.clone, copy, deepcopy):
+        other = cloned(inverse)
         once = other.step(0.05, [0.25], sample)
         assert inverse.estimator.time == 0.04
-        np.testing.assert_array_equal(once.places, made(inverse).step(0.05, [0.25], sample).places)
+        np.testing.assert_array_equal(once.places, cloned(inverse).step(0.05, [0.25], sample).places)
 
 
 def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
@@ -170,6 +176,54 @@ def test_what_is_not_known_is_not_fed_back(inverse: LiveInverse) -> None:
     silent = inverse.step(4.0, [0.2], np.full(len(sample), np.nan))
     np.testing.assert_array_equal(inverse._loop.carry[at], held)
     assert np.isfinite(silent.places).all()
+
+
+def test_an_angle_is_commanded_for_when_the_drive_gets_there() -> None:
+    """With a delay of 50 ms, along w = a t²/2: the command is for w at t + 50 ms, the bend included."""
+    late, acceleration = 0.05, 4.0
+    inverse = LiveInverse(with_delay(late), feedback=Feedback(follow=0.0), compiled=False)
+    for k in range(60):
+        inverse.step(0.01 * k, [0.1 + acceleration * (0.01 * k) ** 2 / 2], sample_of(inverse))
+    wanted = 0.1 + acceleration * (0.59 + late) ** 2 / 2
+    # differences over 10 ms are half of that late, and smoothed over 5 ms
+    behind = acceleration * 0.59 * 0.0 + late * acceleration * (0.005 + SMOOTHED)
+    bend = acceleration * late**2 / 2
+    assert float(inverse._y["angles"][0]) == pytest.approx(wanted - behind, abs=0.3 * bend)
+
+
+def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
+    """A map that adds 0.02 rad: the same places as without it for an angle that is 0.02 rad smaller."""
+    rig = load_rig("capstan-joint")
+    constant = {"joint": "jaw", "coefficients": [0.02], "covariance": [[0.0]], "std": 0.01}
+    wide = {"low": [-50.0] * 3, "high": [50.0] * 3, "distance": [[1e-6, 0.0], [0.0, 1e-6]], "reach": 1e3}
+    learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
+    places = []
+    for one, wanted in ((rig, 0.1), (rig.with_values({"discrepancy": learned}), 0.12)):
+        inverse = LiveInverse(one, feedback=Feedback(follow=0.0), compiled=False)
+        sample = np.zeros(len(inverse.channels))
+        for k in range(80):
+            command = inverse.step(0.005 * k, [wanted], sample)
+        assert command.note == ""
+        places.append(command.places)
+    np.testing.assert_allclose(places[0], places[1], atol=2e-5)
+
+
+def test_a_torque_that_the_filter_sees_is_held_against() -> None:
+    """τ from outside at rest: the drives make τ less, by their levers, than without it."""
+    rig = load_rig(RIG).with_values({"joints.link.external_torque.std": 0.05})
+    inverse = LiveInverse(rig, feedback=Feedback(follow=0.0), compiled=False)
+    sample, at = sample_of(inverse), inverse.estimator.state_names.index("external_torque")
+    forces = []
+    for torque in (0.0, 0.01):
+        inverse.reset()
+        for k in range(30):
+            inverse.step(0.01 * k, [0.1], sample)
+        inverse._x["state"][at] = torque
+        inverse._loop.step()
+        forces.append(inverse._y["tensions"].copy())
+    arm = 9.53e-3
+    change = arm * ((forces[1] - forces[0])[0] - (forces[1] - forces[0])[1])
+    assert change == pytest.approx(-0.01, rel=0.25)  # friction follows the tensions
 
 
 def test_a_drive_that_follows_speeds_comes_back_to_its_place(inverse: LiveInverse) -> None:

@@ -17,7 +17,10 @@ NOTHING = 0.01
 
 
 def command_command(
-    wanted: Annotated[Path, Argument(help="Wanted angles: a file with t and theta (theta_JOINT), e.g. 'theta [deg]'.")],
+    wanted: Annotated[
+        Path,
+        Argument(help="Wanted angles: a file with t and theta (theta_JOINT)."),
+    ],
     rig: RigOption,
     out: Annotated[
         Path, Option(help="Where to write the commands (CSV or Parquet), by the rig's own columns and units.")
@@ -50,7 +53,7 @@ def command_command(
     for j, joint in enumerate(joints):
         away = degrees(float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2))))
         band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
-        reached = "what is wanted" if away < NOTHING else f"what is wanted but for {away:.2g}° RMS"
+        reached = "what is wanted" if away < NOTHING else f"what is wanted but for {away:.3g}° RMS"
         say(f"{joint}: reaches {reached}, 95 % band ± {band:.2g}° in an open loop")
     for note in commands.notes:
         warn(note)

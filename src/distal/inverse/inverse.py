@@ -249,7 +249,7 @@ class Inverse:
             if beyond.max() > NEAR:
                 low, high = np.rad2deg(joint.stops)
                 notes.append(
-                    f"{joint.name} is wanted {np.rad2deg(beyond.max()):.2g}° beyond its stops ({low:.4g} to {high:.4g}°), "
+                    f"{joint.name} is wanted {np.rad2deg(beyond.max()):.3g}° beyond its stops ({low:.4g} to {high:.4g}°), "
                     f"first at {time[beyond > NEAR][0]:.4g} s"
                 )
         return notes, held
