@@ -27,7 +27,7 @@ from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, fit, 
 from distal.confidence import BAND
 from distal.control.tracking import FOR, HUNTS, constant_parts
 from distal.errors import DistalWarning
-from distal.inverse import Commands, Feedback
+from distal.inverse import Command, Commands, Feedback
 from distal.inverse.servo import sent
 from distal.logs import FROM_SENSOR
 
@@ -60,6 +60,7 @@ METHODS = (
     "repeatability",
     "live",
     "live, feedback",
+    "live, speeds",
     "fitted, feedback",
     "PI on the estimate",
     "PI on an encoder",
@@ -120,9 +121,12 @@ def run(plant: Any, sent_places: Floats) -> tuple[Floats, list[dict[str, float]]
 
 
 def driven(
-    plant: Any, rig: Rig, wanted: Floats, free: Sequence[int], start: Floats, law: Callable[..., Floats]
+    plant: Any, rig: Rig, wanted: Floats, free: Sequence[int], start: Floats, law: Callable[..., Command | Floats]
 ) -> Floats:
-    """Return true angles while a law (time, wanted, readings, true angles) says what is sent, from `start` on."""
+    """Return true angles while a law (time, wanted, readings, true angles) says what is sent, from `start` on.
+
+    A law that returns commands sends speeds, another one places.
+    """
     servos = Servos(plant, getattr(plant, "errors", None))
     begin = plant.places + servos.errors(plant.places)
     angles, read = servos.step(begin)
@@ -132,7 +136,10 @@ def driven(
     found = np.empty((len(wanted), len(rig.joints)))
     for k, row in enumerate(wanted):
         found[k] = angles
-        angles, read = servos.step(law(k * PERIOD, row[list(free)], read, angles))
+        said = law(k * PERIOD, row[list(free)], read, angles)
+        if isinstance(said, Command) and not servos.speeds:
+            servos = Servos(plant, servos.errors, speeds=True)
+        angles, read = servos.step(said.speeds if isinstance(said, Command) else said)
     return found
 
 
@@ -142,12 +149,13 @@ def led(rig: Rig, places: Floats) -> Floats:
     return np.column_stack([sent(time, places[:, i], drive) for i, drive in enumerate(rig.drives)])
 
 
-def live_law(rig: Rig, feedback: Feedback) -> Callable[..., Floats]:
-    """Return the live inverse as a law."""
+def live_law(rig: Rig, feedback: Feedback, speeds: bool = False) -> Callable[..., Command | Floats]:
+    """Return the live inverse as a law, of places or of speeds."""
     inverse = LiveInverse(rig, least_tension=LEAST_TENSION, feedback=feedback)
 
-    def law(time: float, wanted: Floats, read: dict[str, float], angles: Floats) -> Floats:
-        return inverse.step(time, wanted, np.array([read[name] for name in inverse.channels])).places
+    def law(time: float, wanted: Floats, read: dict[str, float], angles: Floats) -> Command | Floats:
+        command = inverse.step(time, wanted, np.array([read[name] for name in inverse.channels]))
+        return command if speeds else command.places
 
     return law
 
@@ -278,9 +286,10 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
         if affine is not None:
             found.add("affine", wanted, run(PLANTS[name](seed), led(rig, affine(wanted)))[0])
         if with_loops:
-            laws = {
+            laws: dict[str, Callable[..., Command | Floats]] = {
                 "live": live_law(rig, Feedback(follow=0.0)),
                 "live, feedback": live_law(rig, Feedback()),
+                "live, speeds": live_law(rig, Feedback(), speeds=True),
                 "PI on the estimate": pi_law(rig, free, start, wanted[0], 4.0, encoder=False),
                 "PI on an encoder": pi_law(rig, free, start, wanted[0], 4.0, encoder=True),
             }

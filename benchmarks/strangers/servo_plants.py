@@ -50,21 +50,28 @@ class Plant(Protocol):
 class Servos:
     """The drives' own controllers in front of a plant."""
 
-    def __init__(self, plant: Plant, errors: Any = None) -> None:
-        self.plant = plant
+    def __init__(self, plant: Plant, errors: Any = None, speeds: bool = False) -> None:
+        self.plant, self.speeds = plant, speeds
         self.errors = errors or (lambda places: np.zeros_like(places))
-        self.queue: deque[Floats] = deque([plant.places + self.errors(plant.places)] * round(DELAY / PERIOD))
+        begin = np.zeros_like(plant.places) if speeds else plant.places + self.errors(plant.places)
+        self.queue: deque[Floats] = deque([begin] * round(DELAY / PERIOD))
+        self.rate = np.zeros_like(plant.places)
         self.share = 1 - exp(-2 * pi * BANDWIDTH * PERIOD / PARTS)
         kinds = [drive.kind for drive in plant.rig.drives]
         self.most = np.array([FASTEST[kind] for kind in kinds]) * PERIOD / PARTS
 
     def step(self, sent: Floats) -> tuple[Floats, dict[str, float]]:
-        """Send places, let a period pass, and return the true angles and what the sensors read then."""
+        """Send places, or speeds, let a period pass, and return the true angles and what the sensors read then."""
         self.queue.append(np.array(sent, dtype=np.float64))
         goal, plant = self.queue.popleft(), self.plant
         for _ in range(PARTS):
-            away = goal - (plant.places + self.errors(plant.places))
-            plant.move(plant.places + np.clip(self.share * away, -self.most, self.most))
+            away = goal - (self.rate if self.speeds else plant.places + self.errors(plant.places))
+            if self.speeds:
+                self.rate = self.rate + self.share * away
+                moved = self.rate * PERIOD / PARTS
+            else:
+                moved = self.share * away
+            plant.move(plant.places + np.clip(moved, -self.most, self.most))
         read = plant.read()
         errors = dict(zip([drive.name for drive in plant.rig.drives], self.errors(plant.places)))
         for sensor in plant.rig.sensors_of("position"):
