@@ -213,7 +213,7 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
     motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz")
     if module.commanded:
         most_turned = float(np.rad2deg(max(row["amplitude"] for row in _motion(rig))))
-        motion += "<label><input type='checkbox' id='bring'> bring the joint in the curves to an angle</label>"
+        motion += "<label><input type='checkbox' id='bring'> go to wanted angle</label>"
         motion += _slider("wanted", "wanted angle", (-most_turned, most_turned, 0.0), "°")
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
