@@ -89,9 +89,10 @@ class Rerun:
         for k in range(0, len(changes), width):
             inputs = [self._changed(change) for change in changes[k : k + width]]
             beliefs, samples, numbers = zip(*inputs)
-            for found in runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers):
-                bounded = len(out_of_bounds(found[0], found[1], len(runner.rig.joints))) == 0
-                yield Outcome(*found, bounded)
+            found = runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
+            for (means, variances, ys), read in zip(found, samples):
+                bounded = len(out_of_bounds(means, variances, len(runner.rig.joints))) == 0
+                yield Outcome(means, variances, *runner.innovations_of(ys, read), bounded)
 
     def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:
         """Return belief, samples and parameters of a run with a change."""

@@ -180,11 +180,11 @@ class KernelEstimator:
 
     def scan_all(
         self, beliefs: Sequence[Belief], times: Sequence[Floats], samples: Sequence[Floats], numbers: Sequence[Floats]
-    ) -> list[tuple[Floats, Floats, Floats, Floats]]:
-        """Return means and variances of the states, (k, n), innovations and their variances, (k, m), of several runs.
+    ) -> list[tuple[Floats, Floats, Floats]]:
+        """Return the filter's own means and variances of the states, (k, n), and outputs, (k, n_y), of several runs.
 
-        They go side by side where there are lanes for that. Of each run come belief, `times` and `samples` as for
-        `checked_rows`, and its parameters, `numbers`, (n_p,).
+        They are without what maps say (`report`), and go side by side where there are lanes for that. Of each run come
+        belief, `times` and `samples` as for `checked_rows`, and its parameters, `numbers`, (n_p,).
 
         Raises:
             EstimationError: as `checked_rows`.
@@ -193,12 +193,8 @@ class KernelEstimator:
         n = beliefs[0].size
         keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
         feeds = [Feed(belief.carry, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)]
-        found = []
-        for driven, (_, last), read in zip(advance_all(self.kernel, feeds, keep), rows, samples):
-            kept, ys = at_samples(driven, last)
-            means, variances = self.report.means(kept[:, :n], ys), self.report.variances_of(kept[:, n:], ys)
-            found.append((means, variances, *self.innovations_of(ys, read)))
-        return found
+        driven = (at_samples(run, last) for run, (_, last) in zip(advance_all(self.kernel, feeds, keep), rows))
+        return [(kept[:, :n], kept[:, n:], ys) for kept, ys in driven]
 
     def advanced(self, belief: Belief, times: Floats, samples: Floats) -> Advanced:
         """Return the kernel's carries and outputs at each sample of a log.

@@ -222,7 +222,10 @@ class LiveInverse:
             x["dt"][0] = min(max(time - self._time, SHORTEST), LONGEST_GAP)
             self._loop.step()
         self._time = time
-        return self._command(reading, f"no feedback: {unusable}" if unusable else "")
+        ended = [drive.name for drive, is_cut in zip(self._rig.drives, y["at_end"]) if is_cut]
+        notes = [f"no feedback: {unusable}"] if unusable else []
+        notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
+        return self._command(reading, "; ".join(notes))
 
     def _command(self, reading: Reading, note: str) -> Command:
         y = self._y

@@ -37,6 +37,9 @@ SPEEDS_UP = 0.1
 COMES_BACK = 0.1
 """A drive that follows speeds makes up for a wrong place in this time [s]."""
 
+BEYOND = 1e-9
+"""A place that is cut by more than this is at the end of its drive's range [m, rad]."""
+
 MOST = float(np.deg2rad(20.0))
 """The largest correction by feedback [rad]."""
 
@@ -61,14 +64,11 @@ class LiveLayouts:
 def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
     """Return the layouts of a rig's live inverse."""
     nf, nd = model.nf, model.nd
-    guide = dict.fromkeys(
-        ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests", "last"), nf
-    )
     return LiveLayouts(
-        carry=Layout(**guide, mapped=nf, started=1, command=model.carry.size),
+        carry=Layout(**dict.fromkeys((*GUIDED, "last"), nf), mapped=nf, at_end=1, started=1, command=model.carry.size),
         x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1),
         gains=Layout(**dict.fromkeys(GAINS, nf) | {"lowest": 1}),
-        y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt),
+        y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
     )
 
 
@@ -82,12 +82,14 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
     p = ca.MX.sym("p", layout.gains.size + states.context.mechanism.parameters.symbols.numel())
     was, came, gains, own = layout.carry.parts(carry), layout.x.parts(x), layout.gains.parts(p), p[layout.gains.size :]
-    command, mapped = was.pop("command"), was.pop("mapped")
+    command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
     # maps that are not trusted, far from where they were learned, are not followed, nor torques from outside
     mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
     numbers, torques = _believed(model, states)(came["state"], own)
     inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
-    inputs |= {name: came[name] for name in ("dt", "wanted", "trusted")}
+    # nothing winds up against a stop, nor against the end of a drive's range
+    inputs |= {"dt": came["dt"], "wanted": _within_stops(model, came["wanted"]), "trusted": came["trusted"]}
+    inputs["winds"] = came["trusted"] * (1 - at_end)
     guided = _guide(model)(angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"})
     later = _lead(model)
     bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
@@ -103,12 +105,18 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     )
     command, y = model.function()(command, row, numbers)
     commanded = model.y.parts(y)
+    commanded["at_end"] = ca.fabs(model.carry.part(command, "places") - commanded["places"]) > BEYOND
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
     commanded["forces"] = _within_limits(model, commanded["forces"])
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
     after = {name: guided[name] for name in GUIDED}
     following = layout.carry.joined(
-        **after, last=came["state"][model.free], mapped=mapped, started=ca.MX(1), command=command
+        **after,
+        last=came["state"][model.free],
+        mapped=mapped,
+        at_end=ca.dot(commanded["at_end"], commanded["at_end"]) > 0,
+        started=ca.MX(1),
+        command=command,
     )
     y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
     return ca.Function("live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
@@ -116,7 +124,7 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
 
 def _guide(model: CommandModel) -> ca.Function:
     """Return the function of the reference and its motion, of the correction and of the torque that feedback adds."""
-    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {"dt": 1, "trusted": 1, "started_before": 1}
+    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {"dt": 1, "trusted": 1, "winds": 1, "started_before": 1}
     sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
     sizes |= dict.fromkeys((name for name in GAINS if name != "lowest"), model.nf)
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
@@ -136,7 +144,7 @@ def _guide(model: CommandModel) -> ca.Function:
     error = reference - angles
     rests = ca.fabs(error) < v["deadband"] * ca.if_else(v["rests_before"] > 0, LEAVES, 1)
     counted = trusted * ca.if_else(rests, 0, error - _limited(error, v["deadband"]))
-    correction = _limited(v["correction_before"] + v["follow"] * counted * dt, MOST)
+    correction = _limited(v["correction_before"] + v["winds"] * v["follow"] * counted * dt, MOST)
     turning = started * (angles - v["last_before"]) / safe
     asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * trusted * (speed - turning)
     pushed = _limited(asked, v["torque_limit"])

@@ -149,10 +149,15 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     return [_attempt(lambda pair: _judged(*pair), pair) for pair in zip(runs, found)]
 
 
-def _judged(run: Run, found: tuple[Floats, Floats, Floats, Floats]) -> Estimate:
-    means, variances, *innovations = (sealed(part) for part in found)
+def _judged(run: Run, found: tuple[Floats, Floats, Floats]) -> Estimate:
+    means, variances, ys = found
+    runner = run.runner
+    assert isinstance(runner, KernelEstimator)
+    means, variances = (
+        sealed(part) for part in (runner.report.means(means, ys), runner.report.variances_of(variances, ys))
+    )
     check_bounds(run, means, variances)
-    return finished(run, means, variances, *innovations)
+    return finished(run, means, variances, *(sealed(part) for part in runner.innovations_of(ys, run.samples)))
 
 
 def _alone(run: Run) -> Estimate:
