@@ -49,10 +49,10 @@ def test_bridges_of_gaps_are_left_out() -> None:
 
 
 def test_kernels_are_fed_by_the_driver_alone() -> None:
-    """Live estimators step a loop of their own; whoever else runs a kernel calls `advance` or `advance_all`."""
+    """Live estimators and inverses step a loop of their own; whoever else runs a kernel calls `advance` or `advance_all`."""
     source = Path(distal.__file__).parent
     fed = re.compile(r"(kernel|lanes|loop)(\(.*\))?\.(step|scan|lanes|loop)\(")
     files = (
         path.relative_to(source).as_posix() for path in source.rglob("*.py") if fed.search(path.read_text("utf-8"))
     )
-    assert sorted(path for path in files if not path.startswith("kernels/")) == ["run/live.py"]
+    assert sorted(path for path in files if not path.startswith("kernels/")) == ["inverse/live.py", "run/live.py"]
