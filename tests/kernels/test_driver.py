@@ -49,7 +49,7 @@ def test_bridges_of_gaps_are_left_out() -> None:
 
 
 def test_kernels_are_fed_by_the_driver_alone() -> None:
-    """Live estimators and inverses step a loop of their own; whoever else runs a kernel calls `advance` or `advance_all`."""
+    """Live estimators and inverses step loops of their own; all others call `advance` or `advance_all`."""
     source = Path(distal.__file__).parent
     fed = re.compile(r"(kernel|lanes|loop)(\(.*\))?\.(step|scan|lanes|loop)\(")
     files = (
