@@ -67,6 +67,8 @@ reliability: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/python -m benchmarks.stepping
 	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.diagnosis
+	$(BIN)/python -m benchmarks.commands --time
 	$(BIN)/python -m benchmarks.chains cost stick-slip energy stepping
 	$(BIN)/python -m benchmarks.microcontroller
 
@@ -80,6 +82,7 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
 	$(BIN)/python -m benchmarks.strangers.lacking --rigs 40 --processes 2
 	$(BIN)/python -m benchmarks.strangers.rough
+	$(BIN)/python -m benchmarks.commands --fit
 	$(BIN)/python -m benchmarks.control
 	$(BIN)/python -m benchmarks.derivatives
 	$(BIN)/python -m benchmarks.parts
