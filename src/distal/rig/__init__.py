@@ -12,10 +12,11 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
+from distal.rig.imported import Imported
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
 from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
-from distal.rig.mjcf import Imported, compare_lengths, from_mujoco
+from distal.rig.mjcf import compare_lengths, from_mujoco
 from distal.rig.naming import in_words, named, part_at
 from distal.rig.numbers import Number, known_to_a_factor, number
 from distal.rig.overrides import ALL, parse_assignment, set_value

@@ -1,13 +1,12 @@
 """A rig from a MuJoCo model: joints and links as they are there, tendons by what MuJoCo says of their lengths."""
 
 from distal.rig.mjcf.bodies import joint_name, tendon_name
-from distal.rig.mjcf.importer import Imported, from_mujoco
+from distal.rig.mjcf.importer import from_mujoco
 from distal.rig.mjcf.lengths import compare_lengths
 from distal.rig.mjcf.loading import load_model, mujoco_module
 from distal.rig.mjcf.poses import rest_lengths
 
 __all__ = [
-    "Imported",
     "compare_lengths",
     "from_mujoco",
     "joint_name",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from distal.errors import RigError
-from distal.rig.mjcf.bodies import named, tendon_name
+from distal.rig.imported import name_of
+from distal.rig.mjcf.bodies import tendon_name
 from distal.rig.mjcf.loading import mujoco_module
 from distal.rig.mjcf.springs import spring_tendons
 
@@ -23,7 +24,7 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
         raise RigError("the model has no tendon")
     driven, elsewhere, left = dict[int, str](), list[str](), list[str]()
     for a in range(model.nu):
-        name = named(model.actuator(a).name, f"actuator{a}")
+        name = name_of(model.actuator(a).name, f"actuator{a}")
         if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
             elsewhere.append(name)
             continue

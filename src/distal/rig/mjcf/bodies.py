@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from distal.arrays import Floats
+from distal.rig.imported import name_of
 from distal.rig.mjcf.guesses import FRICTION_COEFFICIENT, JOINT_FRICTION, initial_angle
 from distal.rig.mjcf.loading import mujoco_module
 
@@ -41,21 +41,14 @@ class Units:
         return self.length**2
 
 
-def named(name: str, otherwise: str) -> str:
-    """Return a name as a rig file takes it, `otherwise` where a part has none."""
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-") or otherwise
-    name = name if re.match(r"[A-Za-z_]", name) else f"_{name}"
-    return (f"{name}_" if name in ("std", "dot", "base") or name.endswith("_std") else name)[:64]
-
-
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
     """Return what a joint is called in the rig."""
-    return named(model.joint(joint).name, f"joint{joint}")
+    return name_of(model.joint(joint).name, f"joint{joint}")
 
 
 def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
     """Return what a tendon is called in the rig."""
-    return named(model.tendon(tendon).name, f"tendon{tendon}")
+    return name_of(model.tendon(tendon).name, f"tendon{tendon}")
 
 
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:

@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import hypot
 
-
-@dataclass(frozen=True)
-class Guess:
-    """A value that the model does not give, written with a wide std, and what it is a value `of`."""
-
-    value: object
-    of: str
-
+from distal.rig.imported import Guess
 
 DRIVE_MASS = Guess(0.02, "the drive's mass")
 """[kg]; a filter follows the place that is measured."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from distal.errors import RigError
-from distal.rig.files import build_rig
+from distal.rig.imported import Imported
 from distal.rig.mjcf.actuators import driven_tendons
 from distal.rig.mjcf.bodies import Units, described_joints, joint_name
 from distal.rig.mjcf.choice import check_base, kept_joints, other_joints, turning_joints
@@ -19,7 +18,6 @@ from distal.rig.mjcf.loading import load_model, mujoco_module
 from distal.rig.mjcf.poses import over_ranges, turned_by
 from distal.rig.mjcf.springs import joint_springs
 from distal.rig.mjcf.tendons import described_drive, described_sensors, described_tendon
-from distal.rig.mjcf.writing import guesses, plain, written
 from distal.rig.rig import Rig
 
 if TYPE_CHECKING:
@@ -30,19 +28,6 @@ LOOKED_AT = 200
 
 LARGEST_ARM = 1.0
 """A moment arm above this is no tendon's [m]: the model's unit of length is another."""
-
-
-@dataclass(frozen=True)
-class Imported:
-    """A rig made from a model, and the text of its file, with a comment at each number that the model does not have.
-
-    The `notes` say what was left out, held or fitted, a line each; `missing` is what the model does not say.
-    """
-
-    rig: Rig
-    text: str
-    notes: tuple[str, ...]
-    missing: tuple[str, ...]
 
 
 def from_mujoco(
@@ -108,10 +93,9 @@ def from_mujoco(
         tendons.append(tendon)
         notes += left
     raw |= {"tendons": tendons, "sensors": described_sensors(off, [joint_name(model, j) for j in kept])}
-    rig = build_rig(cast(dict[str, object], plain(raw)), title)
-    _check_size(rig)
-    missing = tuple(dict.fromkeys(guess.of for guess in guesses(raw)))
-    return Imported(rig, written(raw), tuple(notes), missing)
+    imported = Imported.of(raw, title, "model", tuple(notes))
+    _check_size(imported.rig)
+    return imported
 
 
 def _title(model: mujoco.MjModel, otherwise: str) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from distal.rig.imported import Guess
 from distal.rig.mjcf.bodies import Units, joint_name
 from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
 from distal.rig.mjcf.guesses import (
@@ -17,7 +18,6 @@ from distal.rig.mjcf.guesses import (
     PATH_FRICTION,
     PRETENSION,
     RATE,
-    Guess,
     place_noise,
 )
 from distal.rig.mjcf.poses import over_ranges, range_of, rest_lengths
