@@ -21,6 +21,7 @@ from distal.cli import (
     fit,
     lab,
     reproduce,
+    rig_imports,
     rigs,
     simulate,
     stream,
@@ -55,7 +56,7 @@ app.command("export-c")(export.export_command)
 app.command("export-fmu")(export.fmu_command)
 app.command("reproduce")(reproduce.reproduce_command)
 app.command("rigs")(rigs.list_command)
-app.add_typer(rigs.app, name="rig")
+app.add_typer(rig_imports.app, name="rig")
 app.command("scenarios")(simulate.list_command)
 app.add_typer(simulate.app, name="scenario")
 app.command("doctor")(doctor.doctor_command)

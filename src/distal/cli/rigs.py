@@ -1,4 +1,4 @@
-"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`, `distal rig from-mjcf`."""
+"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from distal.cli.paths import check_outputs, to_file
 from distal.errors import OutputError
 
 if TYPE_CHECKING:
-    from distal.rig import Rig
+    pass
 
 GEOMETRY = re.compile(r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$")
 """Numbers that are drawn, or follow from others: nobody doubts them one by one."""
@@ -130,50 +130,3 @@ def new_command(out: Annotated[Path | None, Argument(help="Where to write it; de
         raise OutputError(f"{out}: exists already; give another name or remove it")
     write_whole(out, template_text())
     say(f"wrote {out}; edit it, then `distal rig check {out}`")
-
-
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-
-
-@app.command("from-mjcf")
-def from_mjcf_command(
-    model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
-    out: Annotated[Path, Option(help="Where to write the rig file (.toml).")] = Path("rig.toml"),
-    chain: Annotated[str | None, Option(help="Only joints of this body and what it carries.")] = None,
-    joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
-    length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
-    compare: Annotated[Path | None, Option(help="A table of joints' angles and tendons' lengths (.csv).")] = None,
-) -> None:
-    """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
-    from distal.errors import RigError
-    from distal.logs import write_whole
-    from distal.rig import from_mujoco
-
-    check_outputs(to_file("--out", out), rig=str(model), logs=[compare] if compare is not None else [])
-    if length_unit not in LENGTH_UNITS:
-        raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
-    chosen = [name.strip() for name in joints.split(",")] if joints else None
-    imported = from_mujoco(model, chain, chosen, LENGTH_UNITS[length_unit])
-    say(f"{imported.rig}")
-    for note in imported.notes:
-        say(f"  {note}")
-    say("not in the model, so written with a guess and a wide std:")
-    say(f"  {', '.join(imported.missing)}")
-    write_whole(out, imported.text)
-    say(f"wrote {out}; look for 'not in the model' in it, then `distal rig check {out}`")
-    if compare is not None:
-        _compare(imported.rig, compare)
-
-
-def _compare(rig: Rig, path: Path) -> None:
-    from distal.logs import open_table, table_of
-    from distal.rig import compare_lengths
-
-    units = {joint.name: "rad" for joint in rig.joints} | {tendon.name: "m" for tendon in rig.tendons}
-    cells, rows = open_table(path, list(units)), []
-    lengths = table_of(cells, [name for name in cells.names if name in units])
-    for pair in compare_lengths(rig, {name: lengths.in_si(name, units[name]) for name in lengths.columns}):
-        arms = f"{1e3 * pair.arm:.2f}", f"{1e3 * pair.other:.2f}"
-        rows.append((pair.tendon, pair.joint, *arms, "differs" if pair.differs else "", f"{1e3 * pair.rms:.2f}"))
-    columns = ["tendon", "joint", "arm here, mm", f"arm in {path.name}, mm", "", "length differs by, mm RMS"]
-    table("lengths", columns, rows, text=2)

@@ -12,6 +12,7 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
+from distal.rig.hand_tables import from_aero, from_orca, from_table
 from distal.rig.imported import Imported
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
@@ -81,7 +82,10 @@ __all__ = [
     "edited_text",
     "effort_unit",
     "factors",
+    "from_aero",
     "from_mujoco",
+    "from_orca",
+    "from_table",
     "gain_of",
     "in_words",
     "independent_parts",

@@ -126,6 +126,9 @@ class Joint(Description):
     gravity: Gravity | None = Field(None, description="weight of an off-axis mass")
     backlash: JointBacklash | None = Field(None, description="free play between its pulley and its link")
     stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the joint [low, high]")
+    stops_std: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0, description="how well each end of that range is known; a calibration against them is no better"
+    )
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the joint's stops"
     )

@@ -1,0 +1,182 @@
+"""Hands whose motors are position servos with a limit on current; nothing here is shared with `distal.model`.
+
+`orca_like` has a motor for each joint and two tendons on its spool, in sheaths, with slack or tension between them;
+`aero_like` has fingers of three joints on one tendon, against springs. Every number is drawn. Several hands step side by
+side: arrays are (hands, parts). A tendon is two springs in series with dry friction of its sheath between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+STEP = 2.5e-4
+"""Of the plant [s]."""
+
+PERIOD = 0.01
+"""Of commands and readings [s]."""
+
+COUNTS = 4096
+"""Of an encoder in one turn of the spool."""
+
+TORQUE_CONSTANT = 0.5
+"""What a catalogue says [N m/A]; of each motor it is another."""
+
+
+@dataclass
+class Drawn:
+    """Numbers of some hands, (hands, parts) each; `arms` and `spools` are signed, (tendons, joints) and (tendons, motors)."""
+
+    arms: Floats
+    spools: Floats
+    low: Floats
+    high: Floats
+    slack: Floats
+    stiffness: Floats
+    sheath: Floats
+    spring: Floats
+    rest: Floats
+    dry: Floats
+    axle: Floats
+    weight: Floats
+    gear_friction: Floats
+    gear_load: Floats
+    torque_constant: Floats
+    zeros: Floats
+    signs: Floats
+
+
+class Hands:
+    """Some hands side by side, at rest, that follow goals of their motors' angles."""
+
+    def __init__(self, drawn: Drawn, seed: int) -> None:
+        self.d, self.rng = drawn, np.random.default_rng([seed, 7])
+        hands, joints = drawn.low.shape
+        motors = drawn.spools.shape[-1]
+        self.angles = np.clip(np.zeros((hands, joints)), drawn.low, drawn.high)
+        self.rates = np.zeros((hands, joints))
+        self.places, self.speeds = np.zeros((hands, motors)), np.zeros((hands, motors))
+        self.nodes = np.zeros(drawn.slack.shape)
+        self.torques, self.goals = np.zeros((hands, motors)), np.zeros((hands, motors))
+        self.limits = np.full((hands, motors), 0.4)
+        self.broken = np.zeros(drawn.slack.shape, dtype=bool)
+        self.slips = np.full((hands, motors), np.inf)
+        self.slipped = np.zeros((hands, motors))
+        self.direction = np.zeros((hands, motors))
+
+    def _tensions(self) -> tuple[Floats, Floats]:
+        """Return tensions at the spool and at the joint, with the sheath's node where friction lets it be."""
+        d = self.d
+        wound = np.einsum("htm,hm->ht", d.spools, self.places - self.slipped) - d.slack
+        drawn_in = np.einsum("htj,hj->ht", d.arms, self.angles)
+        first, second, grip = 2 * d.stiffness, 2 * d.stiffness, np.exp(d.sheath)
+        near, far = np.maximum(first * (wound - self.nodes), 0), np.maximum(second * (self.nodes - drawn_in), 0)
+        out = (first * wound + grip * second * drawn_in) / (first + grip * second)
+        back = (grip * first * wound + second * drawn_in) / (grip * first + second)
+        node = np.where(near > grip * far, out, np.where(grip * near < far, back, self.nodes))
+        # a tendon without tension follows the joint
+        self.nodes = np.where(wound <= drawn_in, np.clip(self.nodes, wound, drawn_in), node)
+        near, far = first * (wound - self.nodes), second * (self.nodes - drawn_in)
+        return np.where(self.broken, 0, np.maximum(near, 0)), np.where(self.broken, 0, np.maximum(far, 0))
+
+    def _part(self) -> None:
+        d = self.d
+        near, far = self._tensions()
+        load = np.einsum("htm,ht->hm", d.spools, near)
+        # a servo: proportional to what is left, never above its limit
+        self.torques = np.clip(6.0 * (self.goals - self.places) - 0.12 * self.speeds, -self.limits, self.limits)
+        inertia = 2e-4
+        free = self.speeds + STEP / inertia * (self.torques - load)
+        grip = STEP / inertia * (d.gear_friction + d.gear_load * np.abs(load))
+        self.speeds = np.sign(free) * np.maximum(np.abs(free) - grip, 0)
+        self.places = self.places + STEP * self.speeds
+        slip = np.abs(load) > self.slips
+        self.slipped = self.slipped + np.where(slip, np.sign(load) * 0.4 * STEP * 20, 0)
+        pull = np.einsum("htj,ht->hj", d.arms, far)
+        side = np.einsum("htj,ht->hj", np.abs(d.arms), far)
+        torque = pull - d.spring * (self.angles - d.rest) - d.weight * np.sin(self.angles) - 1e-3 * self.rates
+        over = np.maximum(self.angles - d.high, 0) - np.maximum(d.low - self.angles, 0)
+        torque -= np.where(over != 0, 25.0 * over + 0.02 * self.rates, 0)
+        inertia = 1e-5
+        free = self.rates + STEP / inertia * torque
+        grip = STEP / inertia * (d.dry + d.axle * side)
+        self.rates = np.sign(free) * np.maximum(np.abs(free) - grip, 0)
+        self.angles = self.angles + STEP * self.rates
+
+    def step(self, goals: Floats) -> dict[str, Floats]:
+        """Send goals [rad of the encoders], let a period pass, and return places [rad] and currents [A] as they are read."""
+        d = self.d
+        self.goals = (np.asarray(goals) - d.zeros) * d.signs
+        for _ in range(round(PERIOD / STEP)):
+            self._part()
+        turn = 2 * np.pi / COUNTS
+        places = turn * np.round((self.places * d.signs + d.zeros) / turn)
+        currents = self.torques * d.signs / d.torque_constant + 0.004 * self.rng.normal(size=self.torques.shape)
+        return {"places": places, "currents": 1e-3 * np.round(1e3 * currents)}
+
+    def goals_of(self, places: Floats) -> Floats:
+        """Return encoders' angles of the motors' own places."""
+        return places * self.d.signs + self.d.zeros
+
+
+@dataclass(frozen=True)
+class Known:
+    """What an owner knows of a hand: names, ranges [rad], arms and spools [m] of its drawings, motors' signs."""
+
+    joints: tuple[str, ...]
+    motors: tuple[str, ...]
+    low: Floats
+    high: Floats
+    arms: Floats
+    spools: Floats
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+ORCA = {
+    "wrist": (-65, 35, 12.0, 1.0), "thumb_cmc": (-45, 33, 9.0, 0.74), "thumb_abd": (-18, 55, 9.0, 0.77),
+    "thumb_mcp": (-25, 100, 7.0, 0.93), "thumb_dip": (-15, 107, 6.0, 0.8), "index_abd": (-25, 30, 7.0, 0.71),
+    "index_mcp": (-25, 100, 8.0, 1.1), "index_pip": (-15, 107, 7.0, 1.05), "middle_abd": (-27, 27, 7.0, 0.88),
+    "middle_mcp": (-25, 100, 8.0, 1.05), "middle_pip": (-15, 107, 7.0, 0.85), "ring_abd": (-27, 27, 7.0, 0.92),
+    "ring_mcp": (-25, 100, 8.0, 1.14), "ring_pip": (-15, 107, 7.0, 0.92), "pinky_abd": (-30, 30, 7.0, 0.82),
+    "pinky_mcp": (-25, 100, 7.0, 0.91), "pinky_pip": (-15, 107, 6.0, 0.95),
+}  # fmt: skip
+"""Range [deg], arm [mm], turns of the motor for one of the joint: of the size of a hand that can be built today."""
+
+
+def orca_like(seeds: Any) -> tuple[Known, Hands]:
+    """Return what is known of a hand with a motor for each joint, and some such hands, a seed each."""
+    table = np.array(list(ORCA.values()))
+    n, hands = len(table), len(list(seeds))
+    arm, ratio = 1e-3 * table[:, 2], table[:, 3]
+    low, high = np.deg2rad(table[:, 0]), np.deg2rad(table[:, 1])
+    known = Known(
+        tuple(ORCA), tuple(f"m{i + 1}" for i in range(n)), low, high,
+        np.vstack([np.diag(arm), -np.diag(arm)]), np.vstack([np.diag(arm / ratio), -np.diag(arm / ratio)]),
+    )  # fmt: skip
+    draws = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, 171])
+        u = lambda a, b, size=n: rng.uniform(a, b, size)  # noqa: E731
+        arms = arm * (1 + 0.02 * rng.normal(size=n))
+        spool = arm / ratio * (1 + 0.02 * rng.normal(size=n))
+        loose = rng.random(n) < 0.75
+        pair = np.where(loose, u(0.1e-3, 0.8e-3), -u(0.02e-3, 0.2e-3))
+        share = u(0.3, 0.7)
+        draws.append(dict(
+            arms=np.vstack([np.diag(arms), -np.diag(arms)]), spools=np.vstack([np.diag(spool), -np.diag(spool)]),
+            low=low + np.deg2rad(1.0) * rng.normal(size=n), high=high + np.deg2rad(1.0) * rng.normal(size=n),
+            slack=np.concatenate([pair * share, pair * (1 - share)]),
+            stiffness=np.tile(u(1.2e4, 3e4), 2) * u(0.9, 1.1, 2 * n), sheath=u(0.03, 0.25, 2 * n),
+            spring=u(0, 0.004), rest=np.zeros(n), dry=u(0.004, 0.012), axle=u(0.03, 0.08),
+            weight=u(-0.003, 0.003), gear_friction=u(0.02, 0.05), gear_load=u(0.03, 0.1),
+            torque_constant=TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=n)),
+            zeros=rng.uniform(2.2, 4.0, n), signs=np.where(rng.random(n) < 0.3, -1.0, 1.0),
+        ))  # fmt: skip
+    stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
+    assert len(draws) == hands
+    return known, Hands(stacked, int(list(seeds)[0]))

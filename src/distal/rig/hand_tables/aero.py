@@ -1,0 +1,132 @@
+"""A rig of an Aero Hand from the constants of the user's own installed SDK, which is asked and not copied."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import sys
+from collections.abc import Callable, Sequence
+from importlib.machinery import SourceFileLoader
+from math import radians
+from pathlib import Path
+from types import ModuleType
+
+from distal.errors import RigError
+from distal.rig.files import read_text
+from distal.rig.hand_tables.described import hand_of
+from distal.rig.hand_tables.row import Row
+from distal.rig.imported import Imported
+
+PACKAGE = "aero_open_sdk"
+NAMES = ("_JOINT_NAMES", "_JOINT_LOWER_LIMITS", "_JOINT_UPPER_LIMITS", "_ACTUATIONS_NAMES")
+SMALLEST = 1e-6
+"""Turns of a motor for one of a joint below which the motor does not move it."""
+
+
+def from_aero(folder: str | Path | None = None) -> Imported:
+    """Return the rig of an Aero Hand: its SDK is asked how far each motor turns for each joint.
+
+    Args:
+        folder: of the package `aero_open_sdk`, or where it was cloned; None for the installed one.
+
+    Raises:
+        RigError: the SDK is not found, or is another one than this reads.
+    """
+    root = _root(folder)
+    told = _constants(root / "aero_hand.py")
+    joints, motors = told["_JOINT_NAMES"], told["_ACTUATIONS_NAMES"]
+    module = _module(root / "joints_to_actuations.py")
+    try:
+        turned: Callable[[list[float]], Sequence[float]] = module.JointsToActuationsModel().hand_actuations
+        spool = 1e-3 * float(module.MOTOR_PULLEY_RADIUS)
+        still = [float(place) for place in turned([0.0] * len(joints))]
+        turns = [
+            [float(place) - rest for place, rest in zip(turned([float(k == j) for k in range(len(joints))]), still)]
+            for j in range(len(joints))
+        ]
+        ends = [(radians(float(str(a))), radians(float(str(b)))) for a, b in zip(told[NAMES[1]], told[NAMES[2]])]
+        if not len(joints) == len(ends) or any(len(row) != len(motors) for row in turns):
+            raise ValueError(f"{len(joints)} joints, {len(ends)} ranges, {len(motors)} motors")
+    except (AttributeError, TypeError, ValueError, IndexError) as problem:
+        raise RigError(f"{root}: is another SDK than this reads ({problem})") from None
+    rows = list[Row]()
+    for m, motor in enumerate(motors):
+        moved = [j for j in range(len(joints)) if abs(turns[j][m]) > SMALLEST]
+        # a motor that turns one joint, as far as itself, holds it both ways
+        direct = len(moved) == 1 and abs(abs(turns[moved[0]][m]) - 1.0) < SMALLEST
+        rows += [
+            Row(
+                joint=str(joints[j]),
+                motor=str(motor).removesuffix("_act"),
+                low=ends[j][0],
+                high=ends[j][1],
+                direction=1 if turns[j][m] > 0 else -1,
+                spool_radius=spool,
+                joint_radius=abs(turns[j][m]) * spool,
+                back="tendon" if direct else "spring",
+                unit="deg",
+                zero=0.0,
+            )
+            for j in moved
+        ]
+    return hand_of(rows, "aero-hand", "SDK", ("readings are the actuations of the SDK, in degrees",))
+
+
+def _root(folder: str | Path | None) -> Path:
+    """Return the folder of the SDK's package."""
+    if folder is None:
+        spec = importlib.util.find_spec(PACKAGE)
+        if spec is None or spec.origin is None:
+            raise RigError(
+                f"'{PACKAGE}' is not installed: install the hand's SDK, or give the folder where it was cloned"
+            )
+        return Path(spec.origin).parent
+    for inside in ("", PACKAGE, f"src/{PACKAGE}", f"sdk/src/{PACKAGE}"):
+        if (Path(folder) / inside / "joints_to_actuations.py").is_file():
+            return Path(folder) / inside
+    raise RigError(f"{folder}: holds no '{PACKAGE}' with its joints_to_actuations.py")
+
+
+def _constants(path: Path) -> dict[str, list[object]]:
+    """Return the lists of names and ranges that stand in a file, without running it: it would ask for a serial port."""
+    try:
+        tree = ast.parse(read_text(path, RigError))
+    except SyntaxError as problem:
+        raise RigError(f"{path}: is no Python file ({problem.msg})") from None
+    found = dict[str, list[object]]()
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in NAMES:
+            found[node.targets[0].id] = _listed(node.value)
+    missing = [name for name in NAMES if not found.get(name)]
+    if missing:
+        raise RigError(f"{path}: has no '{missing[0]}': is another SDK than this reads")
+    return found
+
+
+def _listed(node: ast.expr) -> list[object]:
+    """Return a list that is written out, or made of others by + and *."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return _listed(node.left) + _listed(node.right)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) and isinstance(node.right, ast.Constant):
+        return _listed(node.left) * int(str(node.right.value))
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        return []
+    return list(value) if isinstance(value, (list, tuple)) else []
+
+
+def _module(path: Path) -> ModuleType:
+    """Return the module of a file that needs no hand and no other package."""
+    loader = SourceFileLoader("distal_asks_the_sdk", str(path))
+    spec = importlib.util.spec_from_loader(loader.name, loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[loader.name] = module  # its dataclasses look for it there
+    try:
+        loader.exec_module(module)
+    except Exception as problem:
+        raise RigError(f"{path}: cannot be read ({type(problem).__name__}: {problem})") from None
+    finally:
+        del sys.modules[loader.name]
+    return module

@@ -1,0 +1,193 @@
+"""The rig of a hand from the rows of its table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import degrees
+
+from distal.errors import RigError
+from distal.rig.hand_tables import guesses as guess
+from distal.rig.hand_tables.row import Row
+from distal.rig.imported import Guess, Imported, name_of
+
+Raw = dict[str, object]
+
+
+def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] = ()) -> Imported:
+    """Return the rig of a hand; what its rows do not say is a guess with a std, and is listed.
+
+    Each joint hangs on the base: without links no weight of one moves another. A motor of one joint whose way back is a
+    tendon has two on its spool, which may be slack; else its one tendon crosses all its joints, and springs bring them
+    back.
+
+    Raises:
+        RigError: a joint is described twice in different words, or rows contradict each other.
+    """
+    joints = dict[str, list[Row]]()
+    motors = dict[str, list[Row]]()
+    for row in rows:
+        joints.setdefault(_name(row.joint, "joint"), []).append(row)
+        if row.motor is not None:
+            motors.setdefault(_name(row.motor, "motor"), []).append(row)
+    if not motors:
+        raise RigError(f"{title}: no joint has a motor")
+    for name, same in joints.items():
+        if len({(row.low, row.high, row.range_std, row.follows) for row in same}) > 1:
+            raise RigError(f"{title}: '{name}' has several lines with different ranges, or joints that it follows")
+    for name, same in motors.items():
+        if len({(row.spool_radius, row.unit, row.counts, row.torque_constant) for row in same}) > 1:
+            raise RigError(f"{title}: motor '{name}' has several lines with different spools, units or constants")
+        if len({row.joint for row in same}) < len(same):
+            raise RigError(f"{title}: motor '{name}' has two lines for one joint")
+    raw: Raw = {
+        "name": title,
+        "log": {"time": {"column": "time", "unit": "s"}},
+        "joints": [_joint(name, same) for name, same in joints.items()],
+        "drives": [_drive(name, same) for name, same in motors.items()],
+        "tendons": [tendon for name, same in motors.items() for tendon in _tendons(name, same)],
+        "sensors": [
+            *(sensor for name, same in motors.items() for sensor in _sensors(name, same)),
+            *(_encoder(name) for name in joints),
+        ],
+    }
+    return Imported.of(raw, title, source, tuple(notes))
+
+
+def position_of(motor: str) -> str:
+    """Return the column of a motor's angle in a log, by the name of its drive."""
+    return f"{motor}_position"
+
+
+def current_of(motor: str) -> str:
+    """Return the column of a motor's current in a log, by the name of its drive."""
+    return f"{motor}_current"
+
+
+def in_degrees(angle: float) -> str:
+    """Return an angle [rad] as a rig file has it."""
+    return f"{round(degrees(angle), 6) + 0.0:.8g} deg"
+
+
+def _name(name: str, kind: str) -> str:
+    return name_of(f"{kind}_{name}" if name[:1].isdigit() else name, kind)
+
+
+def _joint(name: str, rows: Sequence[Row]) -> Raw:
+    row = rows[0]
+    raw: Raw = {"name": name, "parent": "base", "inertia": guess.INERTIA, "damping": guess.DAMPING}
+    if row.follows is not None:
+        return raw | {"coupled": {"joint": _name(row.follows, "joint"), "ratio": row.ratio}}
+    raw |= {
+        "initial": guess.initial_angle(row.low, row.high),
+        "friction": guess.JOINT_FRICTION,
+        "stops": [in_degrees(row.low), in_degrees(row.high)],
+        "stops_std": guess.RANGE_STD if row.range_std is None else in_degrees(row.range_std),
+    }
+    if all(other.back == "spring" for other in rows):
+        raw["spring"] = {
+            "stiffness": guess.SPRING,
+            "rest_angle": Guess(in_degrees(row.low - 0.3), "where springs rest"),
+        }
+    return raw
+
+
+def _drive(name: str, rows: Sequence[Row]) -> Raw:
+    row = rows[0]
+    arm = row.joint_radius
+    spool = row.spool_radius
+    is_told = arm is not None and spool is not None
+    radius = guess.SPOOL_RADIUS.value if spool is None else spool
+    share = row.ratio_std if row.ratio_std is not None else guess.RATIO_STD if is_told else guess.UNKNOWN_RATIO_STD
+    value: Raw = {"value": radius, "std": f"{100 * share:g} %"}
+    return {
+        "name": name,
+        "kind": "capstan",
+        "inertia": guess.MOTOR_INERTIA,
+        "radius": value if is_told else Guess(value, guess.SPOOL_RADIUS.of),
+        "damping": guess.MOTOR_DAMPING,
+        "friction": guess.MOTOR_FRICTION,
+        "servo": guess.SERVO,
+    }
+
+
+def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
+    """Return two tendons of a motor whose joint is brought back by one of them, else its one tendon over all its joints."""
+    pair = len(rows) == 1 and rows[0].back == "tendon"
+    if not pair:
+        crossings = [
+            {"joint": _name(row.joint, "joint"), "side": _toward(rows, row), "kind": "pulley", "radius": _arm(row)}
+            for row in rows
+        ]
+        common: Raw = {"damping": guess.TENDON_DAMPING, "slack": guess.LOOSE, "path": guess.PATH}
+        stiffness = Guess(
+            {"value": guess.STIFFNESS.value, "std": f"{100 * guess.STIFFNESS_STD:g} %"}, guess.STIFFNESS.of
+        )
+        return [{"name": motor, "drive": motor, "side": 1, "crossings": crossings, "stiffness": stiffness} | common]
+    shared: Raw = {"name": f"stiffness_{motor}", "std": guess.STIFFNESS_STD}
+    return [
+        {
+            "name": f"{motor}_{word}",
+            "joint": _name(rows[0].joint, "joint"),
+            "drive": motor,
+            "side": side,
+            "insertion": {"kind": "pulley", "radius": _arm(rows[0])},
+            "stiffness": Guess({"value": guess.STIFFNESS.value, "shared": shared}, guess.STIFFNESS.of),
+            "damping": guess.TENDON_DAMPING,
+            "slack": guess.SLACK,
+            "path": guess.PATH,
+        }
+        for word, side in (("plus", 1), ("minus", -1))
+    ]
+
+
+def _arm(row: Row) -> object:
+    return guess.JOINT_RADIUS if row.joint_radius is None else row.joint_radius
+
+
+def _toward(rows: Sequence[Row], row: Row) -> int:
+    """Return the side to which a motor's one tendon pulls a joint: its first joint's reading counts as winding it."""
+    return row.direction * rows[0].direction
+
+
+def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
+    row = rows[0]
+    unsaid = guess.UNKNOWN_ZERO_STD if row.zero is None else guess.TOLD_ZERO_STD
+    zero_std = Guess(in_degrees(unsaid), guess.ZERO_STD) if row.zero_std is None else in_degrees(row.zero_std)
+    counts = guess.COUNTS.value if row.counts is None else row.counts
+    assert isinstance(counts, (int, float))
+    logged: Raw = {"unit": row.unit} if row.counts is None else {"unit": "count", "counts_per_turn": row.counts}
+    step: object = f"{360 / counts:.6g} deg"
+    position: Raw = {
+        "name": position_of(motor),
+        "measures": "position",
+        "of": motor,
+        **logged,
+        "sign": row.direction,
+        "rate": guess.RATE,
+        "noise": guess.POSITION_NOISE,
+        "resolution": Guess(step, guess.COUNTS.of) if row.counts is None else step,
+        "bias": {"value": in_degrees(row.direction * (row.zero or 0.0)), "std": zero_std},
+    }
+    current: Raw = {
+        "name": current_of(motor),
+        "measures": "force",
+        "of": motor,
+        "unit": "mA",
+        "torque_constant": guess.TORQUE_CONSTANT if row.torque_constant is None else row.torque_constant,
+        "sign": row.direction,
+        "rate": guess.RATE,
+        "noise": guess.CURRENT_NOISE,
+        "gain": guess.GAIN,
+    }
+    return [position, current]
+
+
+def _encoder(joint: str) -> Raw:
+    return {
+        "name": f"encoder_{joint}",
+        "measures": "angle",
+        "of": joint,
+        "unit": "deg",
+        "rate": guess.RATE,
+        "resolution": Guess("0.1 deg", "encoders of joints, which are for learning and comparing only"),
+    }

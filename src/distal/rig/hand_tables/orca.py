@@ -1,0 +1,148 @@
+"""A rig of an ORCA hand from its own `config.yaml` and `calibration.yaml`."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from math import degrees, radians
+from numbers import Real
+from pathlib import Path
+from types import ModuleType
+
+from distal.errors import RigError
+from distal.rig.files import read_text
+from distal.rig.hand_tables.described import hand_of
+from distal.rig.hand_tables.row import Row
+from distal.rig.imported import Imported
+
+REVISED = 21
+"""Of `hardware_version`: the revision to which the keys that end in _v21 belong."""
+
+LOST = 0.92
+"""A motor's travel from stop to stop also stretches the tendons and takes up their play: the ratio is about this share."""
+
+LOST_STD = 0.06
+"""How well that share is known."""
+
+CALIBRATED_ZERO_STD = radians(4.0)
+"""How well a calibration against the stops says where a joint's zero is, at the motor [rad]."""
+
+
+def from_orca(config: str | Path, calibration: str | Path | None = None) -> Imported:
+    """Return the rig of an ORCA hand from the files that its own software reads.
+
+    A config has the joints' ranges and the signed map of its motors; a calibration where the motors met the stops. Radii
+    are guesses: only their ratio follows from the motors' travel.
+
+    Raises:
+        RigError: a file cannot be read or has no such entries; says which and what is needed.
+    """
+    path = Path(config)
+    told = _mapping(path)
+    revised = told.get("hardware_version") == REVISED
+    motors = dict(_section(path, told, "joint_to_motor_map"))
+    if revised and "joint_to_motor_map_v21" in told:
+        motors |= _section(path, told, "joint_to_motor_map_v21")
+    ranges = _section(path, told, "joint_roms")
+    key = "joint_motor_travel" if "joint_motor_travel" in told else "joint_motor_travel_v21"
+    travels = _section(path, told, key) if key in told else {}
+    limits = _limits(Path(calibration)) if calibration is not None else {}
+    rows, notes, guessed = list[Row](), list[str](), 0
+    for joint, signed in motors.items():
+        if not isinstance(signed, int) or signed == 0:
+            raise RigError(f"{path}: joint_to_motor_map: '{joint}' needs the number of its motor, {signed!r} came")
+        low, high = (radians(end) for end in _pair(path, "joint_roms", joint, ranges.get(joint)))
+        motor, direction, ratio, zero = abs(signed), 1 if signed > 0 else -1, None, None
+        if motor in limits:
+            ends = _pair(Path(str(calibration)), "motor_limits", str(motor), limits[motor])
+            ratio = LOST * (ends[1] - ends[0]) / (high - low)
+            zero = (ends[0] + ends[1]) / 2 - direction * ratio * (low + high) / 2
+        elif joint in travels:
+            ratio = LOST * _number(path, key, joint, travels[joint]) / degrees(high - low)
+        if ratio is not None and not 0.02 < ratio < 50.0:
+            raise RigError(
+                f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to 50 is possible"
+            )
+        if zero is None:
+            guessed += 1
+        rows.append(_row(str(joint), motor, direction, (low, high), ratio, zero))
+    if not travels and not limits:
+        notes.append("no ratio of motors to joints: give calibration.yaml too, or run the power-on routine")
+    elif not limits:
+        of = "this revision" if revised else "revision 2.1, which this hand may not be"
+        notes.append(f"ratios of motors to joints are from the travel of {of}")
+    if guessed:
+        notes.append(f"where {guessed} motors have their zero is not known: run the power-on routine")
+    return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes)
+
+
+def _row(
+    joint: str, motor: int, direction: int, ends: tuple[float, float], ratio: float | None, zero: float | None
+) -> Row:
+    arm = 8e-3
+    return Row(
+        joint=joint,
+        motor=str(motor),
+        direction=direction,
+        low=ends[0],
+        high=ends[1],
+        ratio_std=None if ratio is None else LOST_STD,
+        spool_radius=None if ratio is None else arm / ratio,
+        joint_radius=None if ratio is None else arm,
+        zero=zero,
+        zero_std=None if zero is None else CALIBRATED_ZERO_STD,
+    )
+
+
+def _limits(path: Path) -> dict[int, object]:
+    """Return where each motor met its stops, without those that were not calibrated."""
+    found = _section(path, _mapping(path), "motor_limits")
+    limits = dict[int, object]()
+    for motor, ends in found.items():
+        if not motor.isdigit():
+            raise RigError(f"{path}: motor_limits: '{motor}' is no number of a motor")
+        if isinstance(ends, list) and all(end is None for end in ends):
+            continue
+        limits[int(motor)] = ends
+    return limits
+
+
+def _mapping(path: Path) -> Mapping[str, object]:
+    yaml = _yaml()
+    text = read_text(path, RigError)
+    try:
+        told = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError) as problem:
+        raise RigError(f"{path}: not valid YAML: {problem}") from None
+    if not isinstance(told, Mapping):
+        raise RigError(f"{path}: is no configuration of a hand: names and values are expected")
+    return told
+
+
+def _section(path: Path, told: Mapping[str, object], key: str) -> dict[str, object]:
+    section = told.get(key)
+    if not isinstance(section, Mapping) or not section:
+        raise RigError(f"{path}: '{key}' is missing or empty: is this a file of orca_core?")
+    return {str(name): value for name, value in section.items()}
+
+
+def _pair(path: Path, key: str, name: object, ends: object) -> tuple[float, float]:
+    if not isinstance(ends, list) or len(ends) != 2:
+        raise RigError(f"{path}: {key}: '{name}' needs two ends, {ends!r} came")
+    low, high = (_number(path, key, name, end) for end in ends)
+    if not low < high:
+        raise RigError(f"{path}: {key}: the ends of '{name}' must rise, {low:g} and {high:g} came")
+    return low, high
+
+
+def _number(path: Path, key: str, name: object, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real) or not abs(float(value)) < 1e6:
+        raise RigError(f"{path}: {key}: '{name}' needs a number, {value!r} came")
+    return float(value)
+
+
+def _yaml() -> ModuleType:
+    try:
+        return importlib.import_module("yaml")
+    except ImportError:
+        raise RigError("YAML files need an extra: pip install 'distal[hands]'") from None
