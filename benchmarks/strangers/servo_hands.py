@@ -8,6 +8,7 @@ side: arrays are (hands, parts). A tendon is two springs in series with dry fric
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ TORQUE_CONSTANT = 0.5
 
 @dataclass
 class Drawn:
-    """Numbers of some hands, (hands, parts) each; `arms` and `spools` are signed, (tendons, joints) and (tendons, motors)."""
+    """Numbers of some hands, (hands, parts); `arms` and `spools` are signed, (tendons, joints) and (tendons, motors)."""
 
     arms: Floats
     spools: Floats
@@ -63,7 +64,7 @@ class Hands:
         self.places, self.speeds = np.zeros((hands, motors)), np.zeros((hands, motors))
         self.nodes = np.zeros(drawn.slack.shape)
         self.torques, self.goals = np.zeros((hands, motors)), np.zeros((hands, motors))
-        self.limits = np.full((hands, motors), 0.4)
+        self.limits = np.full((hands, motors), 0.8)
         self.broken = np.zeros(drawn.slack.shape, dtype=bool)
         self.slips = np.full((hands, motors), np.inf)
         self.slipped = np.zeros((hands, motors))
@@ -109,7 +110,7 @@ class Hands:
         self.angles = self.angles + STEP * self.rates
 
     def step(self, goals: Floats) -> dict[str, Floats]:
-        """Send goals [rad of the encoders], let a period pass, and return places [rad] and currents [A] as they are read."""
+        """Send goals [rad of the encoders], let a period pass, and return the places [rad] and currents [A] read then."""
         d = self.d
         self.goals = (np.asarray(goals) - d.zeros) * d.signs
         for _ in range(round(PERIOD / STEP)):
@@ -148,6 +149,10 @@ ORCA = {
 """Range [deg], arm [mm], turns of the motor for one of the joint: of the size of a hand that can be built today."""
 
 
+def _uniform(rng: np.random.Generator, count: int, low: float, high: float, size: int | None = None) -> Floats:
+    return rng.uniform(low, high, count if size is None else size)
+
+
 def orca_like(seeds: Any) -> tuple[Known, Hands]:
     """Return what is known of a hand with a motor for each joint, and some such hands, a seed each."""
     table = np.array(list(ORCA.values()))
@@ -161,22 +166,65 @@ def orca_like(seeds: Any) -> tuple[Known, Hands]:
     draws = []
     for seed in seeds:
         rng = np.random.default_rng([seed, 171])
-        u = lambda a, b, size=n: rng.uniform(a, b, size)  # noqa: E731
+        u = partial(_uniform, rng, n)
         arms = arm * (1 + 0.02 * rng.normal(size=n))
         spool = arm / ratio * (1 + 0.02 * rng.normal(size=n))
         loose = rng.random(n) < 0.75
         pair = np.where(loose, u(0.1e-3, 0.8e-3), -u(0.02e-3, 0.2e-3))
         share = u(0.3, 0.7)
-        draws.append(dict(
-            arms=np.vstack([np.diag(arms), -np.diag(arms)]), spools=np.vstack([np.diag(spool), -np.diag(spool)]),
-            low=low + np.deg2rad(1.0) * rng.normal(size=n), high=high + np.deg2rad(1.0) * rng.normal(size=n),
-            slack=np.concatenate([pair * share, pair * (1 - share)]),
-            stiffness=np.tile(u(1.2e4, 3e4), 2) * u(0.9, 1.1, 2 * n), sheath=u(0.03, 0.25, 2 * n),
-            spring=u(0, 0.004), rest=np.zeros(n), dry=u(0.004, 0.012), axle=u(0.03, 0.08),
-            weight=u(-0.003, 0.003), gear_friction=u(0.02, 0.05), gear_load=u(0.03, 0.1),
-            torque_constant=TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=n)),
-            zeros=rng.uniform(2.2, 4.0, n), signs=np.where(rng.random(n) < 0.3, -1.0, 1.0),
-        ))  # fmt: skip
+        draws.append({
+            "arms": np.vstack([np.diag(arms), -np.diag(arms)]), "spools": np.vstack([np.diag(spool), -np.diag(spool)]),
+            "low": low + np.deg2rad(1.0) * rng.normal(size=n), "high": high + np.deg2rad(1.0) * rng.normal(size=n),
+            "slack": np.concatenate([pair * share, pair * (1 - share)]),
+            "stiffness": np.tile(u(1.2e4, 3e4), 2) * u(0.9, 1.1, 2 * n), "sheath": u(0.03, 0.25, 2 * n),
+            "spring": u(0, 0.004), "rest": np.zeros(n), "dry": u(0.004, 0.012), "axle": u(0.03, 0.08),
+            "weight": u(-0.003, 0.003), "gear_friction": u(0.02, 0.05), "gear_load": u(0.03, 0.1),
+            "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=n)),
+            "zeros": rng.uniform(2.2, 4.0, n), "signs": np.where(rng.random(n) < 0.3, -1.0, 1.0),
+        })  # fmt: skip
     stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
     assert len(draws) == hands
-    return known, Hands(stacked, int(list(seeds)[0]))
+    return known, Hands(stacked, int(next(iter(seeds))))
+
+
+AERO_JOINTS = {
+    "thumb_abd": (0, 100), "thumb_flex": (0, 55), "thumb_mcp": (0, 90), "thumb_ip": (0, 90),
+    **{f"{finger}_{joint}": (0, 90) for finger in ("index", "middle", "ring", "pinky") for joint in ("mcp", "pip", "dip")},
+}  # fmt: skip
+"""Range [deg]."""
+
+AERO_ARMS = {
+    "thumb_abd": {"thumb_abd": 9.0},
+    "thumb_flex": {"thumb_abd": 2.5, "thumb_flex": 12.5},
+    "thumb_tendon": {"thumb_abd": 2.5, "thumb_flex": -2.5, "thumb_mcp": 9.5, "thumb_ip": 12.5},
+    **{f: {f"{f}_mcp": 12.5, f"{f}_pip": 7.5, f"{f}_dip": 9.0} for f in ("index", "middle", "ring", "pinky")},
+}  # fmt: skip
+"""Motor → moment arms of its tendon [mm], of the size of a hand that can be built today."""
+
+
+def aero_like(seeds: Any) -> tuple[Known, Hands]:
+    """Return what is known of a hand whose fingers have one tendon each, and springs, and some such hands, a seed each."""
+    joints, motors = tuple(AERO_JOINTS), tuple(AERO_ARMS)
+    ends = np.deg2rad(np.array(list(AERO_JOINTS.values()), dtype=np.float64))
+    arms = 1e-3 * np.array([[AERO_ARMS[m].get(j, 0.0) for j in joints] for m in motors])
+    # the first motor turns its joint directly: a second tendon holds it the other way
+    arms, n = np.vstack([arms, -arms[:1]]), len(joints)
+    spools = 9e-3 * np.vstack([np.eye(len(motors)), -np.eye(len(motors))[:1]])
+    known = Known(joints, motors, ends[:, 0], ends[:, 1], arms, spools)
+    draws = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, 172])
+        u = partial(_uniform, rng, n)
+        t, m = len(arms), len(motors)
+        spring, slack = u(0.03, 0.07), u(0.0, 1e-3, t)
+        spring[0], slack[0], slack[-1] = 0.0, 5e-5, 5e-5
+        draws.append({
+            "arms": arms * (1 + 0.02 * rng.normal(size=arms.shape)), "spools": spools * (1 + 0.01 * rng.normal(size=(1, m))),
+            "low": ends[:, 0] + np.deg2rad(1.0) * rng.normal(size=n), "high": ends[:, 1] + np.deg2rad(1.0) * rng.normal(size=n),
+            "slack": slack, "stiffness": u(1.2e4, 3e4, t), "sheath": u(0.03, 0.2, t), "spring": spring, "rest": u(-0.5, -0.2),
+            "dry": u(0.002, 0.006), "axle": u(0.03, 0.06), "weight": u(-0.002, 0.002), "gear_friction": u(0.02, 0.05, m),
+            "gear_load": u(0.03, 0.1, m), "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=m)),
+            "zeros": rng.uniform(-0.1, 0.1, m), "signs": np.ones(m),
+        })  # fmt: skip
+    stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
+    return known, Hands(stacked, int(next(iter(seeds))) + 1)

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from distal.cli.console import say, table
 from distal.cli.paths import check_outputs, to_file
-from distal.cli.rigs import app
+from distal.cli.rigs import app as app
 
 if TYPE_CHECKING:
     from distal.rig import Imported, Rig

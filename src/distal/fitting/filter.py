@@ -68,7 +68,12 @@ class FitFilter:
         Its truth is the reference, NaN or absent where it is not known.
         """
         runner, joints = self.runner, [joint.name for joint in self.rig.joints]
-        proximal = samples_of(log, runner.channels[: -len(self.references)], "fit")
+        names = runner.channels[: -len(self.references)]
+        proximal = samples_of(log, names, "fit").copy()
+        for sensor in runner.states.context.channels.positions:
+            low, high = runner.states.context.possible_places(sensor)
+            column = proximal[:, names.index(sensor.name)]
+            column[(column < low) | (column > high)] = np.nan
         angles = true_angles(log, joints)
         truth = np.full((len(log), len(joints)), np.nan) if angles is None else angles
         read = [joints.index(sensor.of) for sensor in self.references]

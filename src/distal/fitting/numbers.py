@@ -113,6 +113,13 @@ def by_filter(problem: Problem, options: Options, begin: Numbers | None, progres
     return _searched(problem, start, searching(progress, "by its filter"))
 
 
+def from_starts(problem: Problem, starts: Sequence[Rig]) -> Numbers:
+    """Return the numbers with which a rig's filter predicts what is read best, from the likeliest of some rigs."""
+    coordinates = [_coordinates_of(problem, start) for start in starts]
+    costs = problem.costs(coordinates)
+    return _searched(problem, coordinates[int(np.argmin(np.where(np.isnan(costs), np.inf, costs)))], None)
+
+
 def _start(problem: Problem, options: Options) -> Floats:
     return np.zeros(problem.size) if options.start is None else _coordinates_of(problem, options.start)
 

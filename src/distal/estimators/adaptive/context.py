@@ -77,6 +77,12 @@ class FilterContext:
                 found[i] = lever / arms[name], share
         return found
 
+    def arm(self, drive: int, joint: int) -> float:
+        """Return the moment arm of a drive's tendon at a joint that it moves [m]."""
+        rig = self.mechanism.rig
+        name = rig.joints[joint].name
+        return next(t for t in rig.tendons if t.drive == rig.drives[drive].name and name in t.joints).arms()[name]
+
     @cached_property
     def joints_follow(self) -> bool:
         """Whether a joint follows a jump of its drive within one interval: its own frequency times that is large."""
@@ -129,12 +135,18 @@ class FilterContext:
         Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later guard would stop it.
         What measures no position is always credible.
         """
-        if sensor.measures != "position":
+        if sensor.measures != "position" or not self.robustness.asks_places:
             return 1
+        low, high = self.possible_places(sensor)
+        return ca.logic_and(reading >= low, reading <= high)
+
+    def possible_places(self, sensor: Sensor) -> tuple[float, float]:
+        """Return the ends of what a position sensor can read: `MOST_TRAVELS` times the travel of its drive away."""
         drives = [drive.name for drive in self.mechanism.rig.drives]
         low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
-        away = ca.fabs(reading - sensor.bias.value - 0.5 * (low + high))
-        return away <= MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
+        centre = sensor.bias.value + 0.5 * (low + high)
+        away = MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
+        return centre - away, centre + away
 
     def number(self, path: str, otherwise: float) -> Scalar:
         """Return a number of the description: an input of the filter where it is given, else the constant `otherwise`."""

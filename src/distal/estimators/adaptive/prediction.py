@@ -83,8 +83,13 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
     it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
     """
     total, drives = ca.SX(0), Tracks(tracks, context.n_drives)
+    ratio: Scalar
     for i, (ratio, share) in context.moved_by(joint).items():
         grown = ca.fmax(drives[i].unknown - memory[remembered_place(i, "unknown")], 0)
+        if (path := f"drives.{i}.radius") in context.mechanism.parameters.inputs:
+            ratio = context.number(path, 1.0) / context.arm(
+                i, joint
+            )  # of a fit, so that rigs of one kind share its kernel
         total += followed_share(context.robustness, drives[i].lost) * grown * (ratio * share) ** 2
     return total
 

@@ -95,6 +95,8 @@ class Robustness:
     """docs/results/chains.md, "Something happens\""""
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
+    asks_places: bool = True
+    """Whether places that no drive can have are missing; a fit leaves them out before: rigs of a kind share its kernel."""
 
     @property
     def guards_displacements(self) -> bool:
@@ -145,4 +147,4 @@ class Robustness:
     @classmethod
     def fitting(cls) -> Robustness:
         """Return the guards of a fit: it takes friction as the rig says, and goes by drives that clearly move."""
-        return cls(unknown_friction=0.0, moving_only=True)
+        return cls(unknown_friction=0.0, moving_only=True, asks_places=False)

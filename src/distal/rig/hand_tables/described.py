@@ -85,8 +85,8 @@ def _joint(name: str, rows: Sequence[Row]) -> Raw:
     }
     if all(other.back == "spring" for other in rows):
         raw["spring"] = {
-            "stiffness": guess.SPRING,
-            "rest_angle": Guess(in_degrees(row.low - 0.3), "where springs rest"),
+            "stiffness": guess.spring(max(row.joint_radius or guess.USUAL_RADIUS for row in rows)),
+            "rest_angle": guess.rest_angle(row.low),
         }
     return raw
 

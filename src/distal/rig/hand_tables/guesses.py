@@ -6,7 +6,10 @@ from math import degrees, radians
 
 from distal.rig.imported import Guess
 
-JOINT_RADIUS = Guess(8e-3, "radii of joints (only their ratio to the spools counts)")
+USUAL_RADIUS = 8e-3
+"""Of a joint [m]."""
+
+JOINT_RADIUS = Guess(USUAL_RADIUS, "radii of joints (only their ratio to the spools counts)")
 SPOOL_RADIUS = Guess(8e-3, "radii of spools")
 RATIO_STD = 0.02
 """Of a ratio of radii that a drawing or a table says, as a share."""
@@ -19,7 +22,6 @@ DAMPING = Guess("1e-3 N m s", "damping of joints")
 JOINT_FRICTION = Guess(
     {"coefficient": {"value": 0.1, "std": 0.05}, "radius": "3 mm", "preload": "30 N"}, "friction of joints"
 )
-SPRING = Guess({"value": "0.05 N m/rad", "std": "60 %"}, "stiffness of springs")
 RANGE_STD = Guess("1 deg", "how well ranges are known")
 MOTOR_INERTIA = Guess("2e-4 kg m^2", "inertia of motors")
 MOTOR_DAMPING = Guess("1e-3 N m s", "damping of motors")
@@ -45,6 +47,16 @@ TOLD_ZERO_STD, UNKNOWN_ZERO_STD = radians(5.0), radians(60.0)
 
 COUNTS = Guess(4096, "counts of encoders")
 """In one turn; of a log in radians it is the resolution."""
+
+
+def spring(radius: float) -> Guess:
+    """Return the stiffness of a spring at a joint of some radius [m]: of one tendon's joints all close together."""
+    return Guess({"value": f"{0.05 * radius / USUAL_RADIUS:.3g} N m/rad", "std": "60 %"}, "stiffness of springs")
+
+
+def rest_angle(low: float) -> Guess:
+    """Return where a spring rests that holds its joint open: some way beyond the lower end of its range [rad]."""
+    return Guess({"value": f"{degrees(low) - 18:.4g} deg", "std": "7 deg"}, "where springs rest")
 
 
 def initial_angle(low: float, high: float) -> Guess:

@@ -1,0 +1,172 @@
+"""Hands calibrated by their power-on routine alone, on plants of others: `python -m benchmarks.hands [--first-seed N]`."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import distal
+from benchmarks.strangers.servo_hands import PERIOD, TORQUE_CONSTANT, Hands, Known, aero_like, orca_like
+from distal import Rig
+from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
+from distal.logs import Log
+from distal.rig.hand_tables import Row, hand_of
+
+DRAWS, SECONDS = 10, 30.0
+
+
+def rig_of(known: Known) -> Rig:
+    """Return the rig as an owner has it from drawings: radii, ranges, which way motors turn."""
+    m, rows = len(known.motors), []
+    for t, motor in enumerate(known.motors):
+        crossed = np.flatnonzero(known.arms[t])
+        pair = any(np.any(known.arms[k] * known.arms[t] < 0) and not np.any(known.arms[k] * known.arms[t] > 0)
+                   for k in range(m, len(known.arms)) if np.any(known.arms[k, crossed]))  # fmt: skip
+        for j in crossed:
+            rows.append(
+                Row(joint=known.joints[j], motor=motor, low=float(known.low[j]), high=float(known.high[j]),
+                    spool_radius=float(abs(known.spools[t, t])), joint_radius=float(abs(known.arms[t, j])),
+                    direction=1 if known.arms[t, j] > 0 else -1, back="tendon" if pair and len(crossed) == 1 else "spring")
+            )  # fmt: skip
+    return hand_of(rows, "hand", "table").rig
+
+
+class Driven:
+    """Some hands behind routines or goals; angles as sensors read them in the rig's sign, so that a motor winds by +."""
+
+    def __init__(self, hands: Hands) -> None:
+        self.hands, self.signs = hands, hands.d.signs
+
+    def read(self, goals: Any) -> tuple[Any, Any]:
+        """Send goals [rad], let a period pass, and return places and torques by the catalogue's constant."""
+        read = self.hands.step(np.asarray(goals) * self.signs)
+        return read["places"] * self.signs, TORQUE_CONSTANT * read["currents"] * self.signs
+
+
+def calibrated(known: Known, hands: Hands, rig: Rig) -> list[tuple[Calibrated, Log]]:
+    """Run the routine on all hands side by side, and calibrate each."""
+    driven, count = Driven(hands), len(hands.angles)
+    routines = [Routine(rig, RoutineOptions()) for _ in range(count)]
+    names = [(f"{motor}_position", f"{motor}_current") for motor in known.motors]
+    places = hands.places + hands.d.zeros * hands.d.signs
+    torques, k = np.zeros_like(places), 0
+    while not all(routine.done for routine in routines):
+        goals = places.copy()
+        for a, routine in enumerate(routines):
+            sample = {place: places[a, m] for m, (place, _) in enumerate(names)}
+            sample |= {torque: torques[a, m] for m, (_, torque) in enumerate(names)}
+            sent = routine.step(k * PERIOD, sample)
+            goals[a] = [sent[motor] for motor in known.motors]
+        places, torques = driven.read(goals)
+        k += 1
+    for routine in routines:
+        if routine.aborted:
+            print("aborted:", routine.aborted)
+    print(f"routine: {k * PERIOD:.0f} s")
+    return [(calibrate(routine.log(), rig), routine.log()) for routine in routines]
+
+
+def motion(known: Known, hands: Hands, ends: Any, seed: int) -> dict[str, Any]:
+    """Let all motors follow smooth steps between random places within their travel, and record."""
+    rng, driven = np.random.default_rng([seed, 9]), Driven(hands)
+    low, high = ends
+    places = hands.places + hands.d.zeros * hands.d.signs
+    begin, goals, left = places.copy(), places.copy(), np.zeros_like(places)
+    span, rows = np.ones_like(places), {"places": [], "torques": [], "angles": []}
+    for _ in range(round(SECONDS / PERIOD)):
+        fresh = left <= 0
+        begin = np.where(fresh, goals, begin)
+        goals = np.where(fresh, low + (high - low) * rng.uniform(0.05, 0.95, places.shape), goals)
+        span = np.where(fresh, rng.uniform(0.6, 2.2, places.shape), span)
+        left = np.where(fresh, span, left) - PERIOD
+        share = np.clip((1 - left / span) * 1.2, 0, 1)
+        smooth = share**3 * (10 - 15 * share + 6 * share**2)
+        places, torques = driven.read(begin + (goals - begin) * smooth)
+        for name, value in (("places", places), ("torques", torques), ("angles", hands.angles.copy())):
+            rows[name].append(value)
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+def log_of(known: Known, run: dict[str, Any], a: int) -> Log:
+    """Return the log of one hand."""
+    time_ = np.arange(len(run["places"])) * PERIOD
+    channels = {f"{motor}_position": run["places"][:, a, m].copy() for m, motor in enumerate(known.motors)}
+    channels |= {f"{motor}_current": run["torques"][:, a, m].copy() for m, motor in enumerate(known.motors)}
+    return Log(time_, channels, {}, f"hand {a}")
+
+
+def ratio(known: Known, places: Any, ends: tuple[Any, Any]) -> Any:
+    """Return angles as a hand's own software makes them: each joint's range over the motor's travel between its stops."""
+    low, high = ends
+    angles = np.zeros((len(places), len(known.joints)))
+    of_joint = {}
+    for t in range(len(known.motors)):
+        for j in np.flatnonzero(known.arms[t]):
+            # a joint is its own motor's: the one in whose tendon it has the largest share
+            arm = abs(known.arms[t, j]) / np.abs(known.arms[t]).sum()
+            if arm > of_joint.get(j, (0.0, 0))[0]:
+                of_joint[j] = (arm, t)
+    for j, (_, t) in of_joint.items():
+        share = np.clip((places[:, t] - low[t]) / (high[t] - low[t]), 0, 1)
+        angles[:, j] = known.low[j] + share * (known.high[j] - known.low[j])
+    return angles
+
+
+def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[list[str]]:
+    """Return RMS errors of ten hands after the routine alone."""
+    known, hands = make(seeds)
+    rig = rig_of(known)
+    begun = time.perf_counter()
+    found = calibrated(known, hands, rig)
+    print(f"calibrated {len(found)} hands, {(time.perf_counter() - begun) / len(found):.1f} s each with their plants")
+    m = len(known.motors)
+    ends = np.zeros((2, len(found), m))
+    for a, (_, log) in enumerate(found):
+        for k, motor in enumerate(known.motors):
+            place = log.channels[f"{motor}_position"]
+            ends[:, a, k] = np.nanmin(place), np.nanmax(place)
+            if len([t for t in rig.tendons if t.drive == motor]) == 1:  # what it lets out beyond is no travel
+                ends[0, a, k] += 0.3
+    run = motion(known, hands, ends, seeds[0])
+    rows = []
+    for a, (result, _) in enumerate(found):
+        truth = run["angles"][:, a]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", distal.DistalWarning)
+            estimate = distal.estimate(log_of(known, run, a), result.rig)
+        off = np.rad2deg(estimate.angles - truth)
+        plain = np.rad2deg(ratio(known, run["places"][:, a], (ends[0, a], ends[1, a])) - truth)
+        inside = np.abs(off) < 1.96 * np.rad2deg(estimate.angle_stds)
+        sizes = [float(np.sqrt(np.mean(errors**2))) for errors in (off, plain)]
+        per_joint = np.sqrt(np.mean(off**2, axis=0))
+        worst = int(np.argmax(per_joint))
+        share, faults = f"{sizes[0] / sizes[1]:.2f}", ", ".join(fault.sentence for fault in result.faults)
+        row = [f"{a}", f"{sizes[0]:.2f}", f"{sizes[1]:.2f}", share, f"{100 * inside.mean():.0f}"]
+        rows.append([*row, f"{known.joints[worst]} {per_joint[worst]:.1f}", faults])
+    return rows
+
+
+def main() -> None:
+    """Print a table for each kind of hand."""
+    first = int(sys.argv[sys.argv.index("--first-seed") + 1]) if "--first-seed" in sys.argv else 0
+    draws = int(sys.argv[sys.argv.index("--draws") + 1]) if "--draws" in sys.argv else DRAWS
+    kinds = {"orca": orca_like, "aero": aero_like}
+    for name, make in kinds.items():
+        if len(sys.argv) > 1 and sys.argv[1] in kinds and sys.argv[1] != name:
+            continue
+        rows = judged(make, range(first, first + draws))
+        titles = ["hand", "RMS, °", "ratio, °", "of it", "inside, %", "worst joint, °", "faults"]
+        values = np.array([[float(row[1]), float(row[2]), float(row[4])] for row in rows])
+        total = np.sqrt(np.mean(values[:, :2] ** 2, axis=0))
+        share, inside = total[0] / total[1], values[:, 2].mean()
+        title = f"{name}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, {share:.2f} x, {inside:.0f} %"
+        table(f"hands-{name}", title, titles, rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""`calibrate`: a hand's numbers from its power-on routine alone, with the ranges of its joints as the reference."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from distal.errors import DistalWarning, FitError
+from distal.fitting import Options
+from distal.fitting.fitted_number import assignments
+from distal.fitting.numbers import Numbers, from_starts, problem_of
+from distal.hands.findings import Fault, faults_of, slack_of
+from distal.hands.starts import Start, is_pair, pair_starts, single_starts
+from distal.hands.sweeps import Sweep, channels_of, sweeps_of
+from distal.logs import Log, Source, read_log
+from distal.rig import Part, Rig, independent_parts, load_rig
+
+SCATTER = 0.25
+"""What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not the same everywhere."""
+
+ZERO_SPREAD = 0.05
+"""Prior of a motor's zero about what its contacts say, as a share of its travel."""
+
+STIFFNESS_SPREAD = 0.3
+"""Prior of a tendon's stiffness about what the slope at its end says, as a share."""
+
+PRETENSION = {"value": 2.0, "std": 2.0}
+"""Prior of the tension of a pair that is not slack [N]."""
+
+SPRINGS_SPREAD, SPRINGS_APART = 0.6, 0.35
+"""Prior of what the springs of a finger have in common, and how far each may be from it, as shares: one motor hardly tells
+which of them is stiffer (docs/results/hands.md)."""
+
+QUASI_STATIC = 300.0
+"""Of a slow routine the joints' inertia says nothing: it is such that they have this frequency, whose steps are few
+[rad/s]."""
+
+NOT_SLACK = {"value": 0.0, "std": 0.0}
+"""Of such a pair [m]."""
+
+AT_STOP = float(np.deg2rad(1.0))
+"""How well a joint's angle is known at the end of a sweep [rad]."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A hand after its power-on routine: its rig, what of it was found by path → value, faults, and what was not found."""
+
+    rig: Rig
+    start: Rig
+    values: Mapping[str, object]
+    faults: tuple[Fault, ...]
+    notes: tuple[str, ...]
+
+
+def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Calibrated:
+    """Return a hand's rig with lengths, play or tension, friction and stiffness as its power-on routine tells them.
+
+    In the log each motor goes slowly to both ends of its travel and back, at least three times, with its angle and its
+    torque. The ends of the joints' ranges are the reference; the rig says how well they are known (`stops_std`). Parts
+    that share nothing are calibrated apart, side by side.
+
+    Raises:
+        LogError: the log cannot be read, or a motor does not sweep in it.
+        FitError: no rig with these motors moves as the log does.
+    """
+    rig = (rig if isinstance(rig, Rig) else load_rig(rig)).bare()
+    log = log if isinstance(log, Log) else read_log(log, rig)
+    sweeps = {drive.name: sweeps_of(log, rig, drive.name) for drive in rig.drives}
+    faults = tuple(fault for drive in rig.drives for fault in faults_of(rig, drive.name, sweeps[drive.name]))
+    faulty, values, notes = {fault.drive for fault in faults}, dict[str, object](), list[str]()
+    parts = [part for part in independent_parts(rig) if part.rig.drives]
+    sound = [part for part in parts if not faulty & {drive.name for drive in part.rig.drives}]
+    for part in parts:
+        if part not in sound:
+            notes.append(f"not calibrated, as it has a fault: {', '.join(joint.name for joint in part.rig.joints)}")
+    with ThreadPoolExecutor(workers) as pool:
+        for found in pool.map(lambda part: _of_part(log, part, sweeps), sound):
+            values |= found
+    found_rig = rig.with_values(values)
+    return Calibrated(found_rig, rig, values, (*faults, *slack_of(found_rig)), tuple(notes))
+
+
+def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
+    """Return path by names → value of a part's numbers, in the likelier of its forms: pairs slack or stretched."""
+    rig, drives = part.rig, [drive.name for drive in part.rig.drives]
+    first, last = min(sweeps[name][0].end for name in drives), max(sweeps[name][-1].end for name in drives)
+    cut = Log(
+        log.time[first : last + 1] - log.time[first],
+        {
+            name: log.channels[name][first : last + 1]
+            for name in (sensor.name for sensor in rig.sensors)
+            if name in log.channels
+        },
+        {},
+        log.source,
+    )
+    pairs = [name for name in drives if is_pair(rig, name)]
+    forms = [(), tuple(pairs)] if pairs else [()]
+    found = list[tuple[float, Rig, Numbers]]()
+    for stretched in forms:
+        formed = _formed(rig, stretched)
+        starts = _starts(formed, drives, sweeps, stretched)
+        prior = _prior(formed, drives, sweeps, starts)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DistalWarning)
+            problem = problem_of([cut], prior, Options(noise=False, workers=1))
+            numbers = from_starts(problem, [prior.with_values(start) for start in starts])
+        # what the channels' values are worth differs from search to search; the plain sums can be compared
+        found.append((float(problem.costs([numbers.optimum.z])[0]), formed, numbers))
+    cost, formed, numbers = min(found, key=lambda one: one[0])
+    if not np.isfinite(cost):
+        raise FitError(f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does")
+    values = assignments(numbers.fitted, numbers.problem.filter.rig)
+    return _form_values(rig, formed) | _with_ranges(formed, values)
+
+
+def _formed(rig: Rig, stretched: Sequence[str]) -> Rig:
+    """Return the rig with the pairs of some drives under tension instead of slack."""
+    changed = {
+        f"tendons.{k}.{name}": value
+        for k, tendon in enumerate(rig.tendons)
+        if tendon.drive in stretched
+        for name, value in (("slack", NOT_SLACK), ("pretension", PRETENSION))
+    }
+    return rig.with_values(changed) if changed else rig
+
+
+def _form_values(rig: Rig, formed: Rig) -> dict[str, object]:
+    """Return path by names → value of what one form has otherwise than the rig as it came."""
+    return {
+        f"tendons.{one.name}.{key}": getattr(other, key).model_dump()
+        for one, other in zip(rig.tendons, formed.tendons)
+        for key in ("slack", "pretension")
+        if getattr(one, key) != getattr(other, key)
+    }
+
+
+def _starts(
+    rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]], stretched: Sequence[str]
+) -> list[Start]:
+    """Return the starts of a part: of several motors the first starts of all, then the others one motor at a time."""
+    families = [
+        pair_starts(rig, name, sweeps[name], name in stretched)
+        if is_pair(rig, name)
+        else single_starts(rig, name, sweeps[name])
+        for name in drives
+    ]
+    common: Start = {}
+    for family in families:
+        common = {**common, **family[len(family) // 2]}
+    return [{**common, **start} for family in families for start in family]
+
+
+def _prior(rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]], starts: Sequence[Start]) -> Rig:
+    """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction, angles by the first end."""
+    values, middle = dict[str, object](), starts[len(starts) // 2]
+    # one number for all motors of a hand: a noise is a constant of the kernel, which parts of one kind then share
+    levels = [abs(sweep.level) for of_drive in sweeps.values() for sweep in of_drive]
+    scatter = float(f"{SCATTER * np.median(levels):.2g}")
+    for path, value in middle.items():
+        if path.endswith(".bias"):
+            sensor = rig.sensors[int(path.split(".")[1])]
+            contacts = [sweep.contact for sweep in sweeps[sensor.of]]
+            values[path] = {"value": value, "std": ZERO_SPREAD * (max(contacts) - min(contacts))}
+        elif path.endswith(".stiffness") and path.startswith("tendons."):
+            shared = rig.tendons[int(path.split(".")[1])].stiffness.shared
+            spread = {"std": STIFFNESS_SPREAD * value}
+            values[path] = {
+                "value": value,
+                **(spread if shared is None else {"shared": shared.model_dump() | {"std": STIFFNESS_SPREAD}}),
+            }
+    for i, joint in enumerate(rig.joints):
+        if (path := f"joints.{i}.spring.stiffness") in middle:
+            common = {"name": f"springs_{drives[0]}", "std": SPRINGS_SPREAD}
+            values[path] = {"value": middle[path], "std": 0.0, "shared": common}
+        stiff = 0.0
+        for k, tendon in enumerate(rig.tendons):
+            stiff += middle.get(f"tendons.{k}.stiffness", 0.0) * tendon.arms().get(joint.name, 0.0) ** 2
+        values[f"joints.{i}.inertia"] = max(stiff, 1e-3) / QUASI_STATIC**2
+    for name in drives:
+        torque = channels_of(rig, name)[1]
+        at = [sensor.name for sensor in rig.sensors].index(torque)
+        values[f"sensors.{at}.noise"] = max(rig.sensors[at].noise, scatter)
+        way = sweeps[name][0].way
+        for i, joint in enumerate(rig.joints):
+            tendons = [tendon for tendon in rig.tendons if tendon.drive == name and joint.name in tendon.arms()]
+            if not tendons or joint.coupled is not None:
+                continue
+            up = way > 0 if is_pair(rig, name) else way * tendons[0].arms()[joint.name] > 0
+            values[f"joints.{i}.initial"] = {"value": joint.travel[1 if up else 0], "std": AT_STOP}
+    return rig.with_values(values)
+
+
+def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
+    """Return the values with what is not known of the joints' ranges: the zero is no better than their middle."""
+    wider = {path: value for path, value in values.items() if not path.endswith((".initial", ".noise"))}
+    for joint in rig.joints:
+        path = f"joints.{joint.name}.spring.stiffness"
+        if isinstance(found := wider.get(path), dict):
+            wider[path] = {"value": found["value"], "std": float(f"{SPRINGS_APART * found['value']:.3g}")}
+    for drive in rig.drives:
+        if drive.kind != "capstan":
+            continue
+        tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+        arms, joints = tendon.arms(), {joint.name: joint for joint in rig.joints}
+        off = [abs(arm) * joints[name].stops_std for name, arm in arms.items()]
+        travel = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
+        of_radius, of_zero = np.sqrt(2) * np.hypot.reduce(off) / travel, np.hypot.reduce(off) / np.sqrt(2)
+        place = channels_of(rig, drive.name)[0]
+        for path, size in ((f"drives.{drive.name}.radius", of_radius * drive.radius.value),
+                           (f"sensors.{place}.bias", of_zero / drive.radius.value)):  # fmt: skip
+            found = wider.get(path)
+            if isinstance(found, dict):
+                wider[path] = found | {"std": float(f"{np.hypot(found['std'], size):.3g}")}
+    return wider

@@ -1,0 +1,94 @@
+"""What a power-on routine says of tendons and spools that are not as they should be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, hypot
+from typing import Literal
+
+import numpy as np
+
+from distal.hands.starts import contacts, is_pair
+from distal.hands.sweeps import Sweep
+from distal.rig import Capstan, Rig
+
+FaultKind = Literal["side", "slack", "broken", "slipped"]
+
+JAMMED = 0.55
+"""A joint is jammed where its motor turns less than this share of what its range needs."""
+
+LOOSE = 10.0
+"""A pair is slack with more play than this at the joint, and its error more [deg]."""
+
+SLIPPED = 4.0
+"""A spool slipped where the end of the travel moved by this at the joint between sweeps [deg]."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a motor's tendons: its kind, the number that says so, and a line for people."""
+
+    kind: FaultKind
+    drive: str
+    size: float
+    sentence: str
+
+
+def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...]:
+    """Return the faults of a motor's tendons by its sweeps: at most one, the most certain."""
+    motor = next(part for part in rig.drives if part.name == drive)
+    assert isinstance(motor, Capstan)
+    tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
+    arms, joints = tendons[0].arms(), {joint.name: joint for joint in rig.joints}
+    names = ", ".join(arms)
+    need = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items()) / motor.radius.value
+    ratio = sum(abs(arm) for arm in arms.values()) / motor.radius.value
+    pair = is_pair(rig, drive)
+
+    def fault(kind: FaultKind, size: float, sentence: str) -> tuple[Fault, ...]:
+        return (Fault(kind, drive, size, f"{drive} ({names}): {sentence}"),)
+
+    full = sweeps[1:]
+    resisted = {way: [sweep.resisted for sweep in full if sweep.way == way] for way in (1, -1)}
+    none = [way for way in (1, -1) if not any(resisted[way])]
+    if pair and none:
+        which = " and ".join(tendon.name for tendon in tendons if tendon.winding in none)
+        return fault("broken", float(len(none)), f"nothing resists {_ways(none)}: {which} is broken or off its spool")
+    if not pair and 1 in none:
+        if -1 not in none:
+            return fault("side", -1.0, "tightens when it should let out: its tendon is wound the wrong way round")
+        return fault("broken", 1.0, f"nothing resists: {tendons[0].name} is broken or off its spool")
+    shift = max(
+        (float(np.ptp(contacts(sweeps, way))) for way in (1, -1) if all(resisted[way]) and resisted[way]), default=0.0
+    )
+    if shift > SLIPPED / degrees(1.0) * ratio:
+        moved = degrees(shift / ratio)
+        return fault("slipped", moved, f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips")
+    travel = float(np.mean(contacts(sweeps, 1))) - float(np.mean(contacts(sweeps, -1)))
+    if pair and travel < JAMMED * need:
+        share = 100 * travel / need
+        return fault(
+            "side", share, f"stops after {share:.0f} % of its travel: a tendon is on the wrong side, or it is blocked"
+        )
+    return ()
+
+
+def slack_of(rig: Rig) -> tuple[Fault, ...]:
+    """Return the pairs of tendons that a calibrated rig says are slack, with their play at the joint."""
+    faults = []
+    for drive in rig.drives:
+        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
+        if len(tendons) != 2:
+            continue
+        (name, arm), *_ = tendons[0].arms().items()
+        slack, std = sum(t.slack.value for t in tendons), hypot(*(t.slack.std for t in tendons))
+        play, error = degrees(slack / abs(arm)), degrees(std / abs(arm))
+        if play - error > LOOSE:
+            line = f"{drive.name} ({name}): has {play:.0f}° ± {error:.0f}° of play: its tendons are slack"
+            faults.append(Fault("slack", drive.name, play, line))
+    return tuple(faults)
+
+
+def _ways(ways: Sequence[int]) -> str:
+    return " or ".join("as its reading grows" if way > 0 else "as its reading falls" for way in ways)

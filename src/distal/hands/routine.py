@@ -1,0 +1,229 @@
+"""The power-on routine: each motor slowly to both ends of its travel and back, with limits on its torque and on time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite, nan
+
+import numpy as np
+
+from distal.errors import CommandError
+from distal.hands.starts import is_pair
+from distal.hands.sweeps import channels_of
+from distal.logs import Log
+from distal.rig import Capstan, Rig
+
+OF_PAIR, OF_SINGLE = 0.15, 0.35
+"""Torques at which a sweep turns back, of a motor with two tendons and of one that pulls against springs [N m]."""
+
+HELD = 0.03
+"""A sweep turns back where the torque stays above that for so long [s]."""
+
+BEYOND, MARGIN = 1.3, 0.5
+"""A sweep that nothing ends turns back after this many times the travel that the ranges need, and so many radians."""
+
+LOOSENED = 0.6
+"""A motor that lets its one tendon out goes so far beyond where it should be loose [rad]."""
+
+SLOWS, SLOWEST = 1.2, 0.25
+"""A motor slows down as its torque comes near the limit: its share of the speed is so much less torque/limit."""
+
+LEAD = 0.35
+"""A goal is never further ahead of its motor than this [rad]."""
+
+SILENT = 0.5
+"""The routine ends where a motor's angle is missing for longer than this [s]."""
+
+LARGEST = 3.0
+"""The routine ends where a torque is above this many times its limit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoutineOptions:
+    """How a routine moves: order of motors, each entry moves at one time; torques that turn a sweep back [N m], by motor.
+
+    Args:
+        order: groups of motors or joints; None moves one motor after the other, in the rig's order.
+        limits: torque at which a sweep turns back, for all motors, by motor, or None for `OF_PAIR` and `OF_SINGLE`.
+        speed: of a motor [rad/s].
+        sweeps: of each motor.
+        longest: time for a sweep [s]; the routine ends where one takes longer.
+    """
+
+    order: Sequence[Sequence[str]] | None = None
+    limits: float | Mapping[str, float] | None = None
+    speed: float = 1.2
+    sweeps: int = 5
+    longest: float = 20.0
+
+
+class _Motor:
+    """One motor's sweeps: where its goal is, which way it goes, and what ended the last sweep."""
+
+    def __init__(self, rig: Rig, name: str, limit: float) -> None:
+        drive = next(part for part in rig.drives if part.name == name)
+        tendon = next(part for part in rig.tendons if part.drive == name)
+        joints = {joint.name: joint for joint in rig.joints}
+        radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
+        self.name, self.limit, self.pair = name, limit, is_pair(rig, name)
+        need = sum(abs(arm) * float(np.ptp(joints[j].travel)) for j, arm in tendon.arms().items()) / radius
+        self.most, self.loose = BEYOND * need + MARGIN, need + LOOSENED
+        self.way, self.done, self.goal, self.begin, self.started, self.over = (
+            1,
+            0,
+            nan,
+            nan,
+            nan,
+            0.0,
+        )
+        self.ends: dict[int, float] = {}
+
+    def step(self, time: float, dt: float, place: float, torque: float, options: RoutineOptions) -> None:
+        """Go on by one period."""
+        if not isfinite(self.goal):
+            self.goal = self.begin = place
+            self.started = time
+        if self.done >= options.sweeps:
+            rest = sum(self.ends.values()) / 2 if self.pair and len(self.ends) == 2 else self.ends.get(-1, self.goal)
+            self.goal += float(np.clip(rest - self.goal, -options.speed * dt, options.speed * dt))
+            return
+        self.over = self.over + dt if self.way * torque > self.limit else 0.0
+        gone = self.way * (place - self.begin)
+        # the first sweep begins anywhere; one tendon is let out from where it was wound up
+        most = 2 * self.most if self.done == 0 else self.most if self.pair or self.way > 0 else self.loose
+        if self.over >= HELD or gone > most:
+            self.ends[self.way] = self.goal = self.begin = place
+            self.way, self.done, self.started, self.over = -self.way, self.done + 1, time, 0.0
+        speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
+        ahead = self.goal + self.way * speed * dt
+        self.goal = float(np.clip(ahead, place - LEAD, place + LEAD))
+
+    @property
+    def rested(self) -> bool:
+        """Whether it is back where it rests."""
+        rest = sum(self.ends.values()) / 2 if self.pair and len(self.ends) == 2 else self.ends.get(-1, self.goal)
+        return abs(self.goal - rest) < 1e-6
+
+
+class Routine:
+    """Moves a hand's motors for `calibrate`, step by step: it reads angles and torques and returns goals.
+
+    ```python
+    routine = Routine(rig)
+    while not routine.done:
+        goals = routine.step(time, sample)  # sample: channel → value, SI; goals: motor → angle as its sensor reads it [rad]
+    found = calibrate(routine.log(), rig)
+    ```
+
+    Nothing moves but the motors of one group at a time; `abort` leaves all where they are.
+
+    Raises:
+        CommandError: the order names no motor or joint, or a limit is none.
+    """
+
+    def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
+        self._options = options = RoutineOptions() if options is None else options
+        self._channels = {drive.name: channels_of(rig, drive.name) for drive in rig.drives}
+        self._motors = {drive.name: _Motor(rig, drive.name, _limit(rig, drive.name, options)) for drive in rig.drives}
+        self._groups = _groups(rig, options.order)
+        self._time, self._aborted, self._silent = nan, "", dict.fromkeys(self._motors, 0.0)
+        self._rows = list[list[float]]()
+        self._goals = dict.fromkeys(self._motors, nan)
+
+    @property
+    def done(self) -> bool:
+        """Whether it is at its end, or was aborted."""
+        return bool(self._aborted) or not self._groups
+
+    @property
+    def aborted(self) -> str:
+        """Why it ended before its end; empty if it did not."""
+        return self._aborted
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """The motors that move now."""
+        return () if self.done else self._groups[0]
+
+    def abort(self, why: str = "asked for") -> None:
+        """End it: the goals stay where the motors are."""
+        self._aborted = self._aborted or why
+
+    def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
+        """Take in a sample and return the goals of all motors, as their sensors read them [rad].
+
+        Args:
+            time: of the sample [s].
+            sample: channel → value, SI; NaN or left out where missing.
+        """
+        dt = float(np.clip(time - self._time, 0.0, 0.1)) if isfinite(self._time) else 0.0
+        self._time = time
+        row = [time]
+        for name, (place_of, torque_of) in self._channels.items():
+            place, torque = float(sample.get(place_of, nan)), float(sample.get(torque_of, nan))
+            row += [place, torque]
+            if not isfinite(self._goals[name]) and isfinite(place):
+                self._goals[name] = place
+            self._silent[name] = 0.0 if isfinite(place) else self._silent[name] + dt
+            if name in self.moving:
+                self._move(name, time, dt, place, torque)
+        self._rows.append(row)
+        if self._groups and all(self._ended(name) for name in self._groups[0]):
+            self._groups = self._groups[1:]
+        return dict(self._goals)
+
+    def _move(self, name: str, time: float, dt: float, place: float, torque: float) -> None:
+        motor = self._motors[name]
+        if self._silent[name] > SILENT:
+            return self.abort(f"{name}: no angle for {self._silent[name]:.1f} s")
+        if not isfinite(place):
+            return None
+        if abs(torque) > LARGEST * motor.limit:
+            self._goals[name] = place
+            return self.abort(f"{name}: a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}")
+        motor.step(time, dt, place, torque if isfinite(torque) else 0.0, self._options)
+        self._goals[name] = motor.goal
+        if motor.done < self._options.sweeps and time - motor.started > self._options.longest:
+            self._goals[name] = place
+            return self.abort(f"{name}: a sweep took longer than {self._options.longest:g} s: does the motor move?")
+        return None
+
+    def _ended(self, name: str) -> bool:
+        motor = self._motors[name]
+        return motor.done >= self._options.sweeps and motor.rested
+
+    def log(self) -> Log:
+        """Return what it has read, as `calibrate` takes it."""
+        rows = np.array(self._rows)
+        names = [channel for pair in self._channels.values() for channel in pair]
+        return Log(rows[:, 0], {name: rows[:, 1 + k] for k, name in enumerate(names)}, {}, "power-on routine")
+
+
+def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:
+    limits = options.limits
+    usual = OF_PAIR if is_pair(rig, drive) else OF_SINGLE
+    limit = usual if limits is None else limits.get(drive, usual) if isinstance(limits, Mapping) else float(limits)
+    if not 0.0 < limit < 100.0:
+        raise CommandError(f"the limit of motor '{drive}' must be a torque above 0 N m, {limit!r} came")
+    return limit
+
+
+def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
+    """Return the groups of motors that move at one time; a joint stands for the motor that has it first."""
+    motors = [drive.name for drive in rig.drives]
+    if order is None:
+        return [(name,) for name in motors]
+    of_joint: dict[str, str] = {}
+    for tendon in rig.tendons:
+        for joint in tendon.joints:
+            of_joint.setdefault(joint, tendon.drive)
+    groups, left = list[tuple[str, ...]](), list(motors)
+    for group in order:
+        names = tuple(dict.fromkeys(name if name in motors else of_joint.get(name, "") for name in group))
+        if "" in names:
+            unknown = next(name for name in group if name not in motors and name not in of_joint)
+            raise CommandError(f"order: '{unknown}' is no motor and no joint of '{rig.name}'")
+        groups.append(tuple(name for name in names if name in left))
+        left = [name for name in left if name not in names]
+    return [group for group in (*groups, *((name,) for name in left)) if group]

@@ -1,0 +1,123 @@
+"""Where a calibration's search begins: numbers of a motor and its joints that agree with where its sweeps ended.
+
+A fit of friction and slack has many local minima. Contacts and slopes leave one number open, the slack of a pair or how
+stiff springs are; of a family of starts the likeliest is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from distal.hands.sweeps import Sweep
+from distal.rig import Capstan, Rig, Tendon
+
+SLACKS = (0.012, 0.03, 0.055, 0.09, 0.14, 0.21)
+"""Slack of a pair that is tried, as a share of the joint's moment arm: 0.7 to 12 degrees of play."""
+
+TENSIONS = (0.006, 0.025)
+"""What a pair is stretched by that is tried, as a share of the moment arm."""
+
+GIVE = 0.012
+"""Stretch by the joint's own friction, as a share of the moment arm."""
+
+SHARES = (0.6, 1.0, 1.6)
+"""Factors of the springs' stiffness that are tried."""
+
+STIFFER = 1.2
+"""A tendon's stiffness is this many times the slope at an end, in which stop and sheath give way too."""
+
+OWN = 0.7
+"""Share of the torque of moving that is the motor's own friction."""
+
+Start = Mapping[str, float]
+"""Path → value."""
+
+
+def is_pair(rig: Rig, drive: str) -> bool:
+    """Return whether a motor holds one joint by two tendons."""
+    return len(_tendons(rig, drive)) == 2
+
+
+def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
+    """Return where full sweeps in one way met the end of the travel [rad], or ended without."""
+    return tuple(sweep.contact for sweep in sweeps[1:] if sweep.way == way)
+
+
+def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) -> list[Start]:
+    """Return starts of a motor with two tendons: of each slack the spool with which the travel fits the joint's range.
+
+    Travel between contacts · radius = arm · range + slack. With `stretched` they are of a pair under tension.
+    """
+    at, tendons = _index(rig, drive), _tendons(rig, drive)
+    joint = next(j for j in rig.joints if j.name == tendons[0][1].joints[0])
+    arm, (low, high) = abs(tendons[0][1].arms()[joint.name]), joint.travel
+    up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
+    level = float(np.mean([sweep.level for sweep in sweeps]))
+    slopes = [sweep.slope for sweep in sweeps if sweep.slope > 0.0]
+    starts = list[Start]()
+    for share in TENSIONS if stretched else SLACKS:
+        play = 0.0 if stretched else share * arm
+        radius = (arm * (high - low) + play + GIVE * arm) / (up - down)
+        start = {
+            f"drives.{at}.radius": radius,
+            f"drives.{at}.friction.constant": OWN * level,
+            f"{_bias(rig, drive)}": (up + down) / 2 - arm / radius * (high + low) / 2,
+        }
+        stiffness = STIFFER * float(np.median(slopes)) / radius**2 if slopes else tendons[0][1].stiffness.value
+        for k, _ in tendons:
+            start[f"tendons.{k}.stiffness"] = stiffness
+            if stretched:
+                start[f"tendons.{k}.pretension"] = stiffness * share * arm / 2
+            else:
+                start[f"tendons.{k}.slack"] = play / 2
+        starts.append(start)
+    return starts
+
+
+def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
+    """Return starts of a motor with one tendon against springs: stiffness by which all joints close together, and others.
+
+    At the top radius · (place − zero) = Σ arm · high + stretch, and the torque holds each spring, k (high − rest) = arm T.
+    """
+    at, ((k, tendon),) = _index(rig, drive), _tendons(rig, drive)
+    motor, arms = rig.drives[at], tendon.arms()
+    radius = motor.radius.value if isinstance(motor, Capstan) else 1.0
+    up = float(np.mean(contacts(sweeps, 1)))
+    ups, downs = ([sweep.level for sweep in sweeps if sweep.way == way] for way in (1, -1))
+    # friction adds to the torque on the way up and takes from it on the way down
+    pull, rub = (float(np.mean(ups)) - float(np.mean(downs))) / 2, (float(np.mean(ups)) + float(np.mean(downs))) / 2
+    tension = max(pull, 0.0) / radius
+    slope = float(np.median([sweep.slope for sweep in sweeps if sweep.slope > 0.0] or [0.0]))
+    stiffness = STIFFER * slope / radius**2 if slope > 0.0 else tendon.stiffness.value
+    joints = [(i, joint) for i, joint in enumerate(rig.joints) if joint.name in arms and joint.spring is not None]
+    travels = {joint.name: joint.travel for joint in rig.joints}
+    top = sum(arm * travels[name][1 if arm > 0 else 0] for name, arm in arms.items())
+    starts = list[Start]()
+    for share in SHARES:
+        start = {
+            f"drives.{at}.friction.constant": OWN * max(rub, 1e-4),
+            f"tendons.{k}.stiffness": stiffness,
+            f"{_bias(rig, drive)}": up - (top + 1.5 * tension / stiffness) / radius,
+        }
+        for i, joint in joints:
+            assert joint.spring is not None
+            middle = sum(joint.travel) / 2 - joint.spring.rest_angle.value
+            held = share * abs(arms[joint.name]) * tension / max(middle, 0.1)
+            start[f"joints.{i}.spring.stiffness"] = max(held, 1e-4)
+        starts.append(start)
+    return starts
+
+
+def _index(rig: Rig, drive: str) -> int:
+    return [part.name for part in rig.drives].index(drive)
+
+
+def _tendons(rig: Rig, drive: str) -> list[tuple[int, Tendon]]:
+    return [(k, tendon) for k, tendon in enumerate(rig.tendons) if tendon.drive == drive]
+
+
+def _bias(rig: Rig, drive: str) -> str:
+    at = next(k for k, sensor in enumerate(rig.sensors) if sensor.measures == "position" and sensor.of == drive)
+    return f"sensors.{at}.bias"

@@ -1,0 +1,142 @@
+"""The sweeps of a power-on routine: each motor slowly to one end of its travel and to the other, several times."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import LogError
+from distal.logs import Log
+from distal.rig import Rig
+
+TURNED = 0.05
+"""A motor has turned back where it has gone back by this share of its travel in the log."""
+
+LEAST_TURNED = 0.03
+"""And by at least this [rad]."""
+
+FEWEST = 3
+"""Sweeps of a motor that are needed, the first of which begins anywhere."""
+
+SHORTEST = 15
+"""Samples of a sweep."""
+
+RISEN = 1.6
+"""A sweep ended against something where the torque is this many times that of moving, and several noises more."""
+
+MIDDLE = (0.35, 0.7)
+"""Share of a sweep in which the motor moves freely."""
+
+LOADED = (0.3, 0.95)
+"""Shares of the torque's rise at the end between which its slope is taken."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One sweep of a motor towards +1 or −1, from sample `begin` to `end`.
+
+    Args:
+        level: torque that moves it, in the way it goes [N m].
+        contact: where the torque begins to rise at the end [rad]; where the sweep ends if it does not.
+        slope: of the torque there [N m/rad]; 0 if it does not rise.
+        noise: standard deviation of the torque while it moves [N m].
+        resisted: whether something resisted at the end.
+    """
+
+    way: int
+    begin: int
+    end: int
+    level: float
+    contact: float
+    slope: float
+    noise: float
+    resisted: bool
+
+
+def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
+    """Return the sweeps of a motor in a log, the first of which begins anywhere.
+
+    Raises:
+        LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST` times.
+    """
+    place, torque = channels_of(rig, drive)
+    places, torques = log.channels[place], log.channels[torque]
+    known = np.isfinite(places) & np.isfinite(torques)
+    if not known.any():
+        raise LogError(f"{log.source}: '{place}' and '{torque}' are never there together")
+    rows = np.flatnonzero(known)
+    ends = [int(rows[k]) for k in _turning(places[rows])]
+    sweeps = [
+        _sweep(places[begin : end + 1], torques[begin : end + 1], begin)
+        for begin, end in itertools.pairwise(ends)
+        if np.count_nonzero(known[begin : end + 1]) >= SHORTEST
+    ]
+    if len(sweeps) > 1 and not sweeps[-1].resisted:
+        last = sweeps[-1]
+        reached = max(last.way * sweep.contact for sweep in sweeps if sweep.way == last.way)
+        if last.way * last.contact < reached - TURNED * float(np.nanmax(places) - np.nanmin(places)):
+            sweeps = sweeps[:-1]  # it went to rest
+    if len(sweeps) < FEWEST:
+        raise LogError(
+            f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a power-on routine has at "
+            f"least {FEWEST} sweeps of each (see distal.hands.Routine)"
+        )
+    return tuple(sweeps)
+
+
+def channels_of(rig: Rig, drive: str) -> tuple[str, str]:
+    """Return the names of the sensors of a drive's angle and torque.
+
+    Raises:
+        LogError: it has none.
+    """
+    names = []
+    for measures in ("position", "force"):
+        found = [sensor.name for sensor in rig.sensors_of(measures) if sensor.of == drive]
+        if not found:
+            raise LogError(f"'{rig.name}': motor '{drive}' has no sensor of its {measures}; a calibration needs both")
+        names.append(found[0])
+    return names[0], names[1]
+
+
+def _turning(places: Floats) -> list[int]:
+    """Return the first sample of a motor's motion, where it turns back, and the last sample of its motion."""
+    least = max(TURNED * float(np.ptp(places)), LEAST_TURNED)
+    moved = np.flatnonzero(np.abs(places - places[0]) > least)
+    if not len(moved):
+        return []
+    way = 1.0 if places[moved[0]] > places[0] else -1.0
+    ends, best = [int(np.argmin(way * places[: moved[0]]))], 0
+    for k, place in enumerate(places):
+        if way * (place - places[best]) > 0.0:
+            best = k
+        elif way * (places[best] - place) > least:
+            ends.append(best)
+            way, best = -way, k
+    return [*ends, best]
+
+
+def _sweep(places: Floats, torques: Floats, begin: int) -> Sweep:
+    way = 1 if places[-1] > places[0] else -1
+    known = np.isfinite(places) & np.isfinite(torques)
+    going, pull = way * places, way * torques
+    low, high = float(np.nanmin(going)), float(np.nanmax(going))
+    first, last = (low + share * (high - low) for share in MIDDLE)
+    free = pull[known & (going > first) & (going < last)]
+    level = float(np.median(free)) if free.size else 0.0
+    noise = float(1.48 * np.median(np.abs(free - level))) if free.size else 0.0
+    end = float(np.nanmedian(pull[known][-3:]))
+    resisted = end > RISEN * abs(level) + 6.0 * noise
+    contact, slope = high, 0.0
+    if resisted:
+        rise = end - level
+        late = known & (np.arange(len(pull)) > len(pull) // 2)
+        line = late & (pull > level + LOADED[0] * rise) & (pull < level + LOADED[1] * rise)
+        if np.count_nonzero(line) >= 3 and np.ptp(going[line]) > 0.0:
+            slope = float(np.cov(going[line], pull[line])[0, 1] / np.var(going[line], ddof=1))
+            if slope > 0.0:
+                contact = min(float(np.mean(going[line]) - (np.mean(pull[line]) - level) / slope), high)
+    return Sweep(way, begin, begin + len(places) - 1, level, way * contact, max(slope, 0.0), noise, bool(resisted))
