@@ -18,7 +18,16 @@ if TYPE_CHECKING:
     from distal.logs import Log, from_mujoco, read_log, write_log
     from distal.results import Estimate, plot_estimates
     from distal.rig import Rig, load_rig, shipped_rigs
-    from distal.run import LiveEstimator, Monitor, estimate, estimate_batch, log_health, smooth
+    from distal.run import (
+        LiveEstimator,
+        LiveInLogUnits,
+        LogUnits,
+        Monitor,
+        estimate,
+        estimate_batch,
+        log_health,
+        smooth,
+    )
     from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate_batch
 
 __all__ = [
@@ -34,8 +43,10 @@ __all__ = [
     "Innovation",
     "Inverse",
     "LiveEstimator",
+    "LiveInLogUnits",
     "LiveInverse",
     "Log",
+    "LogUnits",
     "Monitor",
     "Rig",
     "Scenario",
@@ -82,7 +93,16 @@ _NAMES = {
     "logs": ("Log", "from_mujoco", "read_log", "write_log"),
     "results": ("Estimate", "plot_estimates"),
     "rig": ("Rig", "load_rig", "shipped_rigs"),
-    "run": ("LiveEstimator", "Monitor", "estimate", "estimate_batch", "log_health", "smooth"),
+    "run": (
+        "LiveEstimator",
+        "LiveInLogUnits",
+        "LogUnits",
+        "Monitor",
+        "estimate",
+        "estimate_batch",
+        "log_health",
+        "smooth",
+    ),
     "simulation": ("Scenario", "load_scenario", "scenario_rig", "shipped_scenarios", "simulate_batch"),
 }
 """Package → public names in it. A package is imported when one of its names is first used: `import distal` is light."""

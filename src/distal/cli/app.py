@@ -12,6 +12,7 @@ import typer
 from typer import Option
 
 from distal.cli import (
+    calibrate,
     command,
     control,
     doctor,
@@ -45,6 +46,7 @@ app.command("estimate")(estimate.estimate_command)
 app.command("view")(view.view_command)
 app.command("lab")(lab.lab_command)
 app.command("fit")(fit.fit_command)
+app.command("calibrate")(calibrate.calibrate_command)
 app.command("simulate")(simulate.simulate_command)
 app.command("command")(command.command_command)
 app.command("control")(control.control_command)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from distal.errors import RigError
 from distal.rig import Rig, build_rig, parse_toml, set_value
 
-MARK = "# Fitted by `distal fit`"
+MARK = "# Fitted by `distal "
 """How the head of a fitted file begins, by which that of an earlier fit is found and replaced."""
 
 

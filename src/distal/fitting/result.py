@@ -227,7 +227,7 @@ class Fit:
         """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
         use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
-        lines = [f"{MARK} to {self.learned_from}{use}:", f"# {names}"]
+        lines = [f"{MARK}fit` to {self.learned_from}{use}:", f"# {names}"]
         if self.interrupted:
             lines.append("# The search was interrupted: these are the best values so far.")
         rows = [("number", "value", "± standard error", "started at", "from")]

@@ -2,6 +2,22 @@
 
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.findings import Fault, FaultKind
+from distal.hands.hand import Hand, HandHealth
+from distal.hands.motors import AeroMotors, Motors, OrcaMotors
+from distal.hands.moved import moved
 from distal.hands.routine import Routine, RoutineOptions
 
-__all__ = ["Calibrated", "Fault", "FaultKind", "Routine", "RoutineOptions", "calibrate"]
+__all__ = [
+    "AeroMotors",
+    "Calibrated",
+    "Fault",
+    "FaultKind",
+    "Hand",
+    "HandHealth",
+    "Motors",
+    "OrcaMotors",
+    "Routine",
+    "RoutineOptions",
+    "calibrate",
+    "moved",
+]

@@ -134,7 +134,7 @@ def _formed(rig: Rig, stretched: Sequence[str]) -> Rig:
 def _form_values(rig: Rig, formed: Rig) -> dict[str, object]:
     """Return path by names → value of what one form has otherwise than the rig as it came."""
     return {
-        f"tendons.{one.name}.{key}": getattr(other, key).model_dump()
+        f"tendons.{one.name}.{key}": {"value": getattr(other, key).value, "std": getattr(other, key).std}
         for one, other in zip(rig.tendons, formed.tendons)
         for key in ("slack", "pretension")
         if getattr(one, key) != getattr(other, key)

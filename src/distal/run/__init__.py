@@ -5,6 +5,7 @@ from distal.run.batch import estimate_batch
 from distal.run.health import HEALTH
 from distal.run.live import LiveEstimator
 from distal.run.log_health import log_health
+from distal.run.log_units import LiveInLogUnits, LogUnits
 from distal.run.long_logs import PieceEstimate, estimate_pieces
 from distal.run.monitor import LOST, Monitor, Reading
 from distal.run.offline import estimate, samples_of, with_channel
@@ -15,6 +16,8 @@ __all__ = [
     "LOST",
     "Hour",
     "LiveEstimator",
+    "LiveInLogUnits",
+    "LogUnits",
     "Monitor",
     "PieceEstimate",
     "Reading",

@@ -1,0 +1,251 @@
+"""`Hand`: joint angles of a hand that has no sensors in its joints, through its own SDK."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import degrees, isfinite, nan, radians
+from pathlib import Path
+
+import numpy as np
+
+from distal.errors import CommandError, DistalError, EstimationError
+from distal.hands.calibrate import Calibrated, calibrate
+from distal.hands.motors import motors_of
+from distal.hands.routine import Routine, RoutineOptions
+from distal.inverse import LiveInverse
+from distal.rig import Rig, load_rig
+from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
+from distal.suggestions import did_you_mean
+
+HOT = 65.0
+"""A motor above this is hot [°C]."""
+
+LOOKS = 1.0
+"""Temperatures are read so often [s]."""
+
+
+@dataclass(frozen=True)
+class HandHealth:
+    """How a hand is: the word and detail of the last reading, motors that do not answer, motors that are hot [°C].
+
+    The `lost` reads are those that the SDK failed at, since the beginning.
+    """
+
+    word: str
+    detail: str
+    silent: tuple[str, ...]
+    hot: Mapping[str, float]
+    lost: int
+
+    @property
+    def sentence(self) -> str:
+        """All of it in a line."""
+        parts = [f"{self.word}: {self.detail or HEALTH.get(self.word, '')}"]  # type: ignore[call-overload]
+        parts += [f"no answer from {', '.join(self.silent)}"] if self.silent else []
+        parts += [f"hot: {', '.join(f'{name} {value:.0f} °C' for name, value in self.hot.items())}"] if self.hot else []
+        return "; ".join(parts)
+
+
+class Hand:
+    """Angles of all joints with their errors, and motions to wanted angles, beside the hand's own SDK.
+
+    ```python
+    hand = distal.hands.Hand(orca_hand, "hand.toml")  # an orca_core.OrcaHand or aero_open_sdk.AeroHand, connected
+    while True:
+        hand.update()  # read, estimate; once per period, 100 times a second
+        print(hand.get_joint_positions(), hand.health().sentence)
+    ```
+
+    `update` never fails at a lost packet or a motor that restarts: what is missing is bridged, and `health` says so.
+
+    Args:
+        hand: of one of these SDKs, or an object with `read`, `temperatures` and `write`: see `Motors`.
+        rig: of that hand, best after `power_on` or `distal calibrate`.
+        compensated: whether torque constants follow the motors' temperatures.
+
+    Raises:
+        EstimationError: it is no such hand, or its motors are not the rig's.
+        RigError: the rig is unknown or wrong.
+    """
+
+    def __init__(self, hand: object, rig: Rig | str | Path, compensated: bool = False, compiled: bool = True) -> None:
+        self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self._motors, self._compiled, self._compensated = motors_of(hand, self._rig), compiled, compensated
+        self._joints = tuple(joint.name for joint in self._rig.joints)
+        self._live = LiveEstimator(self._rig, compiled=compiled)
+        self._monitor, self._units = Monitor(self._live), LogUnits(self._rig, self._live.channels)
+        self._inverse: LiveInverse | None = None
+        self._wanted: dict[str, float] = {}
+        self._reading: Reading | None = None
+        self._temperatures: Mapping[str, float] = {}
+        self._looked, self._lost, self._silent = -np.inf, 0, tuple[str, ...]()
+
+    @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self._rig
+
+    def update(self, time: float | None = None) -> Reading:
+        """Read the motors once, estimate, send what `set_joint_positions` wants, and return the reading (SI).
+
+        Args:
+            time: stamp of what is read [s]; None takes the clock.
+        """
+        time = clock.monotonic() if time is None else time
+        sample, problem = self._sample(time)
+        if self._inverse is None:
+            self._reading = self._monitor.take(time, sample)
+        else:
+            command = self._inverse.step(time, self._wanted, sample)
+            self._reading = command.reading
+            self._send(command.places)
+        if problem and self._reading.health == "ok":
+            self._reading = Reading(
+                time, self._reading.angles, self._reading.angle_stds, "missing", problem, *self._torques(self._reading)
+            )
+        return self._reading
+
+    @staticmethod
+    def _torques(reading: Reading) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return reading.torques, reading.torque_stds
+
+    def _sample(self, time: float) -> tuple[np.ndarray, str]:
+        """Return a sample in SI, and what the SDK failed at, in words."""
+        problem, values = "", dict[str, float]()
+        try:
+            values = dict(self._motors.read())
+            if time - self._looked >= LOOKS:
+                self._looked = time
+                self._temperatures = dict(self._motors.temperatures())
+        except DistalError:
+            raise
+        except Exception as failure:  # serial ports and their packages raise many kinds
+            self._lost += 1
+            problem = f"the hand did not answer ({type(failure).__name__}: {failure})"
+        known = set(self._units.columns) | set(self._units.channels)
+        read = {name: value for name, value in values.items() if name in known}
+        silent = [sensor.of for sensor in self._rig.sensors_of("position") if sensor.log_column not in read]
+        self._silent = tuple(dict.fromkeys(silent))
+        try:
+            temperatures = self._temperatures if self._compensated else None
+            return self._units.sample(time, read, temperatures), problem
+        except EstimationError as wrong:
+            self._lost += 1
+            return np.full(len(self._units.channels), nan), str(wrong)
+
+    def get_joint_positions(self) -> dict[str, float]:
+        """Return joint → angle [deg] of the last `update`; NaN before the first, and where there was no estimate."""
+        return self._degrees(None if self._reading is None else self._reading.angles)
+
+    def get_joint_stds(self) -> dict[str, float]:
+        """Return joint → standard deviation of its angle's error [deg]."""
+        return self._degrees(None if self._reading is None else self._reading.angle_stds)
+
+    def _degrees(self, values: tuple[float, ...] | None) -> dict[str, float]:
+        return {name: nan if values is None else degrees(values[i]) for i, name in enumerate(self._joints)}
+
+    def health(self) -> HandHealth:
+        """Return how the hand is, by the last `update`."""
+        hot = {name: value for name, value in self._temperatures.items() if value > HOT}
+        word, detail = (
+            ("untested", "not updated yet") if self._reading is None else (self._reading.health, self._reading.detail)
+        )
+        return HandHealth(word, detail, self._silent, hot, self._lost)
+
+    def set_joint_positions(self, positions: Mapping[str, float]) -> None:
+        """Want these angles [deg]: each `update` sends the motors there, through play, stretch and friction.
+
+        Joints that are left out stay where they are wanted, or are.
+
+        Raises:
+            CommandError: a name is unknown, an angle is no number or beyond the joint's range, or nothing was read yet.
+        """
+        if self._reading is None or not all(map(isfinite, self._reading.angles)):
+            raise CommandError("where the hand is, is not known yet: call update until it has angles")
+        ranges = {joint.name: joint.travel for joint in self._rig.joints}
+        wanted = dict(zip(self._joints, self._reading.angles)) | self._wanted
+        for name, angle in positions.items():
+            if name not in ranges:
+                raise CommandError(f"there is no joint '{name}'{did_you_mean(name, ranges)}")
+            low, high = (degrees(end) for end in ranges[name])
+            if not isinstance(angle, (int, float, np.number)) or not low - 1.0 <= angle <= high + 1.0:
+                raise CommandError(f"'{name}' turns from {low:.4g}° to {high:.4g}°, {angle!r} came")
+            wanted[name] = radians(float(np.clip(angle, low, high)))
+        self._wanted = wanted
+        if self._inverse is None:
+            self._inverse = LiveInverse(self._rig, compiled=self._compiled)
+            self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
+
+    def relax(self) -> None:
+        """Want no angles any more: `update` sends nothing."""
+        self._inverse, self._wanted = None, {}
+
+    def _send(self, places: np.ndarray) -> None:
+        goals = dict[str, float]()
+        for sensor in self._rig.sensors_of("position"):
+            i = [drive.name for drive in self._rig.drives].index(sensor.of)
+            if isfinite(places[i]):
+                goals[sensor.of] = self._units.logged(sensor.name, float(places[i]))
+        try:
+            self._motors.write(goals)
+        except Exception:  # the next period sends it again
+            self._lost += 1
+
+    def power_on(
+        self,
+        options: RoutineOptions | None = None,
+        period: float = 0.01,
+        show: Callable[[str], None] | None = None,
+        sleep: Callable[[float], None] = clock.sleep,
+        now: Callable[[], float] = clock.monotonic,
+    ) -> Calibrated:
+        """Move each motor slowly to both ends and back, calibrate, and go on with the rig that was found.
+
+        Args:
+            options: order, limits, speed; see `RoutineOptions`.
+            period: of goals and readings [s].
+            show: called with what moves now, in words.
+            sleep: waits [s]; with `now`, for hands that are simulated.
+            now: the clock [s].
+
+        Raises:
+            CommandError: the routine was aborted; says why. The motors stay where they are.
+            FitError: no such rig moves as the hand does.
+        """
+        routine, shown = Routine(self._rig, options), tuple[str, ...]()
+        begin = now()
+        while not routine.done:
+            time = now() - begin
+            try:
+                sample, _ = self._sample(time)
+                goals = routine.step(time, dict(zip(self._units.channels, sample.tolist())))
+            except KeyboardInterrupt:
+                routine.abort("interrupted")
+                break
+            sent = {
+                sensor.of: self._units.logged(sensor.name, goals[sensor.of])
+                for sensor in self._rig.sensors_of("position")
+                if isfinite(goals[sensor.of])
+            }
+            try:
+                self._motors.write(sent)
+            except Exception:  # the next period sends it again
+                self._lost += 1
+            if show is not None and routine.moving != shown:
+                shown = routine.moving
+                show(", ".join(shown))
+            sleep(max(0.0, begin + time + period - now()))
+        if routine.aborted:
+            raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
+        found = calibrate(routine.log(), self._rig)
+        self._use(found.rig)
+        return found
+
+    def _use(self, rig: Rig) -> None:
+        """Go on with another description of the same hand."""
+        self._rig = rig
+        self._live = LiveEstimator(rig, compiled=self._compiled)
+        self._monitor = Monitor(self._live)
+        self._inverse, self._wanted, self._reading = None, {}, None

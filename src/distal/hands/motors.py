@@ -1,0 +1,145 @@
+"""The motors of a hand as its own SDK gives them: readings, temperatures, goals. `distal` imports no SDK."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import nan
+from typing import Any, Protocol, runtime_checkable
+
+from distal.errors import EstimationError
+from distal.rig import Rig
+
+
+@runtime_checkable
+class Motors(Protocol):
+    """What a `Hand` needs of any other hand: write these three methods for it."""
+
+    def read(self) -> Mapping[str, float]:
+        """Return column of the rig → what is read, in the unit of the log; a motor that does not answer is left out."""
+
+    def temperatures(self) -> Mapping[str, float]:
+        """Return motor → temperature [°C]; none where nothing measures it."""
+
+    def write(self, goals: Mapping[str, float]) -> None:
+        """Send goals: motor → angle, in the unit in which its position is read."""
+
+
+@runtime_checkable
+class OrcaLike(Protocol):
+    """What is used of `orca_core.OrcaHand`: motors by number, radians, milliamperes."""
+
+    config: Any
+
+    def get_motor_state(self) -> Any:
+        """Return positions [rad] and currents [mA], in the order of `config.motor_ids`."""
+
+    def get_motor_temp(self) -> Any:
+        """Return temperatures [°C], in that order."""
+
+    def write_motor_pos(self, motor_ids: list[int], positions: Any) -> None:
+        """Send angles [rad]."""
+
+
+@runtime_checkable
+class AeroLike(Protocol):
+    """What is used of `aero_open_sdk.AeroHand`: actuations in degrees, milliamperes."""
+
+    def get_actuations(self) -> Sequence[float]:
+        """Return the motors' angles [deg]."""
+
+    def get_actuator_currents(self) -> Sequence[float]:
+        """Return their currents [mA]."""
+
+    def get_actuator_temperatures(self) -> Sequence[float]:
+        """Return their temperatures [°C]."""
+
+    def set_actuations(self, actuations: list[float]) -> None:
+        """Send angles [deg]."""
+
+
+class OrcaMotors:
+    """The motors of an ORCA hand, as columns of a rig made by `from_orca`."""
+
+    def __init__(self, hand: OrcaLike, rig: Rig) -> None:
+        self._hand, self._ids = hand, [int(number) for number in hand.config.motor_ids]
+        self._names = _known(rig, [f"motor_{number}" for number in self._ids])
+
+    def read(self) -> dict[str, float]:
+        """Return positions [rad] and currents [mA]; a read that failed gives none."""
+        state = self._hand.get_motor_state()
+        if not getattr(self._hand, "last_read_ok", True):
+            return {}
+        return _columns(self._names, state.position, state.current)
+
+    def temperatures(self) -> dict[str, float]:
+        """Return motor → temperature [°C]."""
+        return _named(self._names, self._hand.get_motor_temp())
+
+    def write(self, goals: Mapping[str, float]) -> None:
+        """Send angles [rad]."""
+        sent = [(number, goals[name]) for number, name in zip(self._ids, self._names) if name in goals]
+        self._hand.write_motor_pos([number for number, _ in sent], [goal for _, goal in sent])
+
+
+class AeroMotors:
+    """The motors of an Aero Hand, as columns of a rig made by `from_aero`."""
+
+    def __init__(self, hand: AeroLike, rig: Rig) -> None:
+        self._hand = hand
+        self._names = [drive.name for drive in rig.drives]
+        self._last = dict.fromkeys(self._names, nan)
+
+    def read(self) -> dict[str, float]:
+        """Return actuations [deg] and currents [mA]."""
+        found = _columns(self._names, self._hand.get_actuations(), self._hand.get_actuator_currents())
+        self._last |= {name: found[f"{name}_position"] for name in self._names if f"{name}_position" in found}
+        return found
+
+    def temperatures(self) -> dict[str, float]:
+        """Return motor → temperature [°C]."""
+        return _named(self._names, self._hand.get_actuator_temperatures())
+
+    def write(self, goals: Mapping[str, float]) -> None:
+        """Send actuations [deg]; motors without a goal stay where they were read last."""
+        self._hand.set_actuations([float(goals.get(name, self._last[name])) for name in self._names])
+
+
+def motors_of(hand: object, rig: Rig) -> Motors:
+    """Return the motors of a hand by what it can do.
+
+    Raises:
+        EstimationError: it is no hand that is known, or not the rig's.
+    """
+    if isinstance(hand, Motors):
+        return hand
+    if isinstance(hand, OrcaLike):
+        return OrcaMotors(hand, rig)
+    if isinstance(hand, AeroLike):
+        return AeroMotors(hand, rig)
+    raise EstimationError(
+        f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, AeroHand of its SDK, or an "
+        "object with read, temperatures and write (distal.hands.Motors)"
+    )
+
+
+def _known(rig: Rig, names: list[str]) -> list[str]:
+    drives = [drive.name for drive in rig.drives]
+    unknown = [name for name in drives if name not in names]
+    if unknown:
+        raise EstimationError(
+            f"the rig '{rig.name}' has a motor '{unknown[0]}' that this hand has not: {', '.join(names)}"
+        )
+    return names
+
+
+def _columns(names: Sequence[str], places: Any, currents: Any) -> dict[str, float]:
+    found = dict[str, float]()
+    for name, place, current in zip(names, places, currents):
+        for column, value in ((f"{name}_position", place), (f"{name}_current", current)):
+            if value is not None and float(value) == float(value):
+                found[column] = float(value)
+    return found
+
+
+def _named(names: Sequence[str], values: Any) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values) if value is not None}

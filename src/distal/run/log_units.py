@@ -1,0 +1,297 @@
+"""What a user logs, counts, milliamperes, degrees, as samples in SI; encoders that wrap at their turn are unwrapped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import ceil, degrees, floor, inf, isfinite, nan
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import EstimationError
+from distal.logs import LARGEST_READING
+from distal.rig import Rig, Sensor, load_rig, log_factor
+from distal.rig.sensors.by_unit import AngleSensor
+from distal.run.drive_range import motor_range
+from distal.run.live import LiveEstimator
+from distal.run.monitor import Monitor, Reading
+from distal.suggestions import did_you_mean
+
+FASTEST = 10.0
+"""No motor whose rig does not say it (`servo.fastest`) turns faster than this [rad/s, m/s]."""
+
+TEMPERATURE_SLOPE = -0.0011
+"""A motor's torque constant changes by this share per kelvin: that of its magnets (Nd-Fe-B, Br −0.11 %/K) [1/K]."""
+
+REFERENCE = 25.0
+"""Temperature for which a torque constant holds [°C]."""
+
+HOTTEST = 200.0
+"""No motor that still turns is hotter, or colder than minus this [°C]."""
+
+Values = Mapping[str, object] | Sequence[object] | Floats
+
+
+class LogUnits:
+    """Turns what is logged into samples of an estimator: by columns and units of the rig.
+
+    ```python
+    units = distal.LogUnits(rig)
+    sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})  # SI, in the order of `channels`
+    ```
+
+    An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is taken. Where a motor
+    may have gone half a turn without a value, the only turn in which its joint can be is; if there are several, `doubts`
+    says so.
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        channels: sensors in a sample; default all of the drives and tendons.
+        turns: column or sensor → the log's number of one turn at which it wraps, 0 for one that does not; default
+            `counts_per_turn` of those that are logged in counts.
+        temperature_slope: change of torque constants [1/K], where `sample` is told temperatures.
+
+    Raises:
+        EstimationError: a name in `turns` is no position of the rig, or a turn is no number.
+    """
+
+    def __init__(
+        self,
+        rig: Rig | str | Path,
+        channels: Sequence[str] | None = None,
+        turns: Mapping[str, float] | None = None,
+        temperature_slope: float = TEMPERATURE_SLOPE,
+    ) -> None:
+        self.rig = rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        names = [sensor.name for sensor in rig.sensors if sensor.measures != "angle"] if channels is None else channels
+        by_name = {sensor.name: sensor for sensor in rig.sensors}
+        self._sensors = [by_name[name] for name in names]
+        self.channels, self.columns = tuple(names), tuple(sensor.log_column for sensor in self._sensors)
+        self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
+        self._at = {name: i for names in (self.channels, self.columns) for i, name in enumerate(names)}
+        self._slope = temperature_slope
+        self._turns = self._turn_sizes({} if turns is None else turns)
+        self._ranges = [motor_range(rig, sensor) for sensor in self._sensors]
+        self._fastest = [_fastest(rig, sensor) for sensor in self._sensors]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget how often encoders have turned."""
+        self._last, self._seen, self._ahead = (np.full(len(self._sensors), nan) for _ in range(3))
+        self._ahead[:] = 0.0
+        self._doubts: tuple[str, ...] = ()
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Of the last sample: columns whose encoder may have turned without a value, in words."""
+        return self._doubts
+
+    def _turn_sizes(self, asked: Mapping[str, float]) -> Floats:
+        """Return the turn of each channel in SI, infinite for one that does not wrap."""
+        sizes = np.full(len(self._sensors), inf)
+        for i, sensor in enumerate(self._sensors):
+            if isinstance(sensor, AngleSensor) and sensor.measures == "position" and sensor.counts_per_turn is not None:
+                sizes[i] = abs(self._factors[i]) * sensor.counts_per_turn
+        for name, turn in asked.items():
+            at = self._index(name)
+            if self._sensors[at].measures != "position":
+                raise EstimationError(f"turns: '{name}' is no position; only these wrap")
+            if not isinstance(turn, (int, float)) or not 0.0 <= turn < 1e9:
+                raise EstimationError(f"turns: '{name}' needs the log's number of one turn, {turn!r} came")
+            sizes[at] = abs(self._factors[at]) * turn if turn else inf
+        return sizes
+
+    def _index(self, name: str) -> int:
+        if name not in self._at:
+            raise EstimationError(f"there is no '{name}' among the sensors{did_you_mean(name, self.columns)}")
+        return self._at[name]
+
+    def sample(self, time: float, values: Values, temperatures: Mapping[str, float] | None = None) -> Floats:
+        """Return a sample in SI, (n_channels,), NaN where a value is missing.
+
+        Args:
+            time: stamp [s].
+            values: by column or sensor, where one left out is missing, or in the order of `columns`.
+            temperatures: motor → its temperature [°C]; its torque constant is then that of this temperature.
+
+        Raises:
+            EstimationError: a value is no number, infinite or beyond all sensors, or has an unknown name.
+        """
+        logged = self._logged(values)
+        sample: Floats = logged * self._factors
+        wild = np.abs(sample) > LARGEST_READING
+        if wild.any():
+            at = int(np.argmax(wild))
+            raise EstimationError(f"'{self.columns[at]}' cannot be {logged[at]:g}")
+        doubts = list[str]()
+        for i in np.flatnonzero(np.isfinite(self._turns) & np.isfinite(sample)).tolist():
+            sample[i] = self._unwrapped(i, time, float(sample[i]), doubts)
+        self._doubts = tuple(doubts)
+        for name, temperature in (temperatures or {}).items():
+            _check_temperature(name, temperature)
+            for i in self._torques_of(name):
+                sample[i] *= 1.0 + self._slope * (temperature - REFERENCE)
+        return sample
+
+    def _logged(self, values: Values) -> Floats:
+        if isinstance(values, Mapping):
+            logged = np.full(len(self._sensors), nan)
+            for name, value in values.items():
+                logged[self._index(name)] = _number(name, value)
+            return logged
+        if len(values) != len(self._sensors):
+            raise EstimationError(
+                f"a sample has {len(self._sensors)} values ({', '.join(self.columns)}), {len(values)} came"
+            )
+        return np.array([_number(name, value) for name, value in zip(self.columns, values)])
+
+    def _unwrapped(self, i: int, time: float, place: float, doubts: list[str]) -> float:
+        """Return a place [rad, m] in the turn in which it is."""
+        turn, last, (low, high) = float(self._turns[i]), float(self._last[i]), self._ranges[i]
+        gap = time - float(self._seen[i])
+        near = place + turn * round((last - place) / turn) if isfinite(last) else nan
+        if not isfinite(last) or self._fastest[i] * gap >= turn / 2:
+            turns = range(ceil((low - place) / turn), floor((high - place) / turn) + 1) if isfinite(low) else range(0)
+            if len(turns) == 1:
+                near = place + turn * turns[0]
+            elif not isfinite(last):
+                near = place if not turns else place + turn * turns[len(turns) // 2]
+            else:
+                doubts.append(f"{self.columns[i]} may have turned without a value for {gap:.2g} s")
+        self._last[i], self._seen[i], self._ahead[i] = near, time, near - place
+        return near
+
+    def logged(self, channel: str, value: float) -> float:
+        """Return what the log holds where a channel is at a value in SI: a goal for a motor, in the turn of its encoder."""
+        i = self._index(channel)
+        return (value - float(self._ahead[i])) / float(self._factors[i])
+
+    def _torques_of(self, motor: str) -> list[int]:
+        drives = [drive.name for drive in self.rig.drives]
+        if motor not in drives:
+            raise EstimationError(f"temperatures: there is no motor '{motor}'{did_you_mean(motor, drives)}")
+        return [i for i, sensor in enumerate(self._sensors) if sensor.of == motor and sensor.measures == "force"]
+
+
+class LiveInLogUnits:
+    """A `LiveEstimator` that takes what is logged and returns angles in the unit that is asked for.
+
+    No sample makes it raise an error but one with an unknown name or without a number: see `Monitor`. Where an encoder may
+    have turned without a value, it begins anew with a band as wide as the joint's range.
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        unit: of `angles` and `stds`.
+        turns: see `LogUnits`.
+    """
+
+    def __init__(
+        self,
+        rig: Rig | str | Path,
+        unit: Literal["deg", "rad"] = "deg",
+        turns: Mapping[str, float] | None = None,
+        compiled: bool = True,
+    ) -> None:
+        if unit not in ("deg", "rad"):
+            raise EstimationError(f"angles are in deg or rad, {unit!r} came")
+        self._live = LiveEstimator(rig, compiled=compiled)
+        self._monitor = Monitor(self._live)
+        self._units = LogUnits(self._live.rig, self._live.channels, turns)
+        self._scale = degrees(1.0) if unit == "deg" else 1.0
+        self._joints = tuple(joint.name for joint in self._live.rig.joints)
+        self._reading: Reading | None = None
+
+    @property
+    def rig(self) -> Rig:
+        """The description."""
+        return self._live.rig
+
+    @property
+    def live(self) -> LiveEstimator:
+        """The estimator behind it."""
+        return self._live
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of a sample, in order."""
+        return self._units.columns
+
+    @property
+    def reading(self) -> Reading | None:
+        """The last reading, in SI, with its health; None before the first."""
+        return self._reading
+
+    def step(self, time: float, values: Values, temperatures: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Take in what was logged and return joint → angle in the unit, NaN where the sample was skipped.
+
+        Args:
+            time: stamp [s].
+            values: by column or sensor, or in the order of `columns`; missing ones are NaN, None or left out.
+            temperatures: motor → its temperature [°C].
+
+        Raises:
+            EstimationError: a value is no number or cannot be, or a name is unknown.
+        """
+        sample = self._units.sample(time, values, temperatures)
+        if self._units.doubts and self._live.samples:
+            low, high = np.array([joint.travel for joint in self.rig.joints]).T
+            self._live.reset(np.clip(self._live.angles, low, high).tolist(), float(np.max(high - low)) / 2)
+        reading = self._monitor.take(time, sample)
+        if self._units.doubts:
+            detail = ", ".join(self._units.doubts)
+            reading = Reading(
+                reading.time,
+                reading.angles,
+                reading.angle_stds,
+                "restarted",
+                detail,
+                reading.torques,
+                reading.torque_stds,
+            )
+        self._reading = reading
+        return self.angles
+
+    @property
+    def angles(self) -> dict[str, float]:
+        """Joint → angle in the unit, of the last reading."""
+        values = (nan,) * len(self._joints) if self._reading is None else self._reading.angles
+        return {name: self._scale * value for name, value in zip(self._joints, values)}
+
+    @property
+    def stds(self) -> dict[str, float]:
+        """Joint → standard deviation of its error in the unit, of the last reading."""
+        values = (nan,) * len(self._joints) if self._reading is None else self._reading.angle_stds
+        return {name: self._scale * value for name, value in zip(self._joints, values)}
+
+    def reset(self) -> None:
+        """Forget everything: the next sample is the first."""
+        self._units.reset()
+        self._monitor.reset()
+        self._reading = None
+
+
+def _number(name: str, value: object) -> float:
+    """Return a value as a number, NaN where it is missing."""
+    if value is None:
+        return nan
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        raise EstimationError(f"'{name}' must be a number, {value!r} came")
+    number = float(value)
+    if number in (inf, -inf):
+        raise EstimationError(f"'{name}' is infinite")
+    return number
+
+
+def _check_temperature(motor: str, temperature: object) -> None:
+    if not isinstance(temperature, (int, float, np.number)) or not abs(float(temperature)) <= HOTTEST:
+        raise EstimationError(f"temperatures: '{motor}' cannot have {temperature!r} °C")
+
+
+def _fastest(rig: Rig, sensor: Sensor) -> float:
+    """Return how fast what a sensor measures can change [rad/s, m/s]."""
+    drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
+    if drive is None or drive.servo is None or drive.servo.fastest is None:
+        return FASTEST
+    return drive.servo.fastest
