@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import distal
+from benchmarks.report import table
 from benchmarks.strangers.servo_hands import PERIOD, TORQUE_CONSTANT, Hands, Known, aero_like, orca_like
 from distal import Rig
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
@@ -48,10 +49,10 @@ class Driven:
         return read["places"] * self.signs, TORQUE_CONSTANT * read["currents"] * self.signs
 
 
-def calibrated(known: Known, hands: Hands, rig: Rig) -> list[tuple[Calibrated, Log]]:
-    """Run the routine on all hands side by side, and calibrate each."""
+def calibrated(known: Known, hands: Hands, rig: Rig, together: bool = False) -> list[tuple[Calibrated, Log]]:
+    """Run the routine on all hands side by side, one motor after the other or all `together`, and calibrate each."""
     driven, count = Driven(hands), len(hands.angles)
-    routines = [Routine(rig, RoutineOptions()) for _ in range(count)]
+    routines = [Routine(rig, RoutineOptions(order=[known.motors] if together else None)) for _ in range(count)]
     names = [(f"{motor}_position", f"{motor}_current") for motor in known.motors]
     places = hands.places + hands.d.zeros * hands.d.signs
     torques, k = np.zeros_like(places), 0
@@ -151,10 +152,57 @@ def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[lis
     return rows
 
 
+FAULTS = ("side", "slack", "broken", "slipped", "")
+
+
+def injected(hands: Hands, seed: int) -> list[list[str]]:
+    """Give each motor of hands with pairs of tendons one fault, or none, and return which, by hand and motor."""
+    rng, n, d = np.random.default_rng([seed, 5]), hands.places.shape[1], hands.d
+    kinds = [[FAULTS[int(k)] for k in rng.integers(0, len(FAULTS), n)] for _ in range(len(hands.places))]
+    for a, of_hand in enumerate(kinds):
+        for k, kind in enumerate(of_hand):
+            tendon = k + n * int(rng.integers(0, 2))
+            if kind == "side":
+                d.spools[a, tendon, k] *= -1.0
+            elif kind == "slack":
+                d.slack[a, tendon] += rng.uniform(0.25, 0.45) * abs(d.arms[a, k, k])
+            elif kind == "broken":
+                hands.broken[a, tendon] = True
+            elif kind == "slipped":
+                hands.slips[a, k] = rng.uniform(0.06, 0.09)
+    return kinds
+
+
+def found_faults(seeds: range, faulty: bool) -> list[list[str]]:
+    """Return how often each fault is found as itself, as another one, or not; without faults, false alarms."""
+    known, hands = orca_like(seeds)
+    kinds = injected(hands, seeds[0]) if faulty else [[""] * len(known.motors) for _ in seeds]
+    results, counts = calibrated(known, hands, rig_of(known), together=True), dict[str, list[int]]()
+    length = float(results[0][1].time[-1])
+    for of_hand, (result, _) in zip(kinds, results):
+        named = {fault.drive: fault.kind for fault in result.faults}
+        for motor, kind in zip(known.motors, of_hand):
+            found = named.get(motor, "")
+            row = counts.setdefault(kind or "none", [0, 0, 0, 0])
+            row[0] += 1
+            # both tendons wound one way, and one broken: a motor tells no difference, and the sentence names both
+            row[1] += found == kind or (found, kind) == ("broken", "side")
+            row[2] += bool(found) and found != kind and (found, kind) != ("broken", "side")
+            row[3] += not found and bool(kind)
+    motors = sum(row[0] for row in counts.values())
+    print(f"{motors} motors, {motors * length / 3600:.1f} motor-hours")
+    return [[kind, *map(str, row)] for kind, row in sorted(counts.items())]
+
+
 def main() -> None:
     """Print a table for each kind of hand."""
     first = int(sys.argv[sys.argv.index("--first-seed") + 1]) if "--first-seed" in sys.argv else 0
     draws = int(sys.argv[sys.argv.index("--draws") + 1]) if "--draws" in sys.argv else DRAWS
+    if "faults" in sys.argv or "sound" in sys.argv:
+        rows = found_faults(range(first, first + draws), "faults" in sys.argv)
+        titles = ["fault", "motors", "found", "as another", "not found"]
+        table("hands-faults", f"faults that the routine finds, seeds {first} on", titles, rows)
+        return
     kinds = {"orca": orca_like, "aero": aero_like}
     for name, make in kinds.items():
         if len(sys.argv) > 1 and sys.argv[1] in kinds and sys.argv[1] != name:
@@ -164,7 +212,9 @@ def main() -> None:
         values = np.array([[float(row[1]), float(row[2]), float(row[4])] for row in rows])
         total = np.sqrt(np.mean(values[:, :2] ** 2, axis=0))
         share, inside = total[0] / total[1], values[:, 2].mean()
-        title = f"{name}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, {share:.2f} x, {inside:.0f} %"
+        title = (
+            f"{name}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, {share:.2f}, {inside:.0f} %"
+        )
         table(f"hands-{name}", title, titles, rows)
 
 

@@ -7,6 +7,7 @@ side: arrays are (hands, parts). A tendon is two springs in series with dry fric
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -153,14 +154,14 @@ def _uniform(rng: np.random.Generator, count: int, low: float, high: float, size
     return rng.uniform(low, high, count if size is None else size)
 
 
-def orca_like(seeds: Any) -> tuple[Known, Hands]:
+def orca_like(seeds: Any, joints: Sequence[str] = tuple(ORCA)) -> tuple[Known, Hands]:
     """Return what is known of a hand with a motor for each joint, and some such hands, a seed each."""
-    table = np.array(list(ORCA.values()))
+    table = np.array([ORCA[joint] for joint in joints])
     n, hands = len(table), len(list(seeds))
     arm, ratio = 1e-3 * table[:, 2], table[:, 3]
     low, high = np.deg2rad(table[:, 0]), np.deg2rad(table[:, 1])
     known = Known(
-        tuple(ORCA), tuple(f"m{i + 1}" for i in range(n)), low, high,
+        tuple(joints), tuple(f"m{i + 1}" for i in range(n)), low, high,
         np.vstack([np.diag(arm), -np.diag(arm)]), np.vstack([np.diag(arm / ratio), -np.diag(arm / ratio)]),
     )  # fmt: skip
     draws = []
@@ -219,9 +220,12 @@ def aero_like(seeds: Any) -> tuple[Known, Hands]:
         spring, slack = u(0.03, 0.07), u(0.0, 1e-3, t)
         spring[0], slack[0], slack[-1] = 0.0, 5e-5, 5e-5
         draws.append({
-            "arms": arms * (1 + 0.02 * rng.normal(size=arms.shape)), "spools": spools * (1 + 0.01 * rng.normal(size=(1, m))),
-            "low": ends[:, 0] + np.deg2rad(1.0) * rng.normal(size=n), "high": ends[:, 1] + np.deg2rad(1.0) * rng.normal(size=n),
-            "slack": slack, "stiffness": u(1.2e4, 3e4, t), "sheath": u(0.03, 0.2, t), "spring": spring, "rest": u(-0.5, -0.2),
+            "arms": arms * (1 + 0.02 * rng.normal(size=arms.shape)),
+            "spools": spools * (1 + 0.01 * rng.normal(size=(1, m))),
+            "low": ends[:, 0] + np.deg2rad(1.0) * rng.normal(size=n),
+            "high": ends[:, 1] + np.deg2rad(1.0) * rng.normal(size=n),
+            "slack": slack, "stiffness": u(1.2e4, 3e4, t), "sheath": u(0.03, 0.2, t), "spring": spring,
+            "rest": u(-0.5, -0.2),
             "dry": u(0.002, 0.006), "axle": u(0.03, 0.06), "weight": u(-0.002, 0.002), "gear_friction": u(0.02, 0.05, m),
             "gear_load": u(0.03, 0.1, m), "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=m)),
             "zeros": rng.uniform(-0.1, 0.1, m), "signs": np.ones(m),

@@ -30,7 +30,7 @@ _ANGLE_WORDS = re.compile(
 def _registry() -> pint.UnitRegistry[float]:
     import pint
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None, on_redefinition="ignore")
     # roboticists write Nm; pint alone knows only N m
     registry.define("newton_metre = newton * metre = Nm")
     registry.define("@alias turn = rev = revs")

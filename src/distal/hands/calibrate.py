@@ -18,7 +18,7 @@ from distal.hands.findings import Fault, faults_of, slack_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of, sweeps_of
 from distal.logs import Log, Source, read_log
-from distal.rig import Part, Rig, independent_parts, load_rig
+from distal.rig import Number, Part, Rig, independent_parts, load_rig, named, number
 
 SCATTER = 0.25
 """What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not the same everywhere."""
@@ -42,6 +42,9 @@ QUASI_STATIC = 300.0
 
 NOT_SLACK = {"value": 0.0, "std": 0.0}
 """Of such a pair [m]."""
+
+SLACK = (0.3e-3, 1.5e-3)
+"""Prior of the slack of each tendon of a pair, its mean and std, wider than a hand's own: it may be loose [m]."""
 
 AT_STOP = float(np.deg2rad(1.0))
 """How well a joint's angle is known at the end of a sweep [rad]."""
@@ -116,8 +119,19 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
     cost, formed, numbers = min(found, key=lambda one: one[0])
     if not np.isfinite(cost):
         raise FitError(f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does")
-    values = assignments(numbers.fitted, numbers.problem.filter.rig)
-    return _form_values(rig, formed) | _with_ranges(formed, values)
+    fitted = numbers.problem.filter.rig
+    # what the routine did not tell beyond its contacts and slopes is what these say
+    begun = {named(fitted, path): _spread(number(fitted, path)) for path in _starts(formed, drives, sweeps, ())[0]}
+    values = {path: value for path, value in assignments(numbers.fitted, fitted).items() if not path.endswith(".hold")}
+    return _form_values(rig, formed) | _with_ranges(formed, begun | values)
+
+
+def _spread(found: Number) -> dict[str, object]:
+    """Return a number's value and std as a rig file has them."""
+    if found.shared is not None:
+        name, std = found.shared
+        return {"value": found.value, "shared": {"name": name, "std": std}}
+    return {"value": found.value, "std": found.std}
 
 
 def _formed(rig: Rig, stretched: Sequence[str]) -> Rig:
@@ -168,6 +182,8 @@ def _prior(rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]
             sensor = rig.sensors[int(path.split(".")[1])]
             contacts = [sweep.contact for sweep in sweeps[sensor.of]]
             values[path] = {"value": value, "std": ZERO_SPREAD * (max(contacts) - min(contacts))}
+        elif path.endswith(".slack"):
+            values[path] = {"value": SLACK[0], "std": SLACK[1]}
         elif path.endswith(".stiffness") and path.startswith("tendons."):
             shared = rig.tendons[int(path.split(".")[1])].stiffness.shared
             spread = {"std": STIFFNESS_SPREAD * value}
@@ -200,6 +216,10 @@ def _prior(rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]
 def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
     """Return the values with what is not known of the joints' ranges: the zero is no better than their middle."""
     wider = {path: value for path, value in values.items() if not path.endswith((".initial", ".noise"))}
+    for tendon in rig.tendons:
+        path = f"tendons.{tendon.name}.slack"
+        if isinstance(found := wider.get(path), dict):  # the search's prior is wide, for tendons that came off
+            wider[path] = found | {"std": min(found["std"], tendon.slack.std)}
     for joint in rig.joints:
         path = f"joints.{joint.name}.spring.stiffness"
         if isinstance(found := wider.get(path), dict):

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from distal.hands.starts import contacts, is_pair
-from distal.hands.sweeps import Sweep
+from distal.hands.sweeps import FEWEST, Sweep
 from distal.rig import Capstan, Rig
 
 FaultKind = Literal["side", "slack", "broken", "slipped"]
@@ -23,6 +23,9 @@ LOOSE = 10.0
 
 SLIPPED = 4.0
 """A spool slipped where the end of the travel moved by this at the joint between sweeps [deg]."""
+
+
+FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,17 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     def fault(kind: FaultKind, size: float, sentence: str) -> tuple[Fault, ...]:
         return (Fault(kind, drive, size, f"{drive} ({names}): {sentence}"),)
 
+    if len(sweeps) < FEWEST:
+        return fault("slipped", 2.0, FREE)
     full = sweeps[1:]
     resisted = {way: [sweep.resisted for sweep in full if sweep.way == way] for way in (1, -1)}
     none = [way for way in (1, -1) if not any(resisted[way])]
+    if pair and len(none) == 2:
+        return fault("slipped", 2.0, FREE)
     if pair and none:
-        which = " and ".join(tendon.name for tendon in tendons if tendon.winding in none)
-        return fault("broken", float(len(none)), f"nothing resists {_ways(none)}: {which} is broken or off its spool")
+        which = " and ".join(tendon.name for tendon in tendons if tendon.winding == none[0])
+        words = f"nothing resists {_ways(none)}: {which} is broken, off its spool, or wound the wrong way round"
+        return fault("broken", 1.0, words)
     if not pair and 1 in none:
         if -1 not in none:
             return fault("side", -1.0, "tightens when it should let out: its tendon is wound the wrong way round")

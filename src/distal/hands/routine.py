@@ -78,6 +78,7 @@ class _Motor:
             0.0,
         )
         self.ends: dict[int, float] = {}
+        self.beyond = 0.0
 
     def step(self, time: float, dt: float, place: float, torque: float, options: RoutineOptions) -> None:
         """Go on by one period."""
@@ -92,7 +93,12 @@ class _Motor:
         gone = self.way * (place - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
         most = 2 * self.most if self.done == 0 else self.most if self.pair or self.way > 0 else self.loose
-        if self.over >= HELD or gone > most:
+        if self.over >= HELD or gone > most + self.beyond:
+            met = self.over >= HELD
+            if not met and self.beyond > 0.0:
+                self.done = options.sweeps  # it meets nothing either way: it would only go on turning
+            # back over what it went without meeting anything
+            self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = place
             self.way, self.done, self.started, self.over = -self.way, self.done + 1, time, 0.0
         speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))

@@ -13,8 +13,8 @@ import numpy as np
 from distal.hands.sweeps import Sweep
 from distal.rig import Capstan, Rig, Tendon
 
-SLACKS = (0.012, 0.03, 0.055, 0.09, 0.14, 0.21)
-"""Slack of a pair that is tried, as a share of the joint's moment arm: 0.7 to 12 degrees of play."""
+SLACKS = (0.012, 0.03, 0.055, 0.09, 0.14, 0.21, 0.3, 0.42)
+"""Slack of a pair that is tried, as a share of the joint's moment arm: 0.7 to 24 degrees of play."""
 
 TENSIONS = (0.006, 0.025)
 """What a pair is stretched by that is tried, as a share of the moment arm."""

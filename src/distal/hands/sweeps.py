@@ -57,7 +57,7 @@ class Sweep:
 
 
 def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
-    """Return the sweeps of a motor in a log, the first of which begins anywhere.
+    """Return the sweeps of a motor in a log, the first of which begins anywhere; two of one that meets nothing either way.
 
     Raises:
         LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST` times.
@@ -74,12 +74,12 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
         for begin, end in itertools.pairwise(ends)
         if np.count_nonzero(known[begin : end + 1]) >= SHORTEST
     ]
-    if len(sweeps) > 1 and not sweeps[-1].resisted:
+    if len(sweeps) > 1:
         last = sweeps[-1]
         reached = max(last.way * sweep.contact for sweep in sweeps if sweep.way == last.way)
         if last.way * last.contact < reached - TURNED * float(np.nanmax(places) - np.nanmin(places)):
             sweeps = sweeps[:-1]  # it went to rest
-    if len(sweeps) < FEWEST:
+    if len(sweeps) < FEWEST and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
         raise LogError(
             f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a power-on routine has at "
             f"least {FEWEST} sweeps of each (see distal.hands.Routine)"
@@ -138,5 +138,6 @@ def _sweep(places: Floats, torques: Floats, begin: int) -> Sweep:
         if np.count_nonzero(line) >= 3 and np.ptp(going[line]) > 0.0:
             slope = float(np.cov(going[line], pull[line])[0, 1] / np.var(going[line], ddof=1))
             if slope > 0.0:
-                contact = min(float(np.mean(going[line]) - (np.mean(pull[line]) - level) / slope), high)
+                begins = float(np.mean(going[line]) - (np.mean(pull[line]) - level) / slope)
+                contact = min(max(begins, low), high)
     return Sweep(way, begin, begin + len(places) - 1, level, way * contact, max(slope, 0.0), noise, bool(resisted))
