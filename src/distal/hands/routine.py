@@ -32,6 +32,9 @@ SLOWS, SLOWEST = 1.2, 0.25
 LEAD = 0.35
 """A goal is never further ahead of its motor than this [rad]."""
 
+NEAR, WAITED = 0.03, 1.0
+"""A motor is back where it rests when it is so near [rad], or after so long [s]; the next one moves then."""
+
 SILENT = 0.5
 """The routine ends where a motor's angle is missing for longer than this [s]."""
 
@@ -69,25 +72,22 @@ class _Motor:
         self.name, self.limit, self.pair = name, limit, is_pair(rig, name)
         need = sum(abs(arm) * float(np.ptp(joints[j].travel)) for j, arm in tendon.arms().items()) / radius
         self.most, self.loose = BEYOND * need + MARGIN, need + LOOSENED
-        self.way, self.done, self.goal, self.begin, self.started, self.over = (
-            1,
-            0,
-            nan,
-            nan,
-            nan,
-            0.0,
-        )
+        self.way, self.done, self.over = 1, 0, 0.0
+        self.goal, self.begin, self.place, self.started = nan, nan, nan, nan
         self.ends: dict[int, float] = {}
-        self.beyond = 0.0
+        self.beyond, self.rested = 0.0, False
 
     def step(self, time: float, dt: float, place: float, torque: float, options: RoutineOptions) -> None:
         """Go on by one period."""
         if not isfinite(self.goal):
             self.goal = self.begin = place
             self.started = time
+        self.place = place
         if self.done >= options.sweeps:
-            rest = sum(self.ends.values()) / 2 if self.pair and len(self.ends) == 2 else self.ends.get(-1, self.goal)
-            self.goal += float(np.clip(rest - self.goal, -options.speed * dt, options.speed * dt))
+            if self.goal != self.rest:
+                self.goal += float(np.clip(self.rest - self.goal, -options.speed * dt, options.speed * dt))
+                self.started = time
+            self.rested = abs(place - self.rest) < NEAR or time - self.started > WAITED
             return
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
         gone = self.way * (place - self.begin)
@@ -106,10 +106,9 @@ class _Motor:
         self.goal = float(np.clip(ahead, place - LEAD, place + LEAD))
 
     @property
-    def rested(self) -> bool:
-        """Whether it is back where it rests."""
-        rest = sum(self.ends.values()) / 2 if self.pair and len(self.ends) == 2 else self.ends.get(-1, self.goal)
-        return abs(self.goal - rest) < 1e-6
+    def rest(self) -> float:
+        """Where it rests afterwards: in the middle of its travel, or where its one tendon is loose [rad]."""
+        return sum(self.ends.values()) / 2 if self.pair and len(self.ends) == 2 else self.ends.get(-1, self.goal)
 
 
 class Routine:

@@ -115,7 +115,12 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
     pair = len(rows) == 1 and rows[0].back == "tendon"
     if not pair:
         crossings = [
-            {"joint": _name(row.joint, "joint"), "side": _toward(rows, row), "kind": "pulley", "radius": _arm(row)}
+            {
+                "joint": _name(row.joint, "joint"),
+                "side": row.direction * _winds(rows),
+                "kind": "pulley",
+                "radius": _arm(row),
+            }
             for row in rows
         ]
         common: Raw = {"damping": guess.TENDON_DAMPING, "slack": guess.LOOSE, "path": guess.PATH}
@@ -144,9 +149,9 @@ def _arm(row: Row) -> object:
     return guess.JOINT_RADIUS if row.joint_radius is None else row.joint_radius
 
 
-def _toward(rows: Sequence[Row], row: Row) -> int:
-    """Return the side to which a motor's one tendon pulls a joint: its first joint's reading counts as winding it."""
-    return row.direction * rows[0].direction
+def _winds(rows: Sequence[Row]) -> int:
+    """Return the sign of a motor's reading: a tendon over several joints is wound as it grows, unless none grows with it."""
+    return max(row.direction for row in rows)
 
 
 def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
@@ -162,11 +167,11 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "measures": "position",
         "of": motor,
         **logged,
-        "sign": row.direction,
+        "sign": _winds(rows),
         "rate": guess.RATE,
         "noise": guess.POSITION_NOISE,
         "resolution": Guess(step, guess.COUNTS.of) if row.counts is None else step,
-        "bias": {"value": in_degrees(row.direction * (row.zero or 0.0)), "std": zero_std},
+        "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
     current: Raw = {
         "name": current_of(motor),
@@ -174,7 +179,7 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "of": motor,
         "unit": "mA",
         "torque_constant": guess.TORQUE_CONSTANT if row.torque_constant is None else row.torque_constant,
-        "sign": row.direction,
+        "sign": _winds(rows),
         "rate": guess.RATE,
         "noise": guess.CURRENT_NOISE,
         "gain": guess.GAIN,

@@ -1,0 +1,266 @@
+"""`Hand` beside SDKs: its readings, what it sends, lost packets, motors that restart, wrong hands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.hands import rig_of
+from benchmarks.strangers.servo_hands import orca_like
+
+from distal.errors import CommandError, EstimationError
+from distal.hands import Hand, Motors
+from distal.rig import Rig, build_rig
+
+JOINTS = ("index_mcp", "ring_abd")
+
+
+def renamed(rig: Rig) -> Rig:
+    """Return the rig with the names that motors by number have."""
+    text = rig.model_dump_json().replace("m1", "motor_1").replace("m2", "motor_2")
+    return build_rig(Rig.model_validate_json(text).model_dump(), "hand")
+
+
+def sound_rig() -> Rig:
+    """Return the rig of a hand of two joints whose zeros are known."""
+    known, _ = orca_like([3], JOINTS)
+    rig = renamed(rig_of(known))
+    return rig.with_values({f"sensors.motor_{i}_position.bias": {"value": 0.0, "std": 0.02} for i in (1, 2)})
+
+
+class Orca:
+    """What a hand of orca_core has, on motors that follow at once."""
+
+    def __init__(self) -> None:
+        self.config = SimpleNamespace(motor_ids=[1, 2])
+        self.places, self.currents, self.sent = np.zeros(2), np.zeros(2), dict[int, float]()
+        self.last_read_ok, self.fails, self.temperature = True, False, 40.0
+
+    def get_motor_state(self) -> Any:
+        if self.fails:
+            raise OSError("port is gone")
+        return SimpleNamespace(position=self.places, current=self.currents)
+
+    def get_motor_temp(self) -> Any:
+        return np.array([self.temperature, 35.0])
+
+    def write_motor_pos(self, motor_ids: list[int], positions: Any) -> None:
+        self.sent = dict(zip(motor_ids, positions))
+        for k, number in enumerate(self.config.motor_ids):
+            self.places[k] = self.sent.get(number, self.places[k])
+
+
+@pytest.fixture
+def orca() -> Orca:
+    return Orca()
+
+
+@pytest.fixture
+def hand(orca: Orca) -> Hand:
+    return Hand(orca, sound_rig(), compiled=False)
+
+
+def test_angles_are_degrees_by_joint_and_nan_before_the_first_update(hand: Hand, orca: Orca) -> None:
+    assert set(hand.get_joint_positions()) == set(JOINTS)
+    assert np.isnan(list(hand.get_joint_positions().values())).all()
+    for k in range(50):
+        orca.places[:] = min(0.02 * k, 0.6)
+        hand.update(0.01 * k)
+    angles, stds = hand.get_joint_positions(), hand.get_joint_stds()
+    # 0.6 rad of the motor over 1.1 turns for one: 31 degrees, less play and stretch
+    assert angles["index_mcp"] == pytest.approx(np.rad2deg(0.6 / 1.1), abs=5.0)
+    assert 0.1 < stds["index_mcp"] < 10.0
+
+
+def test_lost_packets_and_a_port_that_is_gone_never_end_it(hand: Hand, orca: Orca) -> None:
+    for k in range(100):
+        orca.last_read_ok, orca.fails = k % 7 != 0, 40 < k < 60
+        hand.update(0.01 * k)
+    health = hand.health()
+    assert health.lost == 19
+    assert np.isfinite(list(hand.get_joint_positions().values())).all()
+    orca.fails = True
+    reading = hand.update(1.0)
+    assert reading.health in ("missing", "disagrees", "dead")
+    assert hand.health().silent == ("motor_1", "motor_2")
+    assert "no answer from motor_1, motor_2" in hand.health().sentence
+
+
+def test_one_silent_motor_is_named(hand: Hand, orca: Orca) -> None:
+    hand.update(0.0)
+    orca.places = np.array([np.nan, 0.1])
+    hand.update(0.01)
+    assert hand.health().silent == ("motor_1",)
+
+
+def test_a_hot_motor_is_named_with_its_temperature(hand: Hand, orca: Orca) -> None:
+    orca.temperature = 72.0
+    hand.update(0.0)
+    assert hand.health().hot == {"motor_1": 72.0}
+    assert "hot: motor_1 72 °C" in hand.health().sentence
+
+
+def test_wanted_angles_are_sent_through_the_transmission(hand: Hand, orca: Orca) -> None:
+    hand.update(0.0)
+    hand.set_joint_positions({"index_mcp": 40.0})
+    for k in range(1, 300):
+        hand.update(0.01 * k)
+    # straight from the ratio: 40 degrees are 44 of the motor; play and friction take some more
+    assert 40.0 < np.rad2deg(orca.sent[1]) < 60.0
+    assert hand.get_joint_positions()["index_mcp"] == pytest.approx(40.0, abs=3.0)
+    hand.relax()
+    orca.sent = {}
+    hand.update(3.1)
+    assert orca.sent == {}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "says"),
+    [
+        ({"index_mpc": 3.0}, "did you mean 'index_mcp'"),
+        ({"index_mcp": 300.0}, "turns from -25° to 100°, 300"),
+        ({"index_mcp": "3"}, "'3' came"),
+        ({"index_mcp": float("nan")}, "nan came"),
+    ],
+)
+def test_angles_that_cannot_be_wanted_are_named(hand: Hand, wanted: dict[str, Any], says: str) -> None:
+    with pytest.raises(CommandError, match="not known yet"):
+        hand.set_joint_positions({"index_mcp": 1.0})
+    hand.update(0.0)
+    with pytest.raises(CommandError, match=says):
+        hand.set_joint_positions(wanted)
+
+
+def test_what_is_no_hand_and_what_is_another_hand_are_named(orca: Orca) -> None:
+    with pytest.raises(EstimationError, match="str is no hand that distal knows"):
+        Hand("hand", sound_rig(), compiled=False)
+    orca.config.motor_ids = [1]
+    with pytest.raises(EstimationError, match="has a motor 'motor_2' that this hand has not"):
+        Hand(orca, sound_rig(), compiled=False)
+
+
+class Aero:
+    """What a hand of the Aero SDK has."""
+
+    def __init__(self) -> None:
+        self.places, self.sent = [0.0, 0.0], list[float]()
+
+    def get_actuations(self) -> list[float]:
+        return self.places
+
+    def get_actuator_currents(self) -> list[float]:
+        return [0.0, 0.0]
+
+    def get_actuator_temperatures(self) -> list[float]:
+        return [30.0, 30.0]
+
+    def set_actuations(self, actuations: list[float]) -> None:
+        self.sent = self.places = actuations
+
+
+def test_actuations_in_degrees_are_read_and_sent() -> None:
+    rig = sound_rig()
+    raw = rig.model_dump()
+    raw["sensors"] = [dict(s) | ({"unit": "deg"} if s["measures"] == "position" else {}) for s in raw["sensors"]]
+    aero = Aero()
+    hand = Hand(aero, build_rig(raw, "aero"), compiled=False)
+    for k in range(40):
+        aero.places = [min(1.0 * k, 33.0), 0.0]
+        hand.update(0.01 * k)
+    assert hand.get_joint_positions()["index_mcp"] == pytest.approx(30.0, abs=5.0)
+    hand.set_joint_positions({"index_mcp": 60.0})
+    for k in range(40, 200):
+        hand.update(0.01 * k)
+    assert 55.0 < aero.sent[0] < 85.0
+
+
+class Own:
+    """A hand of one's own: three methods."""
+
+    def __init__(self) -> None:
+        self.goals: Mapping[str, float] = {}
+
+    def read(self) -> Mapping[str, float]:
+        return {"motor_1_position": 0.1, "motor_1_current": 5.0, "motor_2_position": 0.0, "something": 1.0}
+
+    def temperatures(self) -> Mapping[str, float]:
+        return {}
+
+    def write(self, goals: Mapping[str, float]) -> None:
+        self.goals = goals
+
+
+def test_any_hand_with_three_methods_will_do() -> None:
+    own = Own()
+    assert isinstance(own, Motors)
+    hand = Hand(own, sound_rig(), compiled=False)
+    for k in range(20):
+        hand.update(0.01 * k)
+    assert np.isfinite(hand.get_joint_positions()["ring_abd"])
+
+
+class Simulated:
+    """A hand of one's own on a plant that shares no code with the model, with a clock of its own."""
+
+    def __init__(self) -> None:
+        self.known, self.hands = orca_like([3], JOINTS)
+        self.time, self.fails = 0.0, 0
+        self.goals = (self.hands.places + self.hands.d.zeros * self.hands.d.signs) * self.hands.d.signs
+        self.read_out = self.hands.step(self.goals)
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep(self, seconds: float) -> None:
+        for _ in range(max(1, round(seconds / 0.01))):
+            self.read_out = self.hands.step(self.goals)
+            self.time += 0.01
+
+    def read(self) -> Mapping[str, float]:
+        self.fails += 1
+        if self.fails % 50 == 0:
+            raise TimeoutError("a packet is lost")
+        signs, found = self.hands.d.signs[0], dict[str, float]()
+        for k in range(2):
+            found[f"motor_{k + 1}_position"] = float(self.read_out["places"][0, k] * signs[k])
+            found[f"motor_{k + 1}_current"] = float(1e3 * self.read_out["currents"][0, k] * signs[k])
+        return found
+
+    def temperatures(self) -> Mapping[str, float]:
+        return {}
+
+    def write(self, goals: Mapping[str, float]) -> None:
+        for k in range(2):
+            self.goals[0, k] = goals[f"motor_{k + 1}"] * self.hands.d.signs[0, k]
+
+
+@pytest.mark.slow
+def test_from_power_on_to_live_angles_and_wanted_ones() -> None:
+    own = Simulated()
+    hand = Hand(own, renamed(rig_of(own.known)))
+    said = list[str]()
+    found = hand.power_on(show=said.append, sleep=own.sleep, now=own.now)
+    assert said[:2] == ["motor_1", "motor_2"]
+    assert found.faults == ()
+    for _ in range(100):
+        hand.update(own.time)
+        own.sleep(0.01)
+    hand.set_joint_positions({"index_mcp": 50.0, "ring_abd": -10.0})
+    for _ in range(300):
+        hand.update(own.time)
+        own.sleep(0.01)
+    true = np.rad2deg(own.hands.angles[0])
+    angles = list(hand.get_joint_positions().values())
+    assert angles == pytest.approx(true, abs=3.5)
+    assert true == pytest.approx([50.0, -10.0], abs=4.0)
+
+
+def test_an_aborted_routine_says_why() -> None:
+    own = Own()
+    hand = Hand(own, sound_rig(), compiled=False)
+    ticks = iter(np.arange(0.0, 100.0, 0.004))
+    with pytest.raises(CommandError, match="aborted: motor_1: a sweep took longer than"):
+        hand.power_on(sleep=lambda _: None, now=lambda: float(next(ticks)))

@@ -1,0 +1,225 @@
+"""The power-on routine on plants of others: what it moves, what it finds, what it says of faults."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import nan
+
+import numpy as np
+import pytest
+from benchmarks.hands import calibrated, log_of, motion, ratio, rig_of
+from benchmarks.strangers.servo_hands import Hands, Known, orca_like
+
+from distal import estimate
+from distal.errors import CommandError, LogError
+from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved
+from distal.hands.findings import faults_of
+from distal.hands.sweeps import sweeps_of
+from distal.logs import Log
+from distal.rig import Capstan, Rig
+
+JOINTS = ("index_mcp", "ring_abd")
+
+
+def hand(seed: int = 3) -> tuple[Known, Hands]:
+    """Return a hand of two joints."""
+    return orca_like([seed], JOINTS)
+
+
+@lru_cache
+def routine_log(seed: int = 3) -> tuple[Calibrated, Log]:
+    """Return a calibration and its log; shared, since it takes seconds."""
+    known, hands = hand(seed)
+    return calibrated(known, hands, rig_of(known))[0]
+
+
+def run(hands: Hands, routine: Routine, seconds: float = 60.0) -> None:
+    """Let a routine move a hand until it is done."""
+    signs = hands.d.signs
+    places, torques, k = (hands.places + hands.d.zeros * signs)[0], np.zeros(2), 0
+    while not routine.done and k < 100 * seconds:
+        sample = {f"m{i + 1}_position": places[i] for i in range(2)} | {
+            f"m{i + 1}_current": torques[i] for i in range(2)
+        }
+        goals = routine.step(0.01 * k, sample)
+        read = hands.step(np.array([[goals["m1"], goals["m2"]]]) * signs)
+        places, torques = (read["places"] * signs)[0], 0.5 * (read["currents"] * signs)[0]
+        k += 1
+
+
+def test_each_motor_meets_both_ends_and_only_one_moves_at_a_time() -> None:
+    _, log = routine_log()
+    known, _ = hand()
+    rig = rig_of(known)
+    for motor in known.motors:
+        sweeps = sweeps_of(log, rig, motor)
+        assert [sweep.way for sweep in sweeps] == [1, -1, 1, -1, 1]
+        assert all(sweep.resisted for sweep in sweeps)
+    moving = [np.abs(np.gradient(log.channels[f"{motor}_position"])) > 1e-3 for motor in known.motors]
+    assert np.count_nonzero(moving[0] & moving[1]) < 10  # the first comes to rest
+
+
+def test_no_torque_goes_far_beyond_the_limit() -> None:
+    _, log = routine_log()
+    assert max(np.abs(log.channels[f"m{i}_current"]).max() for i in (1, 2)) < 2 * 0.15
+
+
+@pytest.mark.slow
+def test_numbers_are_those_of_the_plant_within_their_errors() -> None:
+    found, _ = routine_log()
+    known, hands = hand()
+    d = hands.d
+    for k, drive in enumerate(found.rig.drives):
+        assert isinstance(drive, Capstan)
+        arm = known.arms[k, k]
+        # what counts is the ratio of the radii, here with the arm that the rig takes as exact
+        true = d.spools[0, k, k] / d.arms[0, k, k] * arm
+        assert abs(drive.radius.value - true) < 3 * drive.radius.std
+        tendons = [tendon for tendon in found.rig.tendons if tendon.drive == drive.name]
+        pair = float(d.slack[0, k] + d.slack[0, k + 2])
+        slack = sum(tendon.slack.value for tendon in tendons)
+        assert abs(slack - max(pair, 0.0)) < 0.35e-3  # 2.5 degrees of play
+
+
+@pytest.mark.slow
+def test_angles_after_the_routine_beat_the_ratio_of_the_travel() -> None:
+    known, hands = hand()
+    rig = rig_of(known)
+    (found, log), = calibrated(known, hands, rig)  # fmt: skip
+    ends = np.array([[[f(log.channels[f"{m}_position"]) for m in known.motors]] for f in (np.min, np.max)])
+    moves = motion(known, hands, ends, 1)
+    truth = moves["angles"][:, 0]
+    estimated = estimate(log_of(known, moves, 0), found.rig)
+    error = np.sqrt(np.mean((estimated.angles - truth) ** 2))
+    plain = np.sqrt(np.mean((ratio(known, moves["places"][:, 0], (ends[0, 0], ends[1, 0])) - truth) ** 2))
+    assert error < 0.6 * plain
+    assert np.mean(np.abs(estimated.angles - truth) < 1.96 * estimated.angle_stds) > 0.9
+    # the rig as it came is far off: it does not know where motors have their zero
+    before = estimate(log_of(known, moves, 0), rig)
+    assert np.sqrt(np.mean((before.angles - truth) ** 2)) > 2 * error
+
+
+def spoiled(kind: str) -> tuple[Rig, Log]:
+    """Return the log of a routine on a hand whose first motor has a fault."""
+    known, hands = hand(7)
+    if kind == "broken":
+        hands.broken[0, 2] = True
+    elif kind == "side":
+        hands.d.spools[0, 2, 0] *= -1
+    elif kind == "slipped":
+        hands.slips[0, 0] = 0.07
+    rig = rig_of(known)
+    routine = Routine(rig, RoutineOptions(order=[known.motors]))
+    run(hands, routine)
+    assert routine.aborted == ""
+    return rig, routine.log()
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"), [("broken", "m1_minus is broken"), ("side", "the wrong way round"), ("slipped", "spool slips")]
+)
+def test_a_fault_is_found_at_its_motor_and_at_no_other(kind: str, says: str) -> None:
+    rig, log = spoiled(kind)
+    faults = faults_of(rig, "m1", sweeps_of(log, rig, "m1"))
+    assert len(faults) == 1
+    assert says in faults[0].sentence
+    assert "index_mcp" in faults[0].sentence
+    assert faults_of(rig, "m2", sweeps_of(log, rig, "m2")) == ()
+
+
+def test_a_joint_that_is_blocked_is_named() -> None:
+    known, hands = hand(7)
+    hands.d.low[0, 0], hands.d.high[0, 0] = -0.2, 0.2
+    rig = rig_of(known)
+    routine = Routine(rig, RoutineOptions(order=[known.motors]))
+    run(hands, routine)
+    (fault,) = faults_of(rig, "m1", sweeps_of(routine.log(), rig, "m1"))
+    assert fault.kind == "side"
+    assert "% of its travel" in fault.sentence
+
+
+def test_what_a_sound_hand_says_is_nothing() -> None:
+    found, _ = routine_log()
+    assert found.faults == ()
+    assert found.notes == ()
+
+
+def test_a_motor_that_says_nothing_ends_the_routine_where_it_is() -> None:
+    known, _ = hand()
+    routine = Routine(rig_of(known))
+    goals = routine.step(0.0, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0})
+    for k in range(1, 100):
+        goals = routine.step(0.01 * k, {"m1_position": nan, "m2_position": 2.0})
+    assert routine.done
+    assert routine.aborted.startswith("m1: no angle for 0.5")
+    assert abs(goals["m1"] - 1.0) < 0.1
+    assert goals["m2"] == 2.0
+
+
+def test_a_torque_far_beyond_the_limit_ends_it() -> None:
+    known, _ = hand()
+    routine = Routine(rig_of(known))
+    for k in range(5):
+        routine.step(0.01 * k, {"m1_position": 1.0, "m1_current": 0.9, "m2_position": 2.0, "m2_current": 0.0})
+    assert routine.aborted == "m1: a torque of 0.90 N m; its limit is 0.15"
+
+
+def test_a_motor_that_does_not_move_ends_it_in_time() -> None:
+    known, _ = hand()
+    routine = Routine(rig_of(known), RoutineOptions(longest=3.0))
+    k = 0
+    while not routine.done:
+        routine.step(0.01 * k, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0})
+        k += 1
+    assert k == pytest.approx(300, abs=3)
+    assert "does the motor move?" in routine.aborted
+
+
+def test_it_can_be_aborted_at_any_time() -> None:
+    known, _ = hand()
+    routine = Routine(rig_of(known))
+    routine.step(0.0, {"m1_position": 1.0, "m2_position": 2.0})
+    routine.abort("the user said so")
+    assert routine.done
+    assert routine.aborted == "the user said so"
+    assert routine.moving == ()
+
+
+def test_an_order_names_joints_or_motors_and_what_is_left_comes_after() -> None:
+    known, _ = hand()
+    assert Routine(rig_of(known), RoutineOptions(order=[["ring_abd"]])).moving == ("m2",)
+    assert Routine(rig_of(known), RoutineOptions(order=[["m1", "ring_abd"]])).moving == ("m1", "m2")
+    with pytest.raises(CommandError, match="'thumb' is no motor and no joint"):
+        Routine(rig_of(known), RoutineOptions(order=[["thumb"]]))
+    with pytest.raises(CommandError, match="limit of motor 'm1'"):
+        Routine(rig_of(known), RoutineOptions(limits={"m1": -1.0}))
+
+
+def test_a_log_without_sweeps_says_what_it_needs() -> None:
+    known, _ = hand()
+    rig, still = rig_of(known), np.zeros(200)
+    channels = {f"m{i}_{kind}": still for i in (1, 2) for kind in ("position", "current")}
+    with pytest.raises(LogError, match="motor 'm1' sweeps 0 times"):
+        calibrate(Log(0.01 * np.arange(200), channels, {}, "still"), rig)
+
+
+def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
+    found, _ = routine_log()
+    place = found.rig.sensors_of("position")[0]
+    path = f"sensors.{place.name}.bias"
+    later = found.rig.with_values({path: {"value": place.bias.value + 0.5, "std": place.bias.std}})
+    (line,) = moved(found.rig, later)
+    assert place.name in line
+    assert f"{np.rad2deg(place.bias.value):.4g}" in line
+    assert moved(found.rig, found.rig) == ()
+    tendon = found.rig.tendons[0].name
+    taut = {
+        f"tendons.{tendon}.slack": {"value": 0.0, "std": 0.0},
+        f"tendons.{tendon}.pretension": {"value": 2.0, "std": 1.0},
+    }
+    slack = {
+        f"tendons.{tendon}.pretension": {"value": 0.0, "std": 0.0},
+        f"tendons.{tendon}.slack": {"value": 1e-4, "std": 1e-5},
+    }
+    one, other = found.rig.with_values(slack), found.rig.with_values(taut)
+    assert f"{tendon}: was slack, is under tension" in moved(one, other)

@@ -1,0 +1,136 @@
+"""What a user logs as samples in SI: units, encoders that wrap, temperatures, wrong values."""
+
+from __future__ import annotations
+
+from math import degrees, nan, pi, radians
+
+import numpy as np
+import pytest
+
+from distal import LiveEstimator, LiveInLogUnits, LogUnits, Rig, load_rig
+from distal.errors import EstimationError
+from distal.rig import build_rig
+
+
+def rig_of(counts: int = 4096, sign: int = 1) -> Rig:
+    """Return a joint with a motor whose encoder has so many counts; its travel is below a turn."""
+    raw = load_rig("capstan-joint").model_dump()
+    raw["joints"][0]["stops"] = (radians(-40), radians(40))
+    encoder, current = (dict(sensor) for sensor in raw["sensors"][:2])
+    encoder |= {"unit": "count", "counts_per_turn": counts, "resolution": 2 * pi / counts, "sign": sign}
+    current |= {"unit": "mA", "torque_constant": 0.5, "column": "current"}
+    return build_rig({**raw, "sensors": [encoder, current, *raw["sensors"][2:]]}, "counting joint")
+
+
+def test_counts_and_milliamperes_become_si_by_name_and_in_order() -> None:
+    units = LogUnits(rig_of(sign=-1))
+    assert units.columns == ("motor_angle", "current")
+    by_name = units.sample(0.0, {"current": 40, "motor_angle": 100})
+    assert by_name == pytest.approx([-100 * 2 * pi / 4096, 0.02])
+    units.reset()
+    assert units.sample(0.0, [100, 40.0]) == pytest.approx(by_name)
+    units.reset()
+    assert np.isnan(units.sample(0.0, {"motor_angle": 100})[1])
+    assert np.isnan(units.sample(0.1, [None, 3])[0])
+
+
+def test_a_goal_goes_back_to_what_the_log_holds() -> None:
+    units = LogUnits(rig_of(sign=-1))
+    place = units.sample(0.0, {"motor_angle": 4000})[0]
+    assert units.logged("motor_angle", place) == pytest.approx(4000)
+
+
+@pytest.mark.parametrize("bits", [12, 16])
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_encoder_is_followed_over_its_turn(bits: int, way: int) -> None:
+    counts = 2**bits
+    units = LogUnits(rig_of(counts))
+    true = way * np.linspace(0.0, 1.9 * counts, 400)
+    read = np.array([units.sample(0.01 * k, [float(np.floor(v) % counts), 0.0])[0] for k, v in enumerate(true)])
+    expected = np.floor(true) * 2 * pi / counts
+    assert np.ptp(read - expected) < 1e-9  # the turn in which it begins is a matter of the joint's range
+
+
+def test_it_begins_in_the_turn_in_which_the_joint_can_be() -> None:
+    for raw, place in ((10, 10), (4090, -6)):
+        assert LogUnits(rig_of()).sample(0.0, [raw, 0.0])[0] == pytest.approx(place * 2 * pi / 4096)
+
+
+def test_a_gap_with_less_than_half_a_turn_of_motion_changes_nothing() -> None:
+    units = LogUnits(rig_of())
+    units.sample(0.0, [4000, 0.0])
+    after = units.sample(0.25, [100, 0.0])[0]
+    assert after == pytest.approx(100 * 2 * pi / 4096)
+    assert units.doubts == ()
+
+
+def test_a_long_gap_is_solved_by_the_joints_range_or_named() -> None:
+    units = LogUnits(rig_of())
+    units.sample(0.0, [4000, 0.0])
+    assert units.sample(3.0, [100, 0.0])[0] == pytest.approx(100 * 2 * pi / 4096)
+    assert units.doubts == ()
+    wide = rig_of().with_values({"joints.jaw.stops": (-6.0, 6.0)})
+    units = LogUnits(wide)
+    units.sample(0.0, [100, 0.0])
+    units.sample(3.0, [2000, 0.0])
+    assert len(units.doubts) == 1
+    assert "motor_angle" in units.doubts[0]
+    assert "3 s" in units.doubts[0]
+
+
+def test_the_band_opens_where_an_encoder_may_have_turned() -> None:
+    live = LiveInLogUnits(rig_of().with_values({"joints.jaw.stops": (-6.0, 6.0)}), compiled=False)
+    for k in range(20):
+        live.step(0.005 * k, [100, 0.0])
+    before = live.stds["jaw"]
+    live.step(2.0, [2000, 0.0])
+    assert live.reading is not None
+    assert live.reading.health == "restarted"
+    assert "may have turned" in live.reading.detail
+    assert live.stds["jaw"] > 3 * before
+
+
+def test_degrees_are_those_of_the_estimator_itself() -> None:
+    rig = rig_of()
+    live, plain = LiveInLogUnits(rig, compiled=False), LiveEstimator(rig, compiled=False)
+    for k in range(30):
+        angles = live.step(0.005 * k, {"motor_angle": 10 * k, "current": 20.0})
+        plain.step(0.005 * k, np.array([10 * k * 2 * pi / 4096, 0.01]))
+    assert angles["jaw"] == pytest.approx(degrees(plain.angle), abs=1e-12)
+    assert live.stds["jaw"] == pytest.approx(degrees(plain.angle_std), abs=1e-12)
+
+
+def test_a_hot_motor_has_less_torque() -> None:
+    units = LogUnits(rig_of())
+    cold = units.sample(0.0, [0, 100.0])[1]
+    hot = units.sample(0.01, [0, 100.0], {"motor": 75.0})[1]
+    assert hot / cold == pytest.approx(1 - 0.0011 * 50)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"motor_angel": 3}, "did you mean 'motor_angle'"),
+        ({"current": "3"}, "'current' must be a number, '3' came"),
+        ({"current": True}, "'current' must be a number"),
+        ({"current": float("inf")}, "'current' is infinite"),
+        ({"motor_angle": 1e300}, "'motor_angle' cannot be 1e.300"),
+        ([1.0], "2 values .motor_angle, current., 1 came"),
+    ],
+)
+def test_a_value_that_cannot_be_is_named(values: object, says: str) -> None:
+    with pytest.raises(EstimationError, match=says):
+        LogUnits(rig_of()).sample(0.0, values)  # type: ignore[arg-type]
+
+
+def test_wrong_turns_and_temperatures_are_named() -> None:
+    with pytest.raises(EstimationError, match="'current' is no position"):
+        LogUnits(rig_of(), turns={"current": 4096})
+    with pytest.raises(EstimationError, match="needs the log's number of one turn"):
+        LogUnits(rig_of(), turns={"motor_angle": nan})
+    with pytest.raises(EstimationError, match="no motor 'm'"):
+        LogUnits(rig_of()).sample(0.0, [0, 0], {"m": 20.0})
+    with pytest.raises(EstimationError, match="cannot have 900 °C"):
+        LogUnits(rig_of()).sample(0.0, [0, 0], {"motor": 900})
+    with pytest.raises(EstimationError, match="in deg or rad, 'grad' came"):
+        LiveInLogUnits(rig_of(), unit="grad", compiled=False)  # type: ignore[arg-type]
