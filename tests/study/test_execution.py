@@ -117,21 +117,21 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("distal.study.execution.PATIENCE", 0.3)
+    monkeypatch.setattr("distal.cluster.PATIENCE", 0.3)
     plan = small()
     with pytest.raises(StudyError, match=r"no scheduler answers at tcp://127\.0\.0\.1:9"):
         run_study(plan, space_of(plan), open_folder(plan, tmp_path), scheduler="tcp://127.0.0.1:9")
 
 
 def test_a_scheduler_of_another_version_is_one_line() -> None:
-    from distal.study.execution import _check_versions
+    from distal.cluster import _check_versions
 
     host = {"python": ".".join(map(str, sys.version_info[:3]))}
     own = {"host": host, "packages": {"distributed": "2026.1", "dask": "2026.1"}}
-    _check_versions({"client": own, "scheduler": own})
+    _check_versions({"client": own, "scheduler": own}, StudyError)
     other = {"host": host, "packages": {"distributed": "2025.1", "dask": "2026.1"}}
     with pytest.raises(StudyError, match=r"the scheduler has distributed 2025.1, this is 2026.1; install the same"):
-        _check_versions({"client": own, "scheduler": other})
+        _check_versions({"client": own, "scheduler": other}, StudyError)
 
 
 COMMAND = """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from distal.errors import DistalError, DistalWarning, EstimationError, OutputErr
 from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from distal.logs import Output
+    from distal.logs import Episode, Output
     from distal.rig import Rig
     from distal.simulation import Scenario
 
@@ -42,7 +42,7 @@ def _few_warnings() -> Iterator[None]:
 
 
 def estimate_many(
-    logs: list[Path],
+    logs: Sequence[Path | Episode],
     rig: Rig,
     estimator: str,
     truth: str | None,
@@ -51,6 +51,7 @@ def estimate_many(
     *,
     unit: str = "rad",
     every: bool = False,
+    scheduler: str | None = None,
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
@@ -60,6 +61,7 @@ def estimate_many(
         homing: for how long the truth is used [s].
         unit: of the angles that are written: rad or deg.
         every: whether all states are written.
+        scheduler: of a Dask cluster that estimates instead.
     """
     import numpy as np
 
@@ -68,26 +70,31 @@ def estimate_many(
     from distal.estimators import ESTIMATORS
     from distal.logs import write_columns
     from distal.results import make_folder
-    from distal.run import estimate_batch
+    from distal.run import estimate_batch, estimate_on_cluster
 
     if estimator not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
     if out is not None:
         make_folder(out)
-    failed: dict[Path, str] = {}
+    failed: dict[str, str] = {}
 
     def skip(source: str, problem: DistalError) -> None:
-        failed[Path(source)] = str(problem)
+        failed[source] = str(problem)
 
     rows, waiting = list[tuple[str, ...]](), iter(logs)
     with _few_warnings(), progress_bar("estimating", len(logs)) as advance:
-        for result in estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip):
-            path = next(p for p in waiting if p not in failed)  # results come in the order of the logs
+        found = (
+            estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
+            if scheduler is None
+            else estimate_on_cluster(logs, rig, scheduler, estimator, truth, homing, progress=advance, skip=skip)
+        )
+        for result in found:
+            path = next(p for p in waiting if str(p) not in failed)  # results come in the order of the logs
             if out is not None:
                 try:
                     write_columns(result.columns(unit, every=every), out / f"{path.stem}.csv")
                 except OutputError as problem:
-                    failed[path] = str(problem)
+                    failed[str(path)] = str(problem)
                     continue
             half = np.rad2deg(BAND * float(np.median(result.angle_stds)))
             error, inside = "–", "–"
@@ -106,9 +113,11 @@ def estimate_many(
         raise typer.Exit(2)
 
 
-def estimates_of(logs: list[Path], out: Path | None) -> list[Output]:
+def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Output]:
     """Return the estimate's file of each log."""
-    if len({os.path.realpath(path) for path in logs}) < len(logs):
+    if len({(os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem)) for path in logs}) < len(
+        logs
+    ):
         raise OutputError("a log came more than once; give each once")
     if out is None:
         return []

@@ -39,7 +39,8 @@ def estimate_command(
     logs: Annotated[
         list[Path],
         Argument(
-            metavar="LOG...", help="CSV, Parquet, MCAP or a ROS bag, with the columns that the rig's sensors name."
+            metavar="LOG...",
+            help="CSV, Parquet, HDF5, MCAP, a ROS bag or a LeRobot dataset, with the columns that the rig's sensors name.",
         ),
     ],
     rig: RigOption,
@@ -90,11 +91,15 @@ def estimate_command(
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
     ] = False,
     repeated: RepeatedOption = None,
+    scheduler: Annotated[
+        str | None,
+        Option(help="Address of a Dask scheduler, tcp://host:8786: its workers estimate, from the same files."),
+    ] = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
-    from distal.logs import file_of, read_log, true_angles, write_together
+    from distal.logs import episodes_of, file_of, is_dataset, read_log, true_angles, write_together
     from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import load_rig
     from distal.run import smooth as smoothed
@@ -102,14 +107,15 @@ def estimate_command(
     if out is None and (unit != "rad" or every):
         raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
     home = seconds(homing)
-    if len(logs) > 1:
-        _check_for_many(len(logs), homing_angle, plot, smooth, passes, estimator)
+    if len(logs) > 1 or is_dataset(logs[0]) or scheduler is not None:
+        sources = [source for path in logs for source in (episodes_of(path) if is_dataset(path) else [path])]
+        _check_for_many(len(sources), homing_angle, plot, smooth, passes, estimator)
         from distal.cli.batch import estimate_many, estimates_of
         from distal.estimators import DEFAULT
 
-        check_outputs(estimates_of(logs, out), logs=logs, rig=rig, truth=truth)
+        check_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
         description, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
-        estimate_many(logs, description, name, truth, home, out, unit=unit, every=every)
+        estimate_many(sources, description, name, truth, home, out, unit=unit, every=every, scheduler=scheduler)
         return
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:

@@ -2,6 +2,7 @@
 
 from distal.logs.atomic_writes import write_together, write_whole
 from distal.logs.datasets import da_vinci_grasper
+from distal.logs.episodes import Episode, episodes_of, is_dataset
 from distal.logs.formats import TABLES
 from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.header_units import header
@@ -25,6 +26,7 @@ __all__ = [
     "MEMORY_VARIABLE",
     "SAMPLE_TOPIC",
     "TABLES",
+    "Episode",
     "Log",
     "MessageReader",
     "Output",
@@ -35,11 +37,13 @@ __all__ = [
     "check_format",
     "check_outputs",
     "da_vinci_grasper",
+    "episodes_of",
     "estimate_schema",
     "file_of",
     "from_mujoco",
     "frozen",
     "header",
+    "is_dataset",
     "is_recording",
     "open_recording",
     "open_table",

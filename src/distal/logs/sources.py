@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
+from distal.logs.episodes import Episode
+
 
 class Frame(Protocol):
     """A table in memory with named columns, such as a frame of pandas or polars."""
@@ -18,5 +20,5 @@ class Frame(Protocol):
         """Return a column."""
 
 
-Source: TypeAlias = str | Path | Frame
-"""The path of a file, or a frame."""
+Source: TypeAlias = str | Path | Frame | Episode
+"""The path of a file, a frame, or an episode of a dataset."""

@@ -1,7 +1,7 @@
 """Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a stream."""
 
 from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours
-from distal.run.batch import estimate_batch
+from distal.run.batch import estimate_batch, estimate_on_cluster
 from distal.run.health import HEALTH
 from distal.run.live import LiveEstimator
 from distal.run.log_health import log_health
@@ -24,6 +24,7 @@ __all__ = [
     "by_hour",
     "estimate",
     "estimate_batch",
+    "estimate_on_cluster",
     "estimate_pieces",
     "log_health",
     "plot_hours",

@@ -11,16 +11,20 @@ from typing import TypeVar
 import numpy as np
 
 from distal.arrays import Floats
+from distal.cluster import on_cluster
 from distal.errors import DistalError, EstimationError
 from distal.estimators import DEFAULT, Estimator, KernelEstimator
 from distal.homing.reference import check_homing
 from distal.kernels import in_order
-from distal.logs import Log, Source, read_log
+from distal.logs import Episode, Log, Source, read_log
 from distal.logs.log import sealed
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
 from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
 from distal.threads import one_blas_thread
+
+PER_TASK = 32
+"""Logs of one task of a cluster."""
 
 Skip = Callable[[str, DistalError], None]
 Input = TypeVar("Input")
@@ -105,13 +109,67 @@ def estimate_batch(
     return estimates(iter(logs))
 
 
+def estimate_on_cluster(
+    logs: Sequence[Source],
+    rig: Rig,
+    address: str,
+    estimator: str = DEFAULT,
+    truth: str | Path | None = None,
+    homing: float | None = None,
+    *,
+    progress: Callable[[int], None] | None = None,
+    skip: Skip | None = None,
+) -> Iterator[Estimate]:
+    """Estimate over many logs by the workers of a Dask cluster, which read the same files; yield as `estimate_batch` does.
+
+    Args:
+        address: of the scheduler, ``tcp://host:8786``.
+
+    Raises:
+        EstimationError: no scheduler answers, or a worker fails.
+    """
+    chunks = [logs[k : k + PER_TASK] for k in range(0, len(logs), PER_TASK)]
+    tasks = {k: (list(chunk), rig, estimator, truth, homing) for k, chunk in enumerate(chunks)}
+    held, following, done = dict[int, list[Estimate | tuple[str, DistalError]]](), 0, 0
+    for k, outcomes in on_cluster(_chunk, tasks, address, EstimationError, "give fewer logs, or none to the cluster"):
+        held[k] = outcomes
+        done += len(outcomes)
+        if progress is not None:
+            progress(done)
+        while following in held:
+            for outcome in held.pop(following):
+                if isinstance(outcome, Estimate):
+                    yield outcome
+                elif skip is None:
+                    raise outcome[1]
+                else:
+                    skip(*outcome)
+            following += 1
+
+
+def _chunk(
+    logs: Sequence[Source], rig: Rig, estimator: str, truth: str | Path | None, homing: float | None
+) -> list[Estimate | tuple[str, DistalError]]:
+    """Return the estimates of some logs, or name and error of what cannot be estimated, in their order."""
+    failed = dict[str, DistalError]()
+    found = estimate_batch(logs, rig, estimator, truth, homing, workers=1, skip=failed.__setitem__)
+    estimates = iter(list(found))
+    return [(name, failed[name]) if (name := _named(log)) in failed else next(estimates) for log in logs]
+
+
 def _side_by_side(runner: Estimator) -> int:
     """Return how many runs of an estimator go side by side."""
     return runner.kernel.side_by_side if isinstance(runner, KernelEstimator) and runner.has_kernel else 1
 
 
 def _named(source: Log | Source) -> str:
-    return source.source if isinstance(source, Log) else str(source) if isinstance(source, (str, Path)) else "the frame"
+    return (
+        source.source
+        if isinstance(source, Log)
+        else str(source)
+        if isinstance(source, (str, Path, Episode))
+        else "the frame"
+    )
 
 
 def _attempt(function: Callable[[Input], Output], argument: Input) -> Output | DistalError:

@@ -5,31 +5,24 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
+from distal.cluster import on_cluster
 from distal.errors import StudyError
 from distal.study.description import Plan
 from distal.study.design_space import Space
 from distal.study.runs import Rows, run_chunk
 from distal.study.storage import Folder
-from distal.version import __version__
 
 Progress = Callable[[int, int], None]
 Chunk = tuple[int, tuple[int, ...]]
 
 FIRST_RUNS = 20
 """Where so many runs fail alike at the beginning, the others would."""
-
-RETRIES = 5
-"""A chunk whose worker goes away is tried so often again."""
-
-PATIENCE = 10.0
-"""A scheduler answers within this time [s]."""
 
 
 def run_study(
@@ -131,57 +124,6 @@ def _work(designs: tuple[int, ...]) -> Rows:
     return run_chunk(_PLAN[0], designs)
 
 
-def _far(plan: Plan, designs: tuple[int, ...], version: str) -> Rows:
-    """Run a chunk on another computer, if it has the same version."""
-    if version != __version__:
-        raise StudyError(f"a worker has distal {__version__}, this is {version}; install the same on all")
-    return run_chunk(plan, designs)
-
-
 def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tuple[int, Rows]]:
-    try:
-        from distributed import Client, as_completed
-    except ImportError:
-        raise StudyError("--scheduler needs Dask; pip install '.[dask]'") from None
-    try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-        versions = client.get_versions()
-    except (OSError, ValueError, ImportError, TypeError) as problem:
-        raise StudyError(
-            f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
-        ) from None
-    with client:
-        _check_versions(versions)
-        numbers = {
-            client.submit(_far, plan, designs, __version__, pure=False, retries=RETRIES): number
-            for number, designs in chunks
-        }
-        try:
-            for future in as_completed(list(numbers), loop=client.loop):
-                try:
-                    rows = future.result()
-                except StudyError:
-                    raise
-                except Exception as problem:  # whatever a cluster may do to a chunk
-                    kind = type(problem).__name__
-                    raise StudyError(
-                        f"a chunk failed on the cluster ({kind}: {str(problem)[:120]}); the rows so far are kept: the same "
-                        "command goes on"
-                    ) from None
-                yield numbers.pop(future), rows
-                future.release()
-        finally:
-            client.cancel(list(numbers), force=True)
-
-
-def _check_versions(versions: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
-    """Refuse a scheduler with another version of Dask or Python than is here."""
-    client, scheduler = versions["client"], versions["scheduler"]
-    local = ".".join(map(str, sys.version_info[:2]))
-    remote = ".".join(str(scheduler["host"]["python"]).split(".")[:2])
-    if remote != local:
-        raise StudyError(f"the scheduler runs Python {remote}, this is {local}; install the same on all")
-    for package in ("distributed", "dask"):
-        local, remote = client["packages"][package], scheduler["packages"][package]
-        if local != remote:
-            raise StudyError(f"the scheduler has {package} {remote}, this is {local}; install the same on all")
+    tasks = {number: (plan, designs) for number, designs in chunks}
+    yield from on_cluster(run_chunk, tasks, address, StudyError, "the rows so far are kept: the same command goes on")

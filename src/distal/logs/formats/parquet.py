@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
+from distal.logs.formats.vectors import names_in, numbered
 from distal.logs.header_units import needed
 from distal.logs.memory import check_memory
 
@@ -46,7 +47,10 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
         try:
             file = pyarrow.parquet.ParquetFile(source)
             schema, rows = file.schema_arrow, file.metadata.num_rows
-            chosen = [name for name in schema.names if needed(name, columns)]
+            vectors = _vectors(path, file)
+            inside = {name: place for name, place in vectors.items() if needed(name, columns)}
+            chosen = [name for name in schema.names if needed(name, columns) or name in dict(inside.values())]
+            chosen = [name for name in chosen if name not in dict(vectors.values()) or name in dict(inside.values())]
             kinds = {name: schema.field(name).type for name in chosen}
             size = rows * sum(_bytes_of(kind) for kind in kinds.values())
             check_memory(path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns")
@@ -54,11 +58,45 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             texts = [name for name, kind in kinds.items() if str(kind) in TEXTS]
             file = pyarrow.parquet.ParquetFile(source, read_dictionary=texts)
             table = file.read(columns=chosen, use_threads=False)
-            return in_memory({name: _column(path, name, table[name]) for name in chosen}, path, 1, schema.names)
+            whole = [name for name in chosen if name not in dict(inside.values())]
+            held: dict[str, Column] = {name: _column(path, name, table[name]) for name in whole}
+            for name, (column, k) in inside.items():
+                held[name] = _of_vectors(path, column, table[column], k)
+            return in_memory(held, path, 1, [*(n for n in schema.names if n not in dict(vectors.values())), *vectors])
         except MemoryError:  # Arrow's own is one of its other errors, too
             raise
         except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:
             raise LogError(f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})") from None
+
+
+def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
+    """Return name → column and place of each number in a column of vectors, all of the length of the first."""
+    from pyarrow import types
+
+    found = dict[str, tuple[str, int]]()
+    for column in file.schema_arrow:
+        kind = column.type
+        if not (types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)):
+            continue
+        if not types.is_floating(kind.value_type) and not types.is_integer(kind.value_type):
+            continue
+        batch = next(file.iter_batches(1, columns=[column.name]), None)
+        first = None if batch is None or not batch.num_rows else batch.column(0)[0].as_py()
+        if first:
+            names = numbered(column.name, names_in(path, column.name), len(first))
+            found |= {name: (column.name, k) for k, name in enumerate(names)}
+    return found
+
+
+def _of_vectors(path: Path, name: str, column: Any, place: int) -> Column:
+    """Return one number of each vector of a column."""
+    import pyarrow.compute
+
+    chunks = column.combine_chunks()
+    lengths = np.asarray(pyarrow.compute.list_value_length(chunks).to_numpy(zero_copy_only=False), dtype=np.float64)
+    if len(lengths) and (np.isnan(lengths).any() or np.ptp(lengths) > 0.0):
+        raise LogError(f"{path}: column '{name}' holds vectors of different lengths, or misses some")
+    return np.asarray(pyarrow.compute.list_element(chunks, place).to_numpy(zero_copy_only=False))
 
 
 def _bytes_of(kind: Any) -> int:

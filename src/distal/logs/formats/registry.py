@@ -7,11 +7,12 @@ from pathlib import Path
 
 from distal.logs.formats.csv import CSV
 from distal.logs.formats.format import Format
+from distal.logs.formats.hdf5 import HDF5
 from distal.logs.formats.mcap import MCAP
 from distal.logs.formats.parquet import PARQUET
 from distal.logs.formats.rosbag import ROSBAG
 
-FORMATS = (CSV, PARQUET, MCAP, ROSBAG)
+FORMATS = (CSV, PARQUET, HDF5, MCAP, ROSBAG)
 
 TABLES = tuple(ending for kind in FORMATS if kind.read is not None for ending in kind.endings)
 """Endings of the names of tables."""

@@ -150,7 +150,7 @@ def _arm(row: Row) -> object:
 
 
 def _winds(rows: Sequence[Row]) -> int:
-    """Return the sign of a motor's reading: a tendon over several joints is wound as it grows, unless none grows with it."""
+    """Return the sign of a motor's reading: it winds a tendon over joints as it grows, unless none grows with it."""
     return max(row.direction for row in rows)
 
 

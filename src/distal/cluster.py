@@ -1,0 +1,82 @@
+"""A Dask cluster as a place to run: the same function on the same tasks, whose results come as they end."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
+
+from distal.errors import DistalError
+from distal.version import __version__
+
+RETRIES = 5
+"""A task whose worker goes away is tried so often again."""
+
+PATIENCE = 10.0
+"""A scheduler answers within this time [s]."""
+
+Key = TypeVar("Key")
+
+
+def on_cluster(
+    function: Callable[..., Any],
+    tasks: Mapping[Key, tuple[Any, ...]],
+    address: str,
+    error: type[DistalError],
+    lost: str = "the same command goes on",
+) -> Iterator[tuple[Key, Any]]:
+    """Yield key and result of each task as it ends: function(*arguments) by the workers of a scheduler.
+
+    Args:
+        address: of the scheduler, ``tcp://host:8786``.
+        error: what is raised where the cluster is not as it should be; errors of that kind in a task pass through.
+        lost: what to do where a task fails, in words.
+    """
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise error("--scheduler needs Dask; pip install '.[dask]'") from None
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+        versions = client.get_versions()
+    except (OSError, ValueError, ImportError, TypeError) as problem:
+        raise error(f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler") from None
+    with client:
+        _check_versions(versions, error)
+        keys = {
+            client.submit(_far, function, arguments, error, __version__, pure=False, retries=RETRIES): key
+            for key, arguments in tasks.items()
+        }
+        try:
+            for future in as_completed(list(keys), loop=client.loop):
+                try:
+                    result = future.result()
+                except error:
+                    raise
+                except Exception as problem:  # whatever a cluster may do to a task
+                    kind = type(problem).__name__
+                    raise error(f"a task failed on the cluster ({kind}: {str(problem)[:120]}); {lost}") from None
+                yield keys.pop(future), result
+                future.release()
+        finally:
+            client.cancel(list(keys), force=True)
+
+
+def _far(function: Callable[..., Any], arguments: tuple[Any, ...], error: type[DistalError], version: str) -> Any:
+    """Run a task on another computer, if it has the same version."""
+    if version != __version__:
+        raise error(f"a worker has distal {__version__}, this is {version}; install the same on all")
+    return function(*arguments)
+
+
+def _check_versions(versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]) -> None:
+    """Refuse a scheduler with another version of Dask or Python than is here."""
+    client, scheduler = versions["client"], versions["scheduler"]
+    local = ".".join(map(str, sys.version_info[:2]))
+    remote = ".".join(str(scheduler["host"]["python"]).split(".")[:2])
+    if remote != local:
+        raise error(f"the scheduler runs Python {remote}, this is {local}; install the same on all")
+    for package in ("distributed", "dask"):
+        local, remote = client["packages"][package], scheduler["packages"][package]
+        if local != remote:
+            raise error(f"the scheduler has {package} {remote}, this is {local}; install the same on all")

@@ -1,0 +1,77 @@
+"""Datasets of robot learning (LeRobot, versions 2 and 3): their episodes, each a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from distal.errors import LogError
+from distal.logs.cells import Cells, in_memory
+from distal.logs.formats.vectors import INFO, dataset_info
+from distal.logs.reader_process import table_by_process
+
+EPISODE = "episode_index"
+"""Column of the episode that a row is of."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode of a dataset: the file that holds it, and its number there."""
+
+    path: Path
+    number: int
+
+    @property
+    def stem(self) -> str:
+        """A name for files of its own."""
+        return f"episode_{self.number:06d}"
+
+    @property
+    def name(self) -> str:
+        """A name for tables."""
+        return self.stem
+
+    def __str__(self) -> str:
+        """Return file and number."""
+        return f"{self.path}, episode {self.number}"
+
+
+def is_dataset(path: Path) -> bool:
+    """Return whether a folder is a dataset."""
+    return (path / INFO).is_file()
+
+
+def episodes_of(folder: Path) -> list[Episode]:
+    """Return the episodes of a dataset, in the order of its files.
+
+    Raises:
+        LogError: it has none, is half written, or one of its files cannot be read.
+    """
+    dataset_info(folder)
+    files = sorted((folder / "data").rglob("*.parquet"))
+    if not files:
+        raise LogError(f"{folder}: is a dataset without files in 'data'")
+    found = list[Episode]()
+    for file in files:
+        cells = table_by_process(file, [EPISODE])
+        cells.check([EPISODE])
+        numbers = cells.numbers([EPISODE])[EPISODE]
+        if not np.isfinite(numbers).all():
+            raise LogError(f"{file}: '{EPISODE}' lacks values")
+        found += [Episode(file, int(number)) for number in dict.fromkeys(numbers.tolist())]
+    twice = [episode for episode in found if [other.number for other in found].count(episode.number) > 1]
+    if twice:
+        raise LogError(f"{twice[0]}: is in two files")
+    return found
+
+
+def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
+    """Return the cells of an episode."""
+    asked = None if columns is None else [*columns, EPISODE]
+    cells = table_by_process(episode.path, asked)
+    cells.check([EPISODE])
+    mine = cells.numbers([EPISODE])[EPISODE] == episode.number
+    held = {name: np.asarray(cells.column(name))[mine] for name in cells.names if asked is None or name in asked}
+    return in_memory(held, episode.path, 1, cells.names)

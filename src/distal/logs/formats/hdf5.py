@@ -1,0 +1,69 @@
+"""HDF5 files: each data set of one number, or of a vector, per row is a column, by its path in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from distal.errors import LogError
+from distal.logs.cells import Cells, Column, in_memory
+from distal.logs.formats.format import Format
+from distal.logs.formats.vectors import numbered
+from distal.logs.header_units import needed
+from distal.logs.memory import check_memory
+
+WIDEST_VECTOR = 256
+"""Numbers of a row beyond which a data set is an image or the like, and no column."""
+
+
+def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
+    """Return columns (None: all) of an HDF5 file; those of a vector are ``group/name.0``, ``group/name.1`` and so on.
+
+    Raises:
+        LogError: it is not such a file, its columns have different lengths, they take more memory than is allowed, or
+            h5py is missing.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise LogError(f"{path}: HDF5 needs the package h5py (pip install '.[hdf5]')") from None
+    try:
+        with h5py.File(path, "r") as file:
+            parts = dict[str, Any]()
+            file.visititems(parts.__setitem__)
+            sets = {name: part for name, part in parts.items() if _is_column(part)}
+            places = {column: (name, k) for name, part in sets.items() for column, k in _columns(name, part)}
+            chosen = {column: place for column, place in places.items() if needed(column, columns)}
+            size = sum(sets[name].dtype.itemsize * sets[name].shape[0] for name, _ in chosen.values())
+            check_memory(path, 3 * size, f"it holds {len(chosen)} columns of that")
+            held = dict[str, Column]()
+            for column, (name, k) in chosen.items():
+                held[column] = np.asarray(sets[name][:] if k is None else sets[name][:, k])
+    except OSError as problem:
+        raise LogError(f"{path}: is not an HDF5 file, or a damaged one ({str(problem)[:120]})") from None
+    lengths = {len(column) for column in held.values()}
+    if len(lengths) > 1:
+        raise LogError(f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} rows")
+    return in_memory(held, path, 1, list(places))
+
+
+def _is_column(part: Any) -> bool:
+    """Return whether something in a file is a data set with a number, or few, in each row."""
+    shape = getattr(part, "shape", None)
+    if shape is None or part.dtype.kind not in "iuf" or len(shape) not in (1, 2):
+        return False
+    return len(shape) == 1 or 0 < shape[1] <= WIDEST_VECTOR
+
+
+def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
+    if len(part.shape) == 1:
+        return [(name, None)]
+    names = part.attrs.get("names")
+    told = None if names is None else [n.decode() if isinstance(n, bytes) else str(n) for n in np.ravel(names)]
+    return [(column, k) for k, column in enumerate(numbered(name, told, part.shape[1]))]
+
+
+HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)

@@ -1,0 +1,193 @@
+"""Datasets of robot learning: LeRobot versions 2 and 3, HDF5; read, estimated, written beside, and refused in a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from distal import estimate, load_rig, read_log, write_log
+from distal.cli.app import app
+from distal.errors import LogError
+from distal.logs import Episode, Log, episodes_of
+from distal.rig import Rig
+from distal.run import estimate_batch
+
+NAMES = ("motor.pos", "motor.current")
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    """Return the joint with a capstan, whose sensors are numbers of a vector."""
+    columns = {
+        "log.time.column": "timestamp",
+        "sensors.motor_angle.column": "observation.state.motor.pos",
+        "sensors.motor_torque.column": "observation.state.motor.current",
+    }
+    return load_rig("capstan-joint").with_values(columns)
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[np.ndarray]:
+    """Return stamps and both readings of four runs as float32, (k, 3) each."""
+    found = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        time = np.arange(300 + 10 * seed) / 200.0
+        place = np.cumsum(rng.normal(0.0, 2e-3, len(time)))
+        found.append(np.column_stack([time, place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32))
+    return found
+
+
+def table(number: int, run: np.ndarray) -> pa.Table:
+    """Return the table of an episode as LeRobot has it."""
+    return pa.table(
+        {
+            "observation.state": pa.array(run[:, 1:].tolist(), pa.list_(pa.float32())),
+            "action": pa.FixedSizeListArray.from_arrays(pa.array(run[:, 1:].ravel()), 2),
+            "timestamp": pa.array(run[:, 0]),
+            "frame_index": pa.array(np.arange(len(run))),
+            "episode_index": pa.array(np.full(len(run), number)),
+        }
+    )
+
+
+def dataset(folder: Path, runs: list[np.ndarray], version: int) -> Path:
+    """Write a dataset."""
+    (folder / "meta").mkdir(parents=True)
+    names = list(NAMES) if version == 2 else {"motors": list(NAMES)}
+    features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
+    info = {"codebase_version": f"v{version}.0", "fps": 200, "total_episodes": len(runs), "features": features}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    data = folder / "data" / "chunk-000"
+    data.mkdir(parents=True)
+    tables = [table(number, run) for number, run in enumerate(runs)]
+    if version == 2:
+        for number, part in enumerate(tables):
+            pq.write_table(part, data / f"episode_{number:06d}.parquet")
+    else:
+        pq.write_table(pa.concat_tables(tables[:3]), data / "file-000.parquet")
+        pq.write_table(pa.concat_tables(tables[3:]), data / "file-001.parquet")
+    return folder
+
+
+def csv_of(path: Path, rig: Rig, run: np.ndarray) -> Path:
+    """Write the same values, as they are in float32, as CSV."""
+    values = run.astype(np.float64)
+    write_log(Log(values[:, 0], {"motor_angle": values[:, 1], "motor_torque": values[:, 2]}), rig, path)
+    return path
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_episodes_are_the_logs_that_a_csv_of_the_same_values_is(
+    tmp_path: Path, rig: Rig, runs: list[np.ndarray], version: int
+) -> None:
+    episodes = episodes_of(dataset(tmp_path / "data set", runs, version))
+    assert [episode.number for episode in episodes] == [0, 1, 2, 3]
+    found = list(estimate_batch(episodes, rig, compiled=False))
+    for episode, run, result in zip(episodes, runs, found):
+        plain = estimate(read_log(csv_of(tmp_path / f"{episode.stem}.csv", rig, run), rig), rig, compiled=False)
+        np.testing.assert_allclose(result.angles, plain.angles, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(result.angle_stds, plain.angle_stds, rtol=0, atol=1e-12)
+
+
+def test_a_vector_without_names_has_numbers(tmp_path: Path, runs: list[np.ndarray]) -> None:
+    path = tmp_path / "alone.parquet"
+    pq.write_table(table(0, runs[0]), path)
+    numbered = load_rig("capstan-joint").with_values(
+        {
+            "log.time.column": "timestamp",
+            "sensors.motor_angle.column": "observation.state.0",
+            "sensors.motor_torque.column": "action.1",
+        }
+    )
+    log = read_log(path, numbered)
+    np.testing.assert_array_equal(log.channels["motor_angle"], runs[0][:, 1].astype(np.float64))
+    np.testing.assert_array_equal(log.channels["motor_torque"], runs[0][:, 2].astype(np.float64))
+    wrong = numbered.with_values({"sensors.motor_angle.column": "observation.state.2"})
+    with pytest.raises(LogError, match=r"column 'observation.state.2' is missing; did you mean 'observation.state"):
+        read_log(path, wrong)
+
+
+def test_hdf5_is_read_like_a_csv(tmp_path: Path, rig: Rig, runs: list[np.ndarray]) -> None:
+    path, run = tmp_path / "run.hdf5", runs[1]
+    with h5py.File(path, "w") as file:
+        file["timestamp"] = run[:, 0]
+        state = file.create_dataset("observations/state", data=run[:, 1:])
+        state.attrs["names"] = list(NAMES)
+        file["images"] = np.zeros((len(run), 4, 4, 3), dtype=np.uint8)
+    named = rig.with_values(
+        {
+            "sensors.motor_angle.column": "observations/state.motor.pos",
+            "sensors.motor_torque.column": "observations/state.motor.current",
+        }
+    )
+    plain = read_log(csv_of(tmp_path / "run.csv", rig, run), rig)
+    log = read_log(path, named)
+    for name in plain.channels:
+        np.testing.assert_array_equal(log.channels[name], plain.channels[name])
+
+
+def test_hdf5_of_other_lengths_or_none_is_one_line(tmp_path: Path, rig: Rig) -> None:
+    path = tmp_path / "run.h5"
+    with h5py.File(path, "w") as file:
+        file["timestamp"], file["a"], file["b"] = np.arange(4.0), np.arange(4.0), np.arange(3.0)
+    named = rig.with_values({"sensors.motor_angle.column": "a", "sensors.motor_torque.column": "b"})
+    with pytest.raises(LogError, match="different lengths: 3, 4 rows"):
+        read_log(path, named)
+    path.write_bytes(path.read_bytes()[:900])
+    with pytest.raises(LogError, match=r"run.h5: .*damaged"):
+        read_log(path, named)
+
+
+def test_half_written_datasets_are_one_line_and_nothing_is_overwritten(
+    tmp_path: Path, rig: Rig, runs: list[np.ndarray]
+) -> None:
+    folder = dataset(tmp_path / "set", runs, 3)
+    cut = folder / "data" / "chunk-000" / "file-001.parquet"
+    cut.write_bytes(cut.read_bytes()[:500])
+    with pytest.raises(LogError, match=r"file-001.parquet: is not a Parquet file"):
+        episodes_of(folder)
+    cut.unlink()
+    (folder / "meta" / "info.json").write_text('{"fps": ')
+    with pytest.raises(LogError, match=r"info.json: cannot be read .*half written"):
+        episodes_of(folder)
+    (tmp_path / "empty" / "meta").mkdir(parents=True)
+    (tmp_path / "empty" / "meta" / "info.json").write_text("{}")
+    with pytest.raises(LogError, match="without files in 'data'"):
+        episodes_of(tmp_path / "empty")
+    ragged = pa.table({"v": [[1.0, 2.0], [3.0]], "timestamp": [0.0, 0.1]})
+    pq.write_table(ragged, tmp_path / "ragged.parquet")
+    named = rig.with_values({"sensors.motor_angle.column": "v.0", "sensors.motor_torque.column": "v.1"})
+    with pytest.raises(LogError, match="vectors of different lengths"):
+        read_log(tmp_path / "ragged.parquet", named)
+
+
+def test_an_episode_in_two_files_is_refused(tmp_path: Path, runs: list[np.ndarray]) -> None:
+    folder = dataset(tmp_path / "set", runs, 3)
+    data = folder / "data" / "chunk-000"
+    pq.write_table(table(3, runs[3]), data / "file-002.parquet")
+    with pytest.raises(LogError, match="episode 3: is in two files"):
+        episodes_of(folder)
+
+
+@pytest.mark.slow
+def test_the_command_estimates_all_episodes_into_files_beside(tmp_path: Path, rig: Rig, runs: list[np.ndarray]) -> None:
+    folder, out = dataset(tmp_path / "set", runs, 3), tmp_path / "estimates"
+    columns = [
+        f"--set=sensors.motor_angle.column={json.dumps('observation.state.motor.pos')}",
+        f"--set=sensors.motor_torque.column={json.dumps('observation.state.motor.current')}",
+        '--set=log.time.column="timestamp"',
+    ]
+    done = CliRunner().invoke(app, ["estimate", str(folder), "--rig", "capstan-joint", *columns, "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in out.iterdir()) == [f"episode_{k:06d}.csv" for k in range(4)]
+    first = np.loadtxt(out / "episode_000002.csv", delimiter=",", skiprows=1, usecols=(0, 1))
+    alone = estimate(read_log(Episode(folder / "data" / "chunk-000" / "file-000.parquet", 2), rig), rig)
+    np.testing.assert_allclose(first[:, 1], alone.angles[:, 0], rtol=0, atol=1e-9)
