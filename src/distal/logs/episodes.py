@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import Cells, in_memory
 from distal.logs.formats.vectors import INFO, dataset_info
@@ -69,9 +71,20 @@ def episodes_of(folder: Path) -> list[Episode]:
 
 def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
     """Return the cells of an episode."""
-    asked = None if columns is None else [*columns, EPISODE]
-    cells = table_by_process(episode.path, asked)
-    cells.check([EPISODE])
-    mine = cells.numbers([EPISODE])[EPISODE] == episode.number
+    asked = None if columns is None else (*columns, EPISODE)
+    try:
+        written = episode.path.stat().st_mtime_ns
+    except OSError as problem:
+        raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
+    cells, numbers = _file(episode.path, written, asked)
+    mine = numbers == episode.number
     held = {name: np.asarray(cells.column(name))[mine] for name in cells.names if asked is None or name in asked}
     return in_memory(held, episode.path, 1, cells.names)
+
+
+@lru_cache(maxsize=2)
+def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Cells, Floats]:
+    """Return a file's cells and the episode of each row: its episodes are read one after the other."""
+    cells = table_by_process(path, columns)
+    cells.check([EPISODE])
+    return cells, cells.numbers([EPISODE])[EPISODE]

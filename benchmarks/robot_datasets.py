@@ -1,0 +1,69 @@
+"""A thousand episodes by a Dask cluster of two processes, beside our own two: `python -m benchmarks.robot_datasets`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from distal import load_rig
+from distal.logs import episodes_of
+from distal.run import estimate_batch, estimate_on_cluster
+
+EPISODES, ROWS = 1000, 1500
+
+
+def written(folder: Path, episodes: int) -> Path:
+    """Write a LeRobot dataset of version 3, fifty episodes in a file."""
+    (folder / "meta").mkdir()
+    names = {"observation.state": {"names": ["place", "torque"]}}
+    (folder / "meta" / "info.json").write_text(json.dumps({"features": names}))
+    data = folder / "data" / "chunk-000"
+    data.mkdir(parents=True)
+    rng = np.random.default_rng(0)
+    for number in range(0, episodes, 50):
+        parts = []
+        for episode in range(number, min(number + 50, episodes)):
+            place = np.cumsum(rng.normal(0.0, 2e-3, ROWS))
+            state = np.column_stack([place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32)
+            parts.append(
+                pa.table({"observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
+                          "timestamp": np.arange(ROWS) / 200.0, "episode_index": np.full(ROWS, episode)})
+            )  # fmt: skip
+        pq.write_table(pa.concat_tables(parts), data / f"file-{number // 50:03d}.parquet")
+    return folder
+
+
+def main() -> None:
+    """Measure and print."""
+    from distributed import LocalCluster
+
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else EPISODES
+    rig = load_rig("capstan-joint").with_values(
+        {"log.time.column": "timestamp", "sensors.motor_angle.column": "observation.state.place",
+         "sensors.motor_torque.column": "observation.state.torque"}
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        episodes = episodes_of(written(Path(folder), count))
+        list(estimate_batch(episodes[:8], rig))
+        begin = time.perf_counter()
+        own = list(estimate_batch(episodes, rig, workers=2))
+        here = time.perf_counter() - begin
+        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+            list(estimate_on_cluster(episodes[:64], rig, cluster.scheduler_address))
+            begin = time.perf_counter()
+            far = list(estimate_on_cluster(episodes, rig, cluster.scheduler_address))
+            there = time.perf_counter() - begin
+    same = max(float(np.abs(a.angles - b.angles).max()) for a, b in zip(own, far))
+    print(f"{count} episodes: {here:.1f} s by two threads, {there:.1f} s by two Dask workers, {there / here:.2f} x; "
+          f"largest difference {same:.1e} rad")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
