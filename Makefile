@@ -77,6 +77,9 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.accuracy
 	$(BIN)/python -m benchmarks.chains accuracy
 	$(BIN)/python -m benchmarks.fitting
+	$(BIN)/python -m benchmarks.hands
+	$(BIN)/python -m benchmarks.hands faults --draws 24
+	$(BIN)/python -m benchmarks.hands sound --draws 40
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
 	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
@@ -97,6 +100,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.hysteresis
 	$(BIN)/python -m benchmarks.imported_models
 	$(BIN)/python -m benchmarks.lab
+	$(BIN)/python -m benchmarks.robot_datasets
 	$(BIN)/python -m benchmarks.models
 	$(BIN)/python -m benchmarks.sensitivity
 	$(BIN)/python -m benchmarks.silent

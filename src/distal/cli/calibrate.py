@@ -27,7 +27,6 @@ def calibrate_command(
     set_: SetOption = None,
 ) -> None:
     """Calibrate a hand by its power-on routine: zeros, play or tension, stiffness, friction, and what is broken."""
-    from distal.fitting.fitted_file import MARK, fitted_text
     from distal.hands import calibrate, moved
     from distal.logs import write_whole
     from distal.rig import edited_text, load_rig
@@ -44,9 +43,7 @@ def calibrate_command(
     if since is not None:
         lines = moved(load_rig(since), found.rig)
         say(f"since {since}: " + ("; ".join(lines) if lines else "nothing moved clearly"))
-    head = f"{MARK}calibrate` to the power-on routine {log.name}\n\n"
-    text = edited_text(rig, set_ or ())
-    write_whole(out, fitted_text(found.rig, found.start, found.values, head, text))
+    write_whole(out, found.text(log.name, edited_text(rig, set_ or ())))
     say(f"wrote {out}")
 
 

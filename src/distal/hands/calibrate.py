@@ -12,12 +12,13 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError
 from distal.fitting import Options
+from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.fitted_number import assignments
 from distal.fitting.numbers import Numbers, from_starts, problem_of
 from distal.hands.findings import Fault, faults_of, slack_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of, sweeps_of
-from distal.logs import Log, Source, read_log
+from distal.logs import Log, Source, read_log, write_whole
 from distal.rig import Number, Part, Rig, independent_parts, load_rig, named, number
 
 SCATTER = 0.25
@@ -60,6 +61,20 @@ class Calibrated:
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
 
+    def text(self, source: str, text: str | None = None) -> str:
+        """Return the rig file, with what it was calibrated by at its head; its comments are those of the `text` it was."""
+        return fitted_text(
+            self.rig, self.start, self.values, f"{MARK}calibrate` to the power-on routine {source}\n\n", text
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the rig file.
+
+        Raises:
+            OutputError: it cannot be written; what stood there is unchanged.
+        """
+        write_whole(Path(path), self.text("of the hand itself"))
+
 
 def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Calibrated:
     """Return a hand's rig with lengths, play or tension, friction and stiffness as its power-on routine tells them.
@@ -86,7 +101,8 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
         for found in pool.map(lambda part: _of_part(log, part, sweeps), sound):
             values |= found
     found_rig = rig.with_values(values)
-    return Calibrated(found_rig, rig, values, (*faults, *slack_of(found_rig)), tuple(notes))
+    sound_sweeps = {name: () if name in faulty else of_drive for name, of_drive in sweeps.items()}
+    return Calibrated(found_rig, rig, values, (*faults, *slack_of(found_rig, rig, sound_sweeps)), tuple(notes))
 
 
 def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:

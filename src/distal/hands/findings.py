@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees, hypot
+from math import degrees
 from typing import Literal
 
 import numpy as np
@@ -18,8 +18,9 @@ FaultKind = Literal["side", "slack", "broken", "slipped"]
 JAMMED = 0.55
 """A joint is jammed where its motor turns less than this share of what its range needs."""
 
-LOOSE = 10.0
-"""A pair is slack with more play than this at the joint, and its error more [deg]."""
+LOOSE, TRAVELS = 11.5, 17.0
+"""A pair is slack with more play than the first at the joint, in the mean of what fit and travel say, or
+with more than the second by its travel alone, which radii and ranges make unsure [deg]."""
 
 SLIPPED = 4.0
 """A spool slipped where the end of the travel moved by this at the joint between sweeps [deg]."""
@@ -82,19 +83,22 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     return ()
 
 
-def slack_of(rig: Rig) -> tuple[Fault, ...]:
-    """Return the pairs of tendons that a calibrated rig says are slack, with their play at the joint."""
+def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
+    """Return the pairs of tendons that are slack, by what a calibration found and by their travel in the rig as it came."""
     faults = []
     for drive in rig.drives:
-        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
-        if len(tendons) != 2:
+        tendons = [tendon for tendon in found.tendons if tendon.drive == drive.name]
+        if not is_pair(rig, drive.name) or not isinstance(drive, Capstan) or len(sweeps[drive.name]) < FEWEST:
             continue
         (name, arm), *_ = tendons[0].arms().items()
-        slack, std = sum(t.slack.value for t in tendons), hypot(*(t.slack.std for t in tendons))
-        play, error = degrees(slack / abs(arm)), degrees(std / abs(arm))
-        if play - error > LOOSE:
-            line = f"{drive.name} ({name}): has {play:.0f}° ± {error:.0f}° of play: its tendons are slack"
-            faults.append(Fault("slack", drive.name, play, line))
+        low, high = next(joint for joint in rig.joints if joint.name == name).travel
+        up, down = (float(np.mean(contacts(sweeps[drive.name], way))) for way in (1, -1))
+        by_travel = degrees((up - down) * drive.radius.value / abs(arm) - (high - low))
+        play = degrees(sum(tendon.slack.value for tendon in tendons) / abs(arm))
+        if (play + by_travel) / 2 > LOOSE or by_travel > TRAVELS:
+            size = max(play, by_travel)
+            line = f"{drive.name} ({name}): has about {size:.0f}° of play: its tendons are slack"
+            faults.append(Fault("slack", drive.name, size, line))
     return tuple(faults)
 
 

@@ -124,6 +124,7 @@ def estimate_on_cluster(
 
     Args:
         address: of the scheduler, ``tcp://host:8786``.
+        homing: for how long the truth is used [s].
 
     Raises:
         EstimationError: no scheduler answers, or a worker fails.

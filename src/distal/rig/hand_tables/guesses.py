@@ -60,6 +60,6 @@ def rest_angle(low: float) -> Guess:
 
 
 def initial_angle(low: float, high: float) -> Guess:
-    """Return where a joint may be at the first sample: anywhere in its range [rad]."""
+    """Return where a joint may be at the first sample: anywhere from `low` to `high` [rad]."""
     middle, spread = degrees(low + high) / 2, degrees(high - low) / 4
     return Guess({"value": f"{middle:.4g} deg", "std": f"{spread:.4g} deg"}, "angles at the start")
