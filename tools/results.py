@@ -150,7 +150,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers-steps": lambda: strangers(
         "strangers-steps", names=("adaptive", "adaptive, plant known", "elastic", "inextensible")
     ),
-    "strangers-glitches": lambda: strangers("strangers-glitches", names=RIVALS),
     "strangers-rigs": lambda: part(
         "strangers-rigs",
         "logs",
@@ -160,7 +159,6 @@ TABLES: dict[str, Callable[[], str]] = {
         "below half inside [%]",
         "diverged",
     ),
-    "strangers-poses": lambda: strangers("strangers-poses", names=("adaptive", "affine", "inextensible")),
     "strangers-kinds": lambda: strangers(
         "strangers-kinds",
         names=("adaptive", "affine", "adaptive, nothing learned"),

@@ -58,7 +58,7 @@ class RoutineOptions:
     limits: float | Mapping[str, float] | None = None
     speed: float = 1.2
     sweeps: int = 5
-    longest: float = 20.0
+    longest: float = 30.0
 
 
 class _Motor:
