@@ -182,7 +182,6 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "sign": _winds(rows),
         "rate": guess.RATE,
         "noise": guess.CURRENT_NOISE,
-        "gain": guess.GAIN,
     }
     return [position, current]
 
