@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.hands import hand
+from tests.hand_rigs import hand
 
 from benchmarks.report import table
 from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos

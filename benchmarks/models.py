@@ -19,7 +19,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from tests.hands import hand
+from tests.hand_rigs import hand
 
 from benchmarks.report import table
 from distal import LiveEstimator, Log, Rig, estimate, fit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from distal.errors import DistalError
 from distal.version import __version__
@@ -16,15 +16,16 @@ PATIENCE = 10.0
 """A scheduler answers within this time [s]."""
 
 Key = TypeVar("Key")
+Result = TypeVar("Result")
 
 
 def on_cluster(
-    function: Callable[..., Any],
-    tasks: Mapping[Key, tuple[Any, ...]],
+    function: Callable[..., Result],
+    tasks: Mapping[Key, tuple[object, ...]],
     address: str,
     error: type[DistalError],
     lost: str = "the same command goes on",
-) -> Iterator[tuple[Key, Any]]:
+) -> Iterator[tuple[Key, Result]]:
     """Yield key and result of each task as it ends: function(*arguments) by the workers of a scheduler.
 
     Args:
@@ -62,7 +63,9 @@ def on_cluster(
             client.cancel(list(keys), force=True)
 
 
-def _far(function: Callable[..., Any], arguments: tuple[Any, ...], error: type[DistalError], version: str) -> Any:
+def _far(
+    function: Callable[..., Result], arguments: tuple[object, ...], error: type[DistalError], version: str
+) -> Result:
     """Run a task on another computer, if it has the same version."""
     if version != __version__:
         raise error(f"a worker has distal {__version__}, this is {version}; install the same on all")

@@ -103,6 +103,20 @@ def test_a_hot_motor_is_named_with_its_temperature(hand: Hand, orca: Orca) -> No
     assert "hot: motor_1 72 °C" in hand.health().sentence
 
 
+def test_a_spool_that_slipped_is_named_where_its_joint_should_have_ended(hand: Hand, orca: Orca) -> None:
+    """The joint turns to 100 degrees, which is 110 of the motor; beyond it by stretch alone is no fault."""
+    for place, torque, beyond in ((1.95, 0.0, False), (2.0, 300.0, False), (2.4, 20.0, True), (-0.2, 0.0, False)):
+        orca.places[:], orca.currents[:] = [place, 0.0], [torque, 0.0]
+        hand.update(place)
+        assert ("motor_1" in hand.health().beyond) == beyond, place
+        assert "motor_2" not in hand.health().beyond
+    orca.places[0] = 2.4
+    hand.update(5.0)
+    size = hand.health().beyond["motor_1"]
+    assert f"motor_1 is {size:.0f}° beyond its joint's range: its spool slipped" in hand.health().sentence
+    assert 10.0 < size < 30.0
+
+
 def test_wanted_angles_are_sent_through_the_transmission(hand: Hand, orca: Orca) -> None:
     hand.update(0.0)
     hand.set_joint_positions({"index_mcp": 40.0})

@@ -10,7 +10,7 @@ from distal.model import Mechanism
 from distal.rig import independent_parts
 from distal.simulation import Scenario
 from distal.simulation.independent_parts import parts_of_plant
-from tests.hands import hand
+from tests.hand_rigs import hand
 
 
 @pytest.mark.parametrize("fingers", [("finger-underactuated", "capstan-joint"), ("finger-underactuated", "paper-2008")])

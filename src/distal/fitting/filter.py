@@ -71,9 +71,9 @@ class FitFilter:
         names = runner.channels[: -len(self.references)]
         proximal = samples_of(log, names, "fit").copy()
         for sensor in runner.states.context.channels.positions:
-            low, high = runner.states.context.possible_places(sensor)
+            centre, away = runner.states.context.possible_places(sensor)
             column = proximal[:, names.index(sensor.name)]
-            column[(column < low) | (column > high)] = np.nan
+            column[np.abs(column - centre) > away] = np.nan
         angles = true_angles(log, joints)
         truth = np.full((len(log), len(joints)), np.nan) if angles is None else angles
         read = [joints.index(sensor.of) for sensor in self.references]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import nan
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from distal.errors import EstimationError
 from distal.rig import Rig
@@ -24,19 +24,32 @@ class Motors(Protocol):
         """Send goals: motor → angle, in the unit in which its position is read."""
 
 
+class Numbered(Protocol):
+    """The part of an ORCA hand's configuration that is used."""
+
+    motor_ids: Sequence[int]
+
+
+class MotorState(Protocol):
+    """What an ORCA hand reads of its motors at one time."""
+
+    position: Iterable[float]
+    current: Iterable[float]
+
+
 @runtime_checkable
 class OrcaLike(Protocol):
     """What is used of `orca_core.OrcaHand`: motors by number, radians, milliamperes."""
 
-    config: Any
+    config: Numbered
 
-    def get_motor_state(self) -> Any:
+    def get_motor_state(self) -> MotorState:
         """Return positions [rad] and currents [mA], in the order of `config.motor_ids`."""
 
-    def get_motor_temp(self) -> Any:
+    def get_motor_temp(self) -> Iterable[float]:
         """Return temperatures [°C], in that order."""
 
-    def write_motor_pos(self, motor_ids: list[int], positions: Any) -> None:
+    def write_motor_pos(self, motor_ids: list[int], positions: list[float]) -> None:
         """Send angles [rad]."""
 
 
@@ -132,7 +145,7 @@ def _known(rig: Rig, names: list[str]) -> list[str]:
     return names
 
 
-def _columns(names: Sequence[str], places: Any, currents: Any) -> dict[str, float]:
+def _columns(names: Sequence[str], places: Iterable[float], currents: Iterable[float]) -> dict[str, float]:
     found = dict[str, float]()
     for name, place, current in zip(names, places, currents):
         for column, value in ((f"{name}_position", place), (f"{name}_current", current)):
@@ -141,5 +154,5 @@ def _columns(names: Sequence[str], places: Any, currents: Any) -> dict[str, floa
     return found
 
 
-def _named(names: Sequence[str], values: Any) -> dict[str, float]:
+def _named(names: Sequence[str], values: Iterable[float]) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values) if value is not None}

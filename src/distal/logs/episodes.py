@@ -11,8 +11,8 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import Cells, in_memory
-from distal.logs.formats.vectors import INFO, dataset_info
 from distal.logs.reader_process import table_by_process
+from distal.logs.vectors import INFO, dataset_info
 
 EPISODE = "episode_index"
 """Column of the episode that a row is of."""

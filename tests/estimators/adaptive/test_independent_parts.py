@@ -12,7 +12,7 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.independent_parts import parts_of
 from distal.rig import independent_parts
 from distal.simulation import Scenario
-from tests.hands import hand
+from tests.hand_rigs import hand
 
 
 @pytest.fixture(scope="module")

@@ -177,6 +177,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         creep_learning_time=10.0,
         unmodelled=1.0,
         moving_only=False,
+        asks_places=True,
     )
     assert paper == Robustness()
     nothing = {"bend_share": 0.0, "followed_variance": 0.0, "sticking_time": 0.0, "turning_time": 0.0}
@@ -189,7 +190,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         "unmodelled": 0.0,
     }
     assert replace(paper, wild_displacement=np.inf, wild_force=np.inf, **nothing) == NONE
-    assert replace(paper, unknown_friction=0.0, moving_only=True) == Robustness.fitting()
+    assert replace(paper, unknown_friction=0.0, moving_only=True, asks_places=False) == Robustness.fitting()
 
 
 UNDECLARED = sliders(rigs.STOPS, rigs.FACTORS)

@@ -137,16 +137,16 @@ class FilterContext:
         """
         if sensor.measures != "position" or not self.robustness.asks_places:
             return 1
-        low, high = self.possible_places(sensor)
-        return ca.logic_and(reading >= low, reading <= high)
+        centre, away = self.possible_places(sensor)
+        return ca.fabs(reading - centre) <= away
 
     def possible_places(self, sensor: Sensor) -> tuple[float, float]:
-        """Return the ends of what a position sensor can read: `MOST_TRAVELS` times the travel of its drive away."""
+        """Return the middle of what a position sensor can read, and how far away it can: `MOST_TRAVELS` of its drive."""
         drives = [drive.name for drive in self.mechanism.rig.drives]
         low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
         centre = sensor.bias.value + 0.5 * (low + high)
         away = MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
-        return centre - away, centre + away
+        return centre, away
 
     def number(self, path: str, otherwise: float) -> Scalar:
         """Return a number of the description: an input of the filter where it is given, else the constant `otherwise`."""

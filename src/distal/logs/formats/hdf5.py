@@ -11,9 +11,9 @@ import numpy as np
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
-from distal.logs.formats.vectors import numbered
 from distal.logs.header_units import needed
 from distal.logs.memory import check_memory
+from distal.logs.vectors import numbered
 
 WIDEST_VECTOR = 256
 """Numbers of a row beyond which a data set is an image or the like, and no column."""

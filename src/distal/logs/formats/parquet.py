@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
-from distal.logs.formats.vectors import names_in, numbered
 from distal.logs.header_units import needed
 from distal.logs.memory import check_memory
+from distal.logs.vectors import names_in, numbered
 
 WIDEST = 16
 """Bytes of a cell whose size the header does not say, such as text."""
