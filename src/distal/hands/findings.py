@@ -18,8 +18,8 @@ FaultKind = Literal["side", "slack", "broken", "slipped"]
 JAMMED = 0.55
 """A joint is jammed where its motor turns less than this share of what its range needs."""
 
-LOOSE, TRAVELS = 11.5, 17.0
-"""A pair is slack with more play than the first at the joint, in the mean of what fit and travel say, or
+LOOSE, TRAVELS = 14.5, 22.0
+"""A pair is slack with more play than the first at the joint, by the fit and by its travel, or
 with more than the second by its travel alone, which radii and ranges make unsure [deg]."""
 
 SLIPPED = 4.0
@@ -95,7 +95,7 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
         up, down = (float(np.mean(contacts(sweeps[drive.name], way))) for way in (1, -1))
         by_travel = degrees((up - down) * drive.radius.value / abs(arm) - (high - low))
         play = degrees(sum(tendon.slack.value for tendon in tendons) / abs(arm))
-        if (play + by_travel) / 2 > LOOSE or by_travel > TRAVELS:
+        if min(play, by_travel) > LOOSE or by_travel > TRAVELS:
             size = max(play, by_travel)
             line = f"{drive.name} ({name}): has about {size:.0f}° of play: its tendons are slack"
             faults.append(Fault("slack", drive.name, size, line))

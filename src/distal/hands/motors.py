@@ -50,7 +50,7 @@ class OrcaLike(Protocol):
         """Return temperatures [°C], in that order."""
 
     def write_motor_pos(self, motor_ids: list[int], positions: list[float]) -> None:
-        """Send angles [rad]."""
+        """Send angles [rad], the `positions` of these motors."""
 
 
 @runtime_checkable

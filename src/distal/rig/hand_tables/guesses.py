@@ -11,8 +11,8 @@ USUAL_RADIUS = 8e-3
 
 JOINT_RADIUS = Guess(USUAL_RADIUS, "radii of joints (only their ratio to the spools counts)")
 SPOOL_RADIUS = Guess(8e-3, "radii of spools")
-RATIO_STD = 0.02
-"""Of a ratio of radii that a drawing or a table says, as a share."""
+RATIO_STD = 0.03
+"""Of a ratio of radii that a drawing or a table says, each to 2 %, as a share."""
 
 UNKNOWN_RATIO_STD = 0.25
 """Of one that nobody says."""
