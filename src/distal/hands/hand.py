@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, isfinite, nan, radians
 from pathlib import Path
 
 import numpy as np
 
+from distal.arrays import Floats
 from distal.errors import CommandError, DistalError, EstimationError
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import motors_of
@@ -111,16 +112,10 @@ class Hand:
             self._reading = command.reading
             self._send(command.places)
         if problem and self._reading.health == "ok":
-            self._reading = Reading(
-                time, self._reading.angles, self._reading.angle_stds, "missing", problem, *self._torques(self._reading)
-            )
+            self._reading = replace(self._reading, health="missing", detail=problem)
         return self._reading
 
-    @staticmethod
-    def _torques(reading: Reading) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        return reading.torques, reading.torque_stds
-
-    def _sample(self, time: float) -> tuple[np.ndarray, str]:
+    def _sample(self, time: float) -> tuple[Floats, str]:
         """Return a sample in SI, and what the SDK failed at, in words."""
         problem, values = "", dict[str, float]()
         try:
@@ -191,7 +186,7 @@ class Hand:
         """Want no angles any more: `update` sends nothing."""
         self._inverse, self._wanted = None, {}
 
-    def _send(self, places: np.ndarray) -> None:
+    def _send(self, places: Floats) -> None:
         goals = dict[str, float]()
         for sensor in self._rig.sensors_of("position"):
             i = [drive.name for drive in self._rig.drives].index(sensor.of)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import ceil, degrees, floor, inf, isfinite, nan
 from pathlib import Path
 from typing import Literal
@@ -240,16 +241,7 @@ class LiveInLogUnits:
             self._live.reset(np.clip(self._live.angles, low, high).tolist(), float(np.max(high - low)) / 2)
         reading = self._monitor.take(time, sample)
         if self._units.doubts:
-            detail = ", ".join(self._units.doubts)
-            reading = Reading(
-                reading.time,
-                reading.angles,
-                reading.angle_stds,
-                "restarted",
-                detail,
-                reading.torques,
-                reading.torque_stds,
-            )
+            reading = replace(reading, health="restarted", detail=", ".join(self._units.doubts))
         self._reading = reading
         return self.angles
 
