@@ -182,7 +182,6 @@ TABLES: dict[str, Callable[[], str]] = {
             "control-seconds",
             "chains-bounds",
             "models-tendons",
-            "models-hands",
             "fit-mujoco",
             "hysteresis",
             "float-errors",

@@ -15,6 +15,10 @@ ROOM = np.deg2rad(2.0)
 """A joint is beyond its range by more than this before it is said [rad]."""
 
 
+KNOWN = np.deg2rad(8.0)
+"""Of a motor whose zero is less well known than this at the joint nothing is said [rad]."""
+
+
 class RangeWatch:
     """Finds motors that are beyond what the ranges of their joints, play and stretch allow.
 
@@ -31,8 +35,10 @@ class RangeWatch:
                 continue
             place, torque = channels_of(rig, drive.name)
             sensor = next(sensor for sensor in rig.sensors if sensor.name == place)
-            low, high = motor_range(rig, sensor)
             tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
+            if sensor.bias.total_std * drive.radius.value > KNOWN * tendons[0].total_arm:
+                continue  # where its zero is, is not known: a routine finds it
+            low, high = motor_range(rig, sensor)
             arm, radius = tendons[0].total_arm, drive.radius.value
             # a torque stretches the tendon that it pulls; one that only loosens a single tendon is no fault
             give = 1.0 / (tendons[0].stiffness.value * radius**2)
