@@ -11,7 +11,7 @@ from benchmarks.hands import calibrated, log_of, motion, ratio, rig_of
 from benchmarks.strangers.servo_hands import Hands, Known, orca_like
 
 from distal import estimate
-from distal.errors import CommandError, LogError
+from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved
 from distal.hands.findings import faults_of
 from distal.hands.sweeps import sweeps_of
@@ -201,6 +201,11 @@ def test_a_log_without_sweeps_says_what_it_needs() -> None:
     channels = {f"m{i}_{kind}": still for i in (1, 2) for kind in ("position", "current")}
     with pytest.raises(LogError, match="motor 'm1' sweeps 0 times"):
         calibrate(Log(0.01 * np.arange(200), channels, {}, "still"), rig)
+
+
+def test_a_rig_of_sliders_is_refused() -> None:
+    with pytest.raises(FitError, match="left, right are sliders"):
+        calibrate(Log(0.01 * np.arange(3), {}, {}, "none"), "paper-2008")
 
 
 def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:

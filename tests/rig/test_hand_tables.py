@@ -40,6 +40,12 @@ def test_a_table_becomes_a_rig_with_its_numbers(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_a_spreadsheets_other_separators_and_notes_are_read(tmp_path: Path, separator: str) -> None:
+    text = "# our hand\n\n" + TABLE.replace(",", separator)
+    assert from_table(table(tmp_path, text)).rig == from_table(table(tmp_path, TABLE)).rig
+
+
 def test_the_text_is_the_rig_and_marks_each_guess(tmp_path: Path) -> None:
     imported = from_table(table(tmp_path, TABLE))
     assert build_rig(parse_toml(imported.text, "text", RigError), "hand") == imported.rig

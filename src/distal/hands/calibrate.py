@@ -88,6 +88,11 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
         FitError: no rig with these motors moves as the log does.
     """
     rig = (rig if isinstance(rig, Rig) else load_rig(rig)).bare()
+    sliders = [drive.name for drive in rig.drives if drive.kind != "capstan"]
+    if sliders:
+        raise FitError(
+            f"'{rig.name}': {', '.join(sliders)} are sliders; a power-on routine is for motors that wind tendons"
+        )
     log = log if isinstance(log, Log) else read_log(log, rig)
     sweeps = {drive.name: sweeps_of(log, rig, drive.name) for drive in rig.drives}
     faults = tuple(fault for drive in rig.drives for fault in faults_of(rig, drive.name, sweeps[drive.name]))

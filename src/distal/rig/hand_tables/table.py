@@ -40,15 +40,17 @@ def from_table(path: str | Path) -> Imported:
         RigError: the file is no such table; says which line and what is allowed.
     """
     path = Path(path)
-    lines = list(csv.reader(read_text(path, RigError).splitlines()))
+    text = read_text(path, RigError).splitlines()
+    names = next((line for line in text if line.strip() and not line.lstrip().startswith("#")), "")
+    lines = list(csv.reader(text, delimiter=max(",;\t", key=names.count)))
     filled = [(i, line) for i, line in enumerate(lines, 1) if any(cell.strip() for cell in line)]
     filled = [(i, line) for i, line in filled if not line[0].lstrip().startswith("#")]
     if len(filled) < 2:
         raise RigError(f"{path}: a table has a line of names and one for each joint; {len(filled)} came")
     if len(filled) > MOST_ROWS:
         raise RigError(f"{path}: {len(filled) - 1} lines; a hand has at most {MOST_ROWS - 1}")
-    names = _header(path, filled[0][1])
-    rows = [_row(path, i, dict(zip(names, line))) for i, line in filled[1:]]
+    columns = _header(path, filled[0][1])
+    rows = [_row(path, i, dict(zip(columns, line))) for i, line in filled[1:]]
     return hand_of(rows, path.stem, "table")
 
 
