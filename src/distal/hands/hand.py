@@ -15,7 +15,6 @@ from distal.errors import CommandError, DistalError, EstimationError
 from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import motors_of
 from distal.hands.routine import Routine, RoutineOptions
-from distal.hands.watch import RangeWatch
 from distal.inverse import LiveInverse
 from distal.rig import Rig, load_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
@@ -32,15 +31,13 @@ LOOKS = 1.0
 class HandHealth:
     """How a hand is: the word and detail of the last reading, motors that do not answer, motors that are hot [°C].
 
-    Motors that are `beyond` have a joint that would be so far beyond its range [deg]: see `RangeWatch`. The `lost` reads
-    are those that the SDK failed at, since the beginning.
+    The `lost` reads are those that the SDK failed at, since the beginning.
     """
 
     word: str
     detail: str
     silent: tuple[str, ...]
     hot: Mapping[str, float]
-    beyond: Mapping[str, float]
     lost: int
 
     @property
@@ -49,10 +46,6 @@ class HandHealth:
         parts = [f"{self.word}: {self.detail or HEALTH.get(self.word, '')}"]  # type: ignore[call-overload]
         parts += [f"no answer from {', '.join(self.silent)}"] if self.silent else []
         parts += [f"hot: {', '.join(f'{name} {value:.0f} °C' for name, value in self.hot.items())}"] if self.hot else []
-        parts += [
-            f"{name} is {size:.0f}° beyond its joint's range: its spool slipped, or a tendon loosened or broke"
-            for name, size in self.beyond.items()
-        ]
         return "; ".join(parts)
 
 
@@ -89,7 +82,6 @@ class Hand:
         self._reading: Reading | None = None
         self._temperatures: Mapping[str, float] = {}
         self._looked, self._lost, self._silent = -np.inf, 0, tuple[str, ...]()
-        self._watch, self._beyond = RangeWatch(self._rig, self._live.channels), dict[str, float]()
 
     @property
     def rig(self) -> Rig:
@@ -104,7 +96,6 @@ class Hand:
         """
         time = clock.monotonic() if time is None else time
         sample, problem = self._sample(time)
-        self._beyond = self._watch.beyond(sample)
         if self._inverse is None:
             self._reading = self._monitor.take(time, sample)
         else:
@@ -156,7 +147,7 @@ class Hand:
         word, detail = (
             ("untested", "not updated yet") if self._reading is None else (self._reading.health, self._reading.detail)
         )
-        return HandHealth(word, detail, self._silent, hot, dict(self._beyond), self._lost)
+        return HandHealth(word, detail, self._silent, hot, self._lost)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
         """Want these angles [deg]: each `update` sends the motors there, through play, stretch and friction.
@@ -251,5 +242,5 @@ class Hand:
         """Go on with another description of the same hand."""
         self._rig = rig
         self._live = LiveEstimator(rig, compiled=self._compiled)
-        self._monitor, self._watch = Monitor(self._live), RangeWatch(rig, self._live.channels)
+        self._monitor = Monitor(self._live)
         self._inverse, self._wanted, self._reading = None, {}, None

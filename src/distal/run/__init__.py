@@ -2,7 +2,6 @@
 
 from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours
 from distal.run.batch import estimate_batch, estimate_on_cluster
-from distal.run.drive_range import motor_range
 from distal.run.health import HEALTH
 from distal.run.live import LiveEstimator
 from distal.run.log_health import log_health
@@ -28,7 +27,6 @@ __all__ = [
     "estimate_on_cluster",
     "estimate_pieces",
     "log_health",
-    "motor_range",
     "plot_hours",
     "samples_of",
     "smooth",

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import degrees, isfinite
 from typing import Literal
 
 import casadi as ca
@@ -20,7 +21,7 @@ from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Role, measurand_of, step_of
-from distal.run.drive_range import FAR, place_range
+from distal.run.drive_range import FAR, MotorEnds, motor_ends, place_range
 from distal.run.offline import priors_of
 
 Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
@@ -81,8 +82,10 @@ class Watch:
         sample: what comes: whether it is the first, dt, values and mask of the channels, stds of the angles, innovations,
             their mask and their variances, the watched states and their variances.
         findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read, untested, unknown; of each
-            channel dead, stuck, missing; of each place wrong; of each compared sensor large; of each watched state left.
+            channel dead, stuck, missing; of each place wrong; of each motor of `ends` by how much its joint is
+            beyond its range [deg]; of each compared sensor large; of each watched state left.
         placed: channels that are places of drives.
+        ends: of motors whose joints have stops.
         watched: states that are numbers of the rig.
         function: (memory, sample) → (memory⁺, findings).
     """
@@ -91,6 +94,7 @@ class Watch:
     sample: Layout
     findings: Layout
     placed: tuple[int, ...]
+    ends: tuple[MotorEnds, ...]
     watched: tuple[int, ...]
     function: ca.Function
 
@@ -116,14 +120,16 @@ def watch_of(runner: KernelEstimator) -> Watch:
     watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
+    ends = motor_ends(runner.rig, runner.channels)
     n, m, j, k, p = len(chosen), len(runner.measured), len(runner.rig.joints), len(watched), len(placed)
     memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1)
     sample = Layout(
         first=1, dt=1, values=n, mask=n, stds=j, innovations=m, compared=m, variances=m, numbers=k, number_variances=k
     )
     findings = Layout(
-        code=1, gap=1, hurried=1, nothing=1, untested=1, unknown=1, dead=n, stuck=n, missing=n, wrong=p, large=m, left=k
-    )
+        code=1, gap=1, hurried=1, nothing=1, untested=1, unknown=1, dead=n, stuck=n, missing=n, wrong=p,
+        beyond=len(ends), large=m, left=k,
+    )  # fmt: skip
     before, current = ca.SX.sym("memory", memory.size), ca.SX.sym("sample", sample.size)
     was, came = memory.parts(before), sample.parts(current)
     first, dt, mask = came["first"], came["dt"], came["mask"]
@@ -159,13 +165,25 @@ def watch_of(runner: KernelEstimator) -> Watch:
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {"dead": dead, "stuck": stuck, "missing": missing, "wrong": wrong, "large": ratio > LARGE, "left": left}
-    code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in WORDS.items()))
+    sizes = ca.vertcat(*(_beyond(end, came["values"], mask) for end in ends)) if ends else ca.SX(0, 1)
+    flags["beyond"] = sizes > 0
+    said = {name: word for name, word in WORDS.items() if name != "beyond" or ends}
+    code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in said.items()))
     remembered = memory.joined(
         last=ca.if_else(mask, came["values"], was["last"]), age=age, same=same, outside=outside, ratio=ratio, pace=pace
     )
-    outputs = [remembered, findings.joined(code=code, **flags)]
+    outputs = [remembered, findings.joined(code=code, **flags | {"beyond": sizes})]
     function = ca.Function("judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"])
-    return Watch(memory, sample, findings, placed, watched, function)
+    return Watch(memory, sample, findings, placed, ends, watched, function)
+
+
+def _beyond(end: MotorEnds, values: Vector, mask: Vector) -> Scalar:
+    """Return by how much a motor's joint is beyond its range [deg], less what its torque stretches; 0 within it."""
+    over = values[end.place] - end.high
+    if isfinite(end.low):
+        over = ca.fmax(over, end.low - values[end.place])
+    over -= end.give * ca.fabs(values[end.torque])
+    return mask[end.place] * mask[end.torque] * ca.fmax(degrees(end.joint) * over, 0)
 
 
 WORDS: dict[str, Health] = {
@@ -173,6 +191,7 @@ WORDS: dict[str, Health] = {
     "missing": "missing",
     "nothing": "missing",
     "gap": "gap",
+    "beyond": "disagrees",
     "hurried": "disagrees",
     "wrong": "disagrees",
     "large": "disagrees",

@@ -194,6 +194,11 @@ class Monitor:
             return []
         flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
         details = self._details(flags, dt)
+        details["beyond"] = ", ".join(
+            f"{end.motor} is {size:.0f}° beyond its joint's range: its spool slipped, or a tendon loosened or broke"
+            for end, size in zip(watch.ends, findings[watch.findings["beyond"]])
+            if size > 0.0
+        )
         return [(WORDS[name], details[name]) for name in WORDS if flags[name].any()]
 
     def _details(self, flags: Mapping[str, Bools], dt: float) -> dict[str, str]:
