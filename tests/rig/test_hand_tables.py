@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from distal.errors import RigError
-from distal.rig import build_rig, from_aero, from_orca, from_table, parse_toml
+from distal.rig import build_rig, from_aero, from_orca, from_table, orca_order, parse_toml
 from distal.rig.drives import Capstan
 
 TABLE = """joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]
@@ -154,6 +154,18 @@ def test_the_map_of_a_revision_counts_where_it_is_that_one(tmp_path: Path) -> No
 def test_a_wrong_config_is_one_line(tmp_path: Path, change: dict[str, object], says: str) -> None:
     with pytest.raises(RigError, match=says):
         from_orca(written(tmp_path, "config.yaml", CONFIG | change))
+
+
+def test_the_order_of_its_own_calibration_is_that_of_a_routine(tmp_path: Path) -> None:
+    steps = [
+        {"step": 1, "joints": {"mcp": "flex", "abd": "flex"}},
+        {"step": 2, "joints": {"mcp": "extend", "abd": "extend"}},
+        {"step": 3, "joints": {"pip": "flex"}},
+    ]
+    path = written(tmp_path, "config.yaml", CONFIG | {"calibration_sequence": steps})
+    assert orca_order(path) == [["abd", "mcp"], ["pip"]]
+    with pytest.raises(RigError, match="'calibration_sequence' is missing"):
+        orca_order(written(tmp_path, "config.yaml", CONFIG))
 
 
 def test_what_is_no_yaml_is_one_line(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
-from distal.rig.hand_tables import from_aero, from_orca, from_table
+from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
 from distal.rig.imported import Imported
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
@@ -96,6 +96,7 @@ __all__ = [
     "measurand_of",
     "named",
     "number",
+    "orca_order",
     "parameters_below",
     "parse_assignment",
     "parse_toml",

@@ -76,6 +76,23 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes)
 
 
+def orca_order(config: str | Path) -> list[list[str]]:
+    """Return the joints that an ORCA hand's own calibration moves at one time, in its order: `RoutineOptions.order`.
+
+    Raises:
+        RigError: the file has no such sequence.
+    """
+    path = Path(config)
+    steps, order = _mapping(path).get("calibration_sequence"), list[list[str]]()
+    if not isinstance(steps, list) or not all(isinstance(step, Mapping) for step in steps):
+        raise RigError(f"{path}: 'calibration_sequence' is missing: is this a file of orca_core?")
+    for step in steps:
+        joints = list(_section(path, step, "joints"))
+        if joints not in order:  # one step flexes them, another extends them
+            order.append(joints)
+    return order
+
+
 def _row(
     joint: str, motor: int, direction: int, ends: tuple[float, float], ratio: float | None, zero: float | None
 ) -> Row:
