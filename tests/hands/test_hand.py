@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,7 @@ from benchmarks.strangers.servo_hands import orca_like
 
 from distal.errors import CommandError, EstimationError
 from distal.hands import Hand, Motors
-from distal.rig import Rig, build_rig
+from distal.rig import Rig, build_rig, load_rig
 
 JOINTS = ("index_mcp", "ring_abd")
 
@@ -257,13 +258,15 @@ class Simulated:
 
 
 @pytest.mark.slow
-def test_from_power_on_to_live_angles_and_wanted_ones() -> None:
+def test_from_power_on_to_live_angles_and_wanted_ones(tmp_path: Path) -> None:
     own = Simulated()
     hand = Hand(own, renamed(rig_of(own.known)))
     said = list[str]()
     found = hand.power_on(show=said.append, sleep=own.sleep, now=own.now)
     assert said[:2] == ["motor_1", "motor_2"]
     assert found.faults == ()
+    found.save(tmp_path / "calibrated.toml")
+    assert load_rig(tmp_path / "calibrated.toml") == found.rig == hand.rig
     for _ in range(100):
         hand.update(own.time)
         own.sleep(0.01)

@@ -102,7 +102,9 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
     for part in parts:
         if part not in sound:
             notes.append(f"not calibrated, as it has a fault: {', '.join(joint.name for joint in part.rig.joints)}")
-    with ThreadPoolExecutor(workers) as pool:
+    # around all threads: what is ignored is one thing of the whole process
+    with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
+        warnings.simplefilter("ignore", DistalWarning)
         for found in pool.map(lambda part: _of_part(log, part, sweeps), sound):
             values |= found
     found_rig = rig.with_values(values)
@@ -131,10 +133,8 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
         formed = _formed(rig, stretched)
         starts = _starts(formed, drives, sweeps, stretched)
         prior = _prior(formed, drives, sweeps, starts)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DistalWarning)
-            problem = problem_of([cut], prior, Options(noise=False, workers=1))
-            numbers = from_starts(problem, [prior.with_values(start) for start in starts])
+        problem = problem_of([cut], prior, Options(noise=False, workers=1))
+        numbers = from_starts(problem, [prior.with_values(start) for start in starts])
         # what the channels' values are worth differs from search to search; the plain sums can be compared
         found.append((float(problem.costs([numbers.optimum.z])[0]), formed, numbers))
     cost, formed, numbers = min(found, key=lambda one: one[0])
