@@ -154,6 +154,18 @@ def test_angles_that_cannot_be_wanted_are_named(hand: Hand, wanted: dict[str, An
         hand.set_joint_positions(wanted)
 
 
+def test_a_hand_that_was_never_calibrated_is_not_moved(orca: Orca) -> None:
+    known, _ = orca_like([3], JOINTS)
+    hand = Hand(orca, renamed(rig_of(known)), compiled=False)
+    for k in range(20):
+        hand.update(0.01 * k)
+    with pytest.raises(
+        CommandError, match=r"index_mcp.*: known to no better than ±40°, so nothing is sent: call power_on"
+    ):
+        hand.set_joint_positions({"index_mcp": 10.0})
+    assert orca.sent == {}
+
+
 def test_what_is_no_hand_and_what_is_another_hand_are_named(orca: Orca) -> None:
     with pytest.raises(EstimationError, match="str is no hand that distal knows"):
         Hand("hand", sound_rig(), compiled=False)

@@ -17,7 +17,7 @@ from distal.hands.motors import motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
 from distal.rig import Rig, load_rig
-from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
+from distal.run import HEALTH, LOST, LiveEstimator, LogUnits, Monitor, Reading
 from distal.suggestions import did_you_mean
 
 HOT = 65.0
@@ -155,10 +155,15 @@ class Hand:
         Joints that are left out stay where they are wanted, or are.
 
         Raises:
-            CommandError: a name is unknown, an angle is no number or beyond the joint's range, or nothing was read yet.
+            CommandError: a name is unknown, an angle is no number or beyond the joint's range, or where the hand is is not
+                known.
         """
         if self._reading is None or not all(map(isfinite, self._reading.angles)):
             raise CommandError("where the hand is, is not known yet: call update until it has angles")
+        lost = [name for name, std in zip(self._joints, self._reading.angle_stds) if not std <= LOST]
+        if lost:
+            known = f"{', '.join(lost[:3])}: known to no better than ±{degrees(2 * LOST):.0f}°, so nothing is sent"
+            raise CommandError(f"{known}: call power_on, or take the rig that distal calibrate wrote")
         ranges = {joint.name: joint.travel for joint in self._rig.joints}
         wanted = dict(zip(self._joints, self._reading.angles)) | self._wanted
         for name, angle in positions.items():
