@@ -160,7 +160,7 @@ def test_a_hand_that_was_never_calibrated_is_not_moved(orca: Orca) -> None:
     for k in range(20):
         hand.update(0.01 * k)
     with pytest.raises(
-        CommandError, match=r"index_mcp.*: known to no better than ±40°, so nothing is sent: call power_on"
+        CommandError, match="where motor_1, motor_2 have their zero is not known, so nothing is sent: call"
     ):
         hand.set_joint_positions({"index_mcp": 10.0})
     assert orca.sent == {}

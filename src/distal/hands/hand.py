@@ -16,12 +16,15 @@ from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
-from distal.rig import Rig, load_rig
-from distal.run import HEALTH, LOST, LiveEstimator, LogUnits, Monitor, Reading
+from distal.rig import Capstan, Rig, load_rig
+from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.suggestions import did_you_mean
 
 HOT = 65.0
 """A motor above this is hot [°C]."""
+
+KNOWN_ZERO = radians(10.0)
+"""No wanted angle is sent to a motor whose zero is less well known than this at its joint [rad]."""
 
 LOOKS = 1.0
 """Temperatures are read so often [s]."""
@@ -160,9 +163,9 @@ class Hand:
         """
         if self._reading is None or not all(map(isfinite, self._reading.angles)):
             raise CommandError("where the hand is, is not known yet: call update until it has angles")
-        lost = [name for name, std in zip(self._joints, self._reading.angle_stds) if not std <= LOST]
-        if lost:
-            known = f"{', '.join(lost[:3])}: known to no better than ±{degrees(2 * LOST):.0f}°, so nothing is sent"
+        unknown = _without_zero(self._rig)
+        if unknown:
+            known = f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent"
             raise CommandError(f"{known}: call power_on, or take the rig that distal calibrate wrote")
         ranges = {joint.name: joint.travel for joint in self._rig.joints}
         wanted = dict(zip(self._joints, self._reading.angles)) | self._wanted
@@ -249,3 +252,15 @@ class Hand:
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         self._inverse, self._wanted, self._reading = None, {}, None
+
+
+def _without_zero(rig: Rig) -> list[str]:
+    """Return the motors whose zero is known to no better than `KNOWN_ZERO` at their joints."""
+    found = []
+    for drive in rig.drives:
+        place = next((sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None)
+        arm = next(tendon.total_arm for tendon in rig.tendons if tendon.drive == drive.name)
+        lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
+        if place is None or place.bias.total_std * lever / arm > KNOWN_ZERO:
+            found.append(drive.name)
+    return found
