@@ -292,6 +292,24 @@ def test_from_power_on_to_live_angles_and_wanted_ones(tmp_path: Path) -> None:
     assert true == pytest.approx([50.0, -10.0], abs=4.0)
 
 
+def test_an_interruption_anywhere_leaves_the_motors_where_they_are() -> None:
+    """Most of the time it comes while the loop waits; the goal of a motor that is held is then far ahead of it."""
+    own = Own()
+    hand = Hand(own, sound_rig(), compiled=False)
+    ticks, ahead = iter(np.arange(0.0, 100.0, 0.004)), list[float]()
+
+    def sleep(_: float) -> None:
+        ahead.append(own.goals["motor_1"] - 0.1)
+        if len(ahead) == 60:
+            raise KeyboardInterrupt
+
+    with pytest.raises(CommandError, match="aborted: interrupted"):
+        hand.power_on(sleep=sleep, now=lambda: float(next(ticks)))
+    assert max(ahead) > 0.2
+    assert own.goals["motor_1"] == pytest.approx(0.1, abs=1e-9)
+    assert own.goals["motor_2"] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_an_aborted_routine_says_why() -> None:
     own = Own()
     hand = Hand(own, sound_rig(), compiled=False)

@@ -186,13 +186,13 @@ class Hand:
         self._inverse, self._wanted = None, {}
 
     def _send(self, places: Floats) -> None:
-        goals = dict[str, float]()
-        for sensor in self._rig.sensors_of("position"):
-            i = [drive.name for drive in self._rig.drives].index(sensor.of)
-            if isfinite(places[i]):
-                goals[sensor.of] = self._units.logged(sensor.name, float(places[i]))
+        self._write(dict(zip([drive.name for drive in self._rig.drives], places.tolist())))
+
+    def _write(self, goals: Mapping[str, float]) -> None:
+        """Send the goals that are known [rad], in the unit of the log."""
+        sensors = [sensor for sensor in self._rig.sensors_of("position") if isfinite(goals[sensor.of])]
         try:
-            self._motors.write(goals)
+            self._motors.write({sensor.of: self._units.logged(sensor.name, goals[sensor.of]) for sensor in sensors})
         except Exception:  # the next period sends it again
             self._lost += 1
 
@@ -219,28 +219,22 @@ class Hand:
         """
         routine, shown = Routine(self._rig, options), tuple[str, ...]()
         begin = now()
-        while not routine.done:
-            time = now() - begin
-            try:
+        try:
+            while not routine.done:
+                time = now() - begin
                 sample, _ = self._sample(time)
-                goals = routine.step(time, dict(zip(self._units.channels, sample.tolist())))
-            except KeyboardInterrupt:
-                routine.abort("interrupted")
-                break
-            sent = {
-                sensor.of: self._units.logged(sensor.name, goals[sensor.of])
-                for sensor in self._rig.sensors_of("position")
-                if isfinite(goals[sensor.of])
-            }
-            try:
-                self._motors.write(sent)
-            except Exception:  # the next period sends it again
-                self._lost += 1
-            if show is not None and routine.moving != shown:
-                shown = routine.moving
-                show(", ".join(shown))
-            sleep(max(0.0, begin + time + period - now()))
+                self._write(routine.step(time, dict(zip(self._units.channels, sample.tolist()))))
+                if show is not None and routine.moving != shown:
+                    shown = routine.moving
+                    show(", ".join(shown))
+                sleep(max(0.0, begin + time + period - now()))
+        except BaseException as ended:  # Ctrl-C too, wherever it comes: no motor may go on pushing
+            routine.abort("interrupted" if isinstance(ended, KeyboardInterrupt) else str(ended))
+            self._write(routine.goals)
+            if not isinstance(ended, KeyboardInterrupt):
+                raise
         if routine.aborted:
+            self._write(routine.goals)
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
         found = calibrate(routine.log(), self._rig)
         self._use(found.rig)

@@ -134,7 +134,7 @@ class Routine:
         self._groups = _groups(rig, options.order)
         self._time, self._aborted, self._silent = nan, "", dict.fromkeys(self._motors, 0.0)
         self._rows = list[list[float]]()
-        self._goals = dict.fromkeys(self._motors, nan)
+        self._goals, self._places = dict.fromkeys(self._motors, nan), dict.fromkeys(self._motors, nan)
 
     @property
     def done(self) -> bool:
@@ -151,9 +151,15 @@ class Routine:
         """The motors that move now."""
         return () if self.done else self._groups[0]
 
+    @property
+    def goals(self) -> dict[str, float]:
+        """Goals of all motors, as their sensors read them [rad]; NaN of one that was never read."""
+        return dict(self._goals)
+
     def abort(self, why: str = "asked for") -> None:
-        """End it: the goals stay where the motors are."""
+        """End it: the goals become where the motors are, so that none goes on pushing."""
         self._aborted = self._aborted or why
+        self._goals |= {name: place for name, place in self._places.items() if isfinite(place)}
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
         """Take in a sample and return the goals of all motors, as their sensors read them [rad].
@@ -168,6 +174,7 @@ class Routine:
         for name, (place_of, torque_of) in self._channels.items():
             place, torque = float(sample.get(place_of, nan)), float(sample.get(torque_of, nan))
             row += [place, torque]
+            self._places[name] = place if isfinite(place) else self._places[name]
             if not isfinite(self._goals[name]) and isfinite(place):
                 self._goals[name] = place
             self._silent[name] = 0.0 if isfinite(place) else self._silent[name] + dt
