@@ -16,6 +16,7 @@ from distal.estimators.adaptive.internal_motion import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved, moved
 from distal.estimators.adaptive.prediction import predicted, revert, shifted_variance
+from distal.estimators.adaptive.slack_pairs import within_play
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stops import depths_in_stops
 from distal.estimators.adaptive.transmission_play import play
@@ -60,6 +61,7 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
     for force, friction in zip(remembered_forces, kept):
         force["friction"] = friction
     mean, covariance, y = updated(states, prediction, motion.rates, remembered_forces, interval)  # (16) to (30)
+    mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, tracks, p)
     remembered = Tracks(tracks, nd).memory
     following = layout.joined(
