@@ -73,17 +73,32 @@ def calibrated(known: Known, hands: Hands, rig: Rig, together: bool = False) -> 
     return [(calibrate(routine.log(), rig), routine.log()) for routine in routines]
 
 
-def motion(known: Known, hands: Hands, ends: Any, seed: int) -> dict[str, Any]:
-    """Let all motors follow smooth steps between random places within their travel, and record."""
+def motion(
+    known: Known,
+    hands: Hands,
+    ends: Any,
+    seed: int,
+    seconds: float = SECONDS,
+    at_ends: float = 0.0,
+    happens: Callable[[Hands, float], None] = lambda hands, time: None,
+) -> dict[str, Any]:
+    """Let all motors follow smooth steps between random places within their travel, and record.
+
+    A share of the steps goes to an end of it; `happens` is called before each period.
+    """  # fmt: skip
     rng, driven = np.random.default_rng([seed, 9]), Driven(hands)
     low, high = ends
     places = hands.places + hands.d.zeros * hands.d.signs
     begin, goals, left = places.copy(), places.copy(), np.zeros_like(places)
     span, rows = np.ones_like(places), {"places": [], "torques": [], "angles": []}
-    for _ in range(round(SECONDS / PERIOD)):
+    for k in range(round(seconds / PERIOD)):
+        happens(hands, k * PERIOD)
         fresh = left <= 0
         begin = np.where(fresh, goals, begin)
-        goals = np.where(fresh, low + (high - low) * rng.uniform(0.05, 0.95, places.shape), goals)
+        to = rng.uniform(0.05, 0.95, places.shape)
+        if at_ends:
+            to = np.where(rng.random(places.shape) < at_ends, np.round(to), to)
+        goals = np.where(fresh, low + (high - low) * to, goals)
         span = np.where(fresh, rng.uniform(0.6, 2.2, places.shape), span)
         left = np.where(fresh, span, left) - PERIOD
         share = np.clip((1 - left / span) * 1.2, 0, 1)

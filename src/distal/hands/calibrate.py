@@ -144,7 +144,9 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
     # what the routine did not tell beyond its contacts and slopes is what these say
     begun = {named(fitted, path): _spread(number(fitted, path)) for path in _starts(formed, drives, sweeps, ())[0]}
     values = {path: value for path, value in assignments(numbers.fitted, fitted).items() if not path.endswith(".hold")}
-    return _form_values(rig, formed) | _with_ranges(formed, begun | values)
+    # a model misses more of a motor's torque than its sensor does
+    noise: dict[str, object] = {f"sensors.{sensor.name}.noise": sensor.noise for sensor in fitted.sensors_of("force")}
+    return _form_values(rig, formed) | _with_ranges(formed, begun | values) | noise
 
 
 def _spread(found: Number) -> dict[str, object]:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, radians
+from math import inf, radians, sqrt
 
 from distal.rig import Capstan, Rig, Sensor, drive_travel
 
 BEYOND = 0.05
 """A drive further beyond its stops than this share of its travel is not where it can be."""
 
-ROOM, KNOWN = radians(2.0), radians(8.0)
-"""A joint is beyond its range by more than the first before it is said, of a motor whose zero is known to the second at the
-joint [rad]."""
+ROOM, ROOM_STDS, KNOWN = radians(1.5), 0.7, radians(8.0)
+"""A joint is beyond its range by more than the first, and so many stds of its zero and play, before it is said; of a motor
+whose zero is known to the third at the joint [rad]: docs/results/hands.md."""
 
 FAR = 10.0
 """A drive without stops this many times as far as the joint could turn it is not where it can be."""
@@ -30,50 +30,72 @@ def place_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class MotorEnds:
-    """Between which ends a motor can be by the ranges of its joints, and what its torque adds.
+class RangeEnd:
+    """One end of a motor's travel: where its tendon becomes taut with the joint at its stop.
 
     Args:
         motor: its name.
         place: index of the channel of its angle.
         torque: index of the channel of its torque.
-        low: of what its sensor reads [rad]; −infinity where its one tendon only comes loose.
-        high: the other end [rad].
+        way: 1 where readings grow towards it, else −1.
+        contact: `way` times the reading there [rad].
+        room: how far beyond it the motor may be, by what is not known of it, at the joint [rad].
         give: stretch of its tendon per torque [rad/(N m)].
         joint: turn of the joint for one of the motor.
+        same: readings that differ by less are one place [rad].
     """
 
     motor: str
     place: int
     torque: int
-    low: float
-    high: float
+    way: int
+    contact: float
+    room: float
     give: float
     joint: float
+    same: float
 
 
-def motor_ends(rig: Rig, channels: Sequence[str]) -> tuple[MotorEnds, ...]:
+def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
     """Return the ends of the motors whose zero is known and whose joints have stops.
 
-    In free motion a spool that slips, or a tendon that comes off, changes nothing that a motor feels; at the end of a range
-    the motor is where it cannot be.
+    In free motion a spool that slips, or a tendon that comes off, changes little that a motor feels; at the end of a range
+    it is where it cannot be. What lets a tendon out alone has no end.
     """
-    found = list[MotorEnds]()
+    found = list[RangeEnd]()
     for drive in rig.drives:
         sensors = {
             sensor.measures: sensor for sensor in rig.sensors if sensor.of == drive.name and sensor.name in channels
         }
         if not isinstance(drive, Capstan) or not {"position", "force"} <= set(sensors):
             continue
-        tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
-        joint = drive.radius.value / tendons[0].total_arm
-        low, high = motor_range(rig, sensors["position"])
-        if sensors["position"].bias.total_std * joint > KNOWN or not isfinite(high):
-            continue
-        room, give = ROOM / joint, 1.0 / (tendons[0].stiffness.value * drive.radius.value**2)
+        position = sensors["position"]
         place, torque = (list(channels).index(sensors[kind].name) for kind in ("position", "force"))
-        lowest = low - room if len(tendons) > 1 else -inf
-        found.append(MotorEnds(drive.name, place, torque, lowest, high + room, give, joint))
+        reached = _reached(rig, position)
+        for tendon in (tendon for tendon in rig.tendons if tendon.drive == drive.name):
+            way, joint = tendon.winding, drive.radius.value / tendon.total_arm
+            if reached is None or position.bias.total_std * joint > KNOWN:
+                continue
+            end = max(way * reading for reading in reached)
+            loose = tendon.slack.value - tendon.pretension.value / tendon.stiffness.value
+            # numbers that were found at the ends of the ranges are wrong together: there, what is not known of the ranges
+            # makes no difference
+            ranges = max(part.stops_std for part in rig.joints if part.name in tendon.arms())
+            stds = position.bias.total_std * joint, tendon.slack.total_std / tendon.total_arm
+            unsure = sqrt(sum(max(std**2 - ranges**2, 0.0) for std in stds))
+            found.append(
+                RangeEnd(
+                    motor=drive.name,
+                    place=place,
+                    torque=torque,
+                    way=way,
+                    contact=end + loose / drive.radius.value,
+                    room=ROOM + ROOM_STDS * unsure,
+                    give=1.0 / (tendon.stiffness.value * drive.radius.value**2),
+                    joint=joint,
+                    same=position.noise,
+                )
+            )
     return tuple(found)
 
 
@@ -85,14 +107,24 @@ def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     if sensor.measures != "position" or drive is None or drive.kind != "capstan":
         return -inf, inf
+    reached, tendon = _reached(rig, sensor), next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+    if reached is None:
+        return -inf, inf
+    room = 2 * sensor.bias.total_std + (2 * tendon.slack.value + BEYOND * tendon.total_arm) / drive.radius.value
+    return reached[0] - room, reached[1] + room
+
+
+def _reached(rig: Rig, sensor: Sensor) -> tuple[float, float] | None:
+    """Return what a capstan's position sensor reads with its joints at their stops [rad], None where one has none."""
+    drive = next(drive for drive in rig.drives if drive.name == sensor.of)
+    assert isinstance(drive, Capstan)
     tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
     stops = {joint.name: joint.stops for joint in rig.joints}
     low = high = sensor.bias.value
-    room = 2 * sensor.bias.total_std + (2 * tendon.slack.value + BEYOND * tendon.total_arm) / drive.radius.value
     for name, arm in tendon.arms().items():
         ends = stops[name]
         if ends is None:
-            return -inf, inf
+            return None
         reached = sorted(tendon.winding * arm / drive.radius.value * angle for angle in ends)
         low, high = low + reached[0], high + reached[1]
-    return low - room, high + room
+    return low, high

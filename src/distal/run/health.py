@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
-from math import degrees, isfinite
+from math import degrees
 from typing import Literal
 
 import casadi as ca
@@ -21,7 +21,7 @@ from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Role, measurand_of, step_of
-from distal.run.drive_range import FAR, MotorEnds, motor_ends, place_range
+from distal.run.drive_range import FAR, RangeEnd, place_range, range_ends
 from distal.run.offline import priors_of
 
 Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
@@ -71,6 +71,9 @@ ROUNDING = 1e-9
 NEVER = 1e30
 """An age that no sensor reaches, since C has no infinity without a header [s]."""
 
+NEAR, AWAY = 2.0, 10.0
+"""A joint is at its end from less than the first before it until it is further than the second away [deg]."""
+
 
 @dataclass(frozen=True)
 class Watch:
@@ -78,14 +81,15 @@ class Watch:
 
     Args:
         memory: what is remembered: of each channel its last value, its age and for how long it has been the same; of each
-            drive's place the share of time beyond its range; of each compared sensor the mean ν²/S; the pace of the stamps.
+            drive's place the share of time beyond its range; of each compared sensor the mean ν²/S; the pace of the
+            stamps; of each end, in this visit, its furthest reading, and how far the joint was beyond it [deg].
         sample: what comes: whether it is the first, dt, values and mask of the channels, stds of the angles, innovations,
             their mask and their variances, the watched states and their variances.
         findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read, untested, unknown; of each
-            channel dead, stuck, missing; of each place wrong; of each motor of `ends` by how much its joint is
-            beyond its range [deg]; of each compared sensor large; of each watched state left.
+            channel dead, stuck, missing; of each place wrong; of each of the `ends` by how much the joint is beyond
+            it [deg]; of each compared sensor large; of each watched state left.
         placed: channels that are places of drives.
-        ends: of motors whose joints have stops.
+        ends: of the travels of motors whose joints have stops.
         watched: states that are numbers of the rig.
         function: (memory, sample) → (memory⁺, findings).
     """
@@ -94,15 +98,16 @@ class Watch:
     sample: Layout
     findings: Layout
     placed: tuple[int, ...]
-    ends: tuple[MotorEnds, ...]
+    ends: tuple[RangeEnd, ...]
     watched: tuple[int, ...]
     function: ca.Function
 
 
 def begun(watch: Watch) -> Floats:
-    """Return the memory before the first sample: ν²/S and the pace are one, all else is zero."""
+    """Return the memory before the first sample: ν²/S and the pace are one, no end was visited, all else is zero."""
     memory = np.zeros(watch.memory.size)
     memory[watch.memory["ratio"]] = memory[watch.memory["pace"]] = 1.0
+    memory[watch.memory["furthest"]] = -NEVER
     return memory
 
 
@@ -120,9 +125,9 @@ def watch_of(runner: KernelEstimator) -> Watch:
     watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
-    ends = motor_ends(runner.rig, runner.channels)
+    ends = range_ends(runner.rig, runner.channels)
     n, m, j, k, p = len(chosen), len(runner.measured), len(runner.rig.joints), len(watched), len(placed)
-    memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1)
+    memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1, furthest=len(ends), found=len(ends))
     sample = Layout(
         first=1, dt=1, values=n, mask=n, stds=j, innovations=m, compared=m, variances=m, numbers=k, number_variances=k
     )
@@ -165,25 +170,32 @@ def watch_of(runner: KernelEstimator) -> Watch:
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {"dead": dead, "stuck": stuck, "missing": missing, "wrong": wrong, "large": ratio > LARGE, "left": left}
-    sizes = ca.vertcat(*(_beyond(end, came["values"], mask) for end in ends)) if ends else ca.SX(0, 1)
+    visits = [_at_end(end, was["furthest"][k], was["found"][k], came["values"], mask) for k, end in enumerate(ends)]
+    furthest, sizes = (ca.vertcat(ca.SX(0, 1), *(visit[part] for visit in visits)) for part in (0, 1))
     flags["beyond"] = sizes > 0
     said = {name: word for name, word in WORDS.items() if name != "beyond" or ends}
     code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in said.items()))
+    last = ca.if_else(mask, came["values"], was["last"])
     remembered = memory.joined(
-        last=ca.if_else(mask, came["values"], was["last"]), age=age, same=same, outside=outside, ratio=ratio, pace=pace
+        last=last, age=age, same=same, outside=outside, ratio=ratio, pace=pace, furthest=furthest, found=sizes
     )
     outputs = [remembered, findings.joined(code=code, **flags | {"beyond": sizes})]
     function = ca.Function("judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"])
     return Watch(memory, sample, findings, placed, ends, watched, function)
 
 
-def _beyond(end: MotorEnds, values: Vector, mask: Vector) -> Scalar:
-    """Return by how much a motor's joint is beyond its range [deg], less what its torque stretches; 0 within it."""
-    over = values[end.place] - end.high
-    if isfinite(end.low):
-        over = ca.fmax(over, end.low - values[end.place])
-    over -= end.give * ca.fabs(values[end.torque])
-    return mask[end.place] * mask[end.torque] * ca.fmax(degrees(end.joint) * over, 0)
+def _at_end(end: RangeEnd, furthest: Scalar, found: Scalar, values: Vector, mask: Vector) -> tuple[Scalar, Scalar]:
+    """Return the furthest reading of this visit to an end, and how much further the joint is than it can be [deg], or 0.
+
+    What its torque stretches is taken off. Only on the way there: on the way back friction hides the tendon's tension.
+    """
+    read, reading = mask[end.place] * mask[end.torque], end.way * values[end.place]
+    before = degrees(end.joint) * (reading - end.contact)
+    further = ca.logic_and(read, ca.logic_and(before > -NEAR, reading > furthest + end.same))
+    over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])
+    found = ca.if_else(ca.logic_and(further, over > degrees(end.room)), ca.fmax(found, over), found)
+    left = ca.logic_and(read, before < -AWAY)
+    return ca.if_else(left, -NEVER, ca.if_else(further, reading, furthest)), ca.if_else(left, 0, found)
 
 
 WORDS: dict[str, Health] = {

@@ -195,7 +195,7 @@ class Monitor:
         flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
         details = self._details(flags, dt)
         details["beyond"] = ", ".join(
-            f"{end.motor} is {size:.0f}° beyond its joint's range: its spool slipped, or a tendon loosened or broke"
+            f"{end.motor} goes {size:.1f}° beyond its joint's range: its spool slipped, or a tendon loosened or broke"
             for end, size in zip(watch.ends, findings[watch.findings["beyond"]])
             if size > 0.0
         )
