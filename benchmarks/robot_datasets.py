@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tempfile
 import time
@@ -14,6 +15,7 @@ import pyarrow.parquet as pq
 
 from distal import load_rig
 from distal.logs import episodes_of
+from distal.rig import edited_text
 from distal.run import estimate_batch, estimate_on_cluster
 
 EPISODES, ROWS = 1000, 1500
@@ -21,7 +23,7 @@ EPISODES, ROWS = 1000, 1500
 
 def written(folder: Path, episodes: int) -> Path:
     """Write a LeRobot dataset of version 3, fifty episodes in a file."""
-    (folder / "meta").mkdir()
+    (folder / "meta").mkdir(parents=True)
     names = {"observation.state": {"names": ["place", "torque"]}}
     (folder / "meta" / "info.json").write_text(json.dumps({"features": names}))
     data = folder / "data" / "chunk-000"
@@ -40,17 +42,30 @@ def written(folder: Path, episodes: int) -> Path:
     return folder
 
 
+CHANGES = {"log.time.column": "timestamp", "sensors.motor_angle.column": "observation.state.place",
+           "sensors.motor_torque.column": "observation.state.torque"}  # fmt: skip
+"""Of `capstan-joint`, so that it reads the dataset."""
+
+
+def commanded(dataset: Path, rig: Path, out: Path, *more: str) -> float:
+    """Return how long `distal estimate` takes for a dataset, with its start and its files [s]."""
+    command = [sys.executable, "-m", "distal", "estimate", str(dataset), "--rig", str(rig), "--out", str(out), *more]
+    begin = time.perf_counter()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.perf_counter() - begin
+
+
 def main() -> None:
     """Measure and print."""
     from distributed import LocalCluster
 
     count = int(sys.argv[1]) if len(sys.argv) > 1 else EPISODES
-    rig = load_rig("capstan-joint").with_values(
-        {"log.time.column": "timestamp", "sensors.motor_angle.column": "observation.state.place",
-         "sensors.motor_torque.column": "observation.state.torque"}
-    )  # fmt: skip
+    rig = load_rig("capstan-joint").with_values(CHANGES)
     with tempfile.TemporaryDirectory() as folder:
-        episodes = episodes_of(written(Path(folder), count))
+        root = Path(folder)
+        file, dataset = root / "rig.toml", written(root / "set", count)
+        file.write_text(edited_text("capstan-joint", [f'{path}="{column}"' for path, column in CHANGES.items()]))
+        episodes = episodes_of(dataset)
         list(estimate_batch(episodes[:8], rig))
         begin = time.perf_counter()
         own = list(estimate_batch(episodes, rig, workers=2))
@@ -60,9 +75,14 @@ def main() -> None:
             begin = time.perf_counter()
             far = list(estimate_on_cluster(episodes, rig, cluster.scheduler_address))
             there = time.perf_counter() - begin
+            scheduler = "--scheduler", cluster.scheduler_address
+            times = np.array([[commanded(dataset, file, root / f"{k}-{len(more)}", *more) for more in ((), scheduler)]
+                              for k in range(3)])  # fmt: skip
     same = max(float(np.abs(a.angles - b.angles).max()) for a, b in zip(own, far))
     print(f"{count} episodes: {here:.1f} s by two threads, {there:.1f} s by two Dask workers, {there / here:.2f} x; "
           f"largest difference {same:.1e} rad")  # fmt: skip
+    here, there = np.median(times, axis=0)
+    print(f"as a command that writes its files, median of three: {here:.1f} s, {there:.1f} s, {there / here:.2f} x")
 
 
 if __name__ == "__main__":

@@ -127,7 +127,7 @@ def test_a_spool_that_slipped_is_named_where_its_joint_should_have_ended(
 
 
 def test_a_motor_is_beyond_its_range_until_it_leaves_the_end(hand: Hand, orca: Orca) -> None:
-    """On the way there it is judged; that its tension falls on the way back is friction. Away from the end all is forgotten."""
+    """It is judged on the way there: on the way back friction hides the tension. Away from the end all is forgotten."""
     found = []
     ways = [(1.9, 50.0), (2.02, 290.0), (2.02, 0.0), (1.95, 0.0), (1.2, 0.0), (2.02, 0.0), (2.0, 290.0), (1.2, 0.0)]
     for k, (place, torque) in enumerate(ways):
