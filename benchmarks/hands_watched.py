@@ -1,7 +1,8 @@
 """Hands watched while they move: `python -m benchmarks.hands_watched [--first-seed N] [--draws K] [--minutes M] [--sound]`.
 
 Each motor of hands of others gets a fault after some time, or none. A finding that names it before, or without a fault, is
-a false alarm. A quarter of the motions goes to an end of the range, as hands open and close; `--middle`: none does.
+a false alarm: of a tendon, or of torques that are not as the model says. A quarter of the motions goes
+to an end of the range, as hands open and close; `--middle`: none does.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def findings(known: Known, rig: distal.Rig, run: dict[str, Any], a: int) -> dict
     """Return motor → when it was named, and how, as its stream goes by."""
     log, live = log_of(known, run, a), LiveEstimator(rig)
     monitor, samples = Monitor(live), np.column_stack([log.channels[name] for name in live.channels])
-    names = {motor: re.compile(rf"\b{motor}(_\w+)? ") for motor in known.motors}
+    names = {motor: re.compile(rf"\b{motor} goes|\b{motor}_\w+ ") for motor in known.motors}
     found: dict[str, list[tuple[float, str]]] = {motor: [] for motor in known.motors}
     for time, sample in zip(log.time, samples):
         reading = monitor.take(float(time), sample)
@@ -87,7 +88,7 @@ def main() -> None:
     run = motion(
         known, hands, np.moveaxis(ends, 2, 0), first, seconds, 0.0 if "--middle" in sys.argv else 0.25, injected.apply
     )
-    counts: dict[str, list[Any]] = {kind: [0, [], 0.0, 0, ""] for kind in KINDS}
+    counts: dict[str, list[Any]] = {kind: [0, [], 0.0, 0, 0] for kind in KINDS}
     for a, (result, _) in enumerate(results):
         faulty = {fault.drive for fault in result.faults}
         for k, (motor, named) in enumerate(findings(known, result.rig, run, a).items()):
@@ -99,18 +100,32 @@ def main() -> None:
             before = [(time, detail) for time, detail in named if time < until]
             after = [time for time, _ in named if time >= until]
             alarms = [one for one, last in zip(before, [(-1e9, ""), *before]) if one[0] - last[0] > AWAY]
-            row[0], row[2], row[3] = row[0] + 1, row[2] + until / 3600, row[3] + len(alarms)
+            of_tendons = sum(f"{motor} goes" in detail for _, detail in alarms)
+            row[0], row[2], row[3], row[4] = (
+                row[0] + 1,
+                row[2] + until / 3600,
+                row[3] + of_tendons,
+                row[4] + len(alarms),
+            )
             row[1] += [after[0] - when] if kind and after else []
             for time, detail in alarms:
                 print(f"false: hand {a}, {motor}, {time:.1f} s: {detail[:150]}")
     rows = []
-    for kind, (motors, delays, hours, alarms, _) in counts.items():
+    for kind, (motors, delays, hours, of_tendons, alarms) in counts.items():
         if motors:
             late = [f"{np.median(delays):.1f}", f"{np.percentile(delays, 90):.1f}"] if delays else ["", ""]
             rows.append(
-                [kind or "none", f"{motors}", f"{len(delays)}" if kind else "", *late, f"{alarms}", f"{hours:.2f}"]
+                [
+                    kind or "none",
+                    f"{motors}",
+                    f"{len(delays)}" if kind else "",
+                    *late,
+                    f"{of_tendons}",
+                    f"{alarms - of_tendons}",
+                    f"{hours:.2f}",
+                ]
             )
-    titles = ["fault", "motors", "named", "delay, s (median)", "(90 %)", "false alarms", "in motor-hours"]
+    titles = ["fault", "motors", "named", "delay, s (median)", "(90 %)", "false: tendons", "torques", "in motor-hours"]
     table("hands-watched", f"hands watched, seeds {first} on, {seconds:.0f} s", titles, rows)
 
 

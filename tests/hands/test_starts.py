@@ -54,7 +54,7 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
     for way, end in ((1, high), (-1, low)):
         sweeps = {"m1": [swept(way, way * 1.0), *SWEEPS[1:]]}
         starts = pair_starts(rig, "m1", sweeps["m1"], False)
-        prior = calibrating._prior(rig, ["m1"], sweeps, starts)
+        prior = calibrating._prior(rig, ["m1"], sweeps, starts, None)
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
 

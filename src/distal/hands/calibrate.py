@@ -16,6 +16,7 @@ from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.fitted_number import assignments
 from distal.fitting.numbers import Numbers, from_starts, problem_of
 from distal.hands.findings import Fault, faults_of, slack_of
+from distal.hands.springs import Springs, springs_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of, sweeps_of
 from distal.logs import Log, Source, read_log, write_whole
@@ -23,6 +24,10 @@ from distal.rig import Number, Part, Rig, independent_parts, load_rig, named, nu
 
 SCATTER = 0.25
 """What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not the same everywhere."""
+
+FASTER, SPRUNG = 1.5, 4.0
+"""In usual motion it leaves this many times what it does in the slow routine, the second of joints that share a tendon:
+docs/results/hands.md."""
 
 ZERO_SPREAD = 0.05
 """Prior of a motor's zero about what its contacts say, as a share of its travel."""
@@ -128,11 +133,14 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
     )
     pairs = [name for name in drives if is_pair(rig, name)]
     forms = [(), tuple(pairs)] if pairs else [()]
+    springs = None if pairs else springs_of(log, rig, drives[0], sweeps[drives[0]])
     found = list[tuple[float, Rig, Numbers]]()
     for stretched in forms:
         formed = _formed(rig, stretched)
         starts = _starts(formed, drives, sweeps, stretched)
-        prior = _prior(formed, drives, sweeps, starts)
+        if springs is not None:
+            starts = [{**starts[0], **springs.values}]
+        prior = _prior(formed, drives, sweeps, starts, springs)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
         numbers = from_starts(problem, [prior.with_values(start) for start in starts])
         # what the channels' values are worth differs from search to search; the plain sums can be compared
@@ -144,9 +152,12 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
     # what the routine did not tell beyond its contacts and slopes is what these say
     begun = {named(fitted, path): _spread(number(fitted, path)) for path in _starts(formed, drives, sweeps, ())[0]}
     values = {path: value for path, value in assignments(numbers.fitted, fitted).items() if not path.endswith(".hold")}
-    # a model misses more of a motor's torque than its sensor does
-    noise: dict[str, object] = {f"sensors.{sensor.name}.noise": sensor.noise for sensor in fitted.sensors_of("force")}
-    return _form_values(rig, formed) | _with_ranges(formed, begun | values) | noise
+    # the model misses more of a motor's torque than its sensor does, and more yet in motion that is faster
+    noise: dict[str, object] = {
+        f"sensors.{sensor.name}.noise": float(f"{(FASTER if pairs else SPRUNG) * sensor.noise:.2g}")
+        for sensor in fitted.sensors_of("force")
+    }
+    return _form_values(rig, formed) | _with_ranges(formed, begun | values, springs) | noise
 
 
 def _spread(found: Number) -> dict[str, object]:
@@ -194,7 +205,13 @@ def _starts(
     return [{**common, **start} for family in families for start in family]
 
 
-def _prior(rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]], starts: Sequence[Start]) -> Rig:
+def _prior(
+    rig: Rig,
+    drives: Sequence[str],
+    sweeps: Mapping[str, Sequence[Sweep]],
+    starts: Sequence[Start],
+    springs: Springs | None,
+) -> Rig:
     """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction, angles by the first end."""
     values, middle = dict[str, object](), starts[len(starts) // 2]
     # one number for all motors of a hand: a noise is a constant of the kernel, which parts of one kind then share
@@ -218,6 +235,8 @@ def _prior(rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]
         if (path := f"joints.{i}.spring.stiffness") in middle:
             common = {"name": f"springs_{drives[0]}", "std": SPRINGS_SPREAD}
             values[path] = {"value": middle[path], "std": 0.0, "shared": common}
+            if springs is not None:
+                values[path] = {"value": middle[path], "std": springs.stds[path]}
         stiff = 0.0
         for k, tendon in enumerate(rig.tendons):
             stiff += middle.get(f"tendons.{k}.stiffness", 0.0) * tendon.arms().get(joint.name, 0.0) ** 2
@@ -236,17 +255,18 @@ def _prior(rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]
     return rig.with_values(values)
 
 
-def _with_ranges(rig: Rig, values: Mapping[str, object]) -> dict[str, object]:
+def _with_ranges(rig: Rig, values: Mapping[str, object], springs: Springs | None) -> dict[str, object]:
     """Return the values with what is not known of the joints' ranges: the zero is no better than their middle."""
     wider = {path: value for path, value in values.items() if not path.endswith((".initial", ".noise"))}
     for tendon in rig.tendons:
         path = f"tendons.{tendon.name}.slack"
         if isinstance(found := wider.get(path), dict):  # the search's prior is wide, for tendons that came off
             wider[path] = found | {"std": min(found["std"], tendon.slack.std)}
-    for joint in rig.joints:
+    for i, joint in enumerate(rig.joints):
         path = f"joints.{joint.name}.spring.stiffness"
         if isinstance(found := wider.get(path), dict):
-            wider[path] = {"value": found["value"], "std": float(f"{SPRINGS_APART * found['value']:.3g}")}
+            std = SPRINGS_APART * found["value"] if springs is None else springs.stds[f"joints.{i}.spring.stiffness"]
+            wider[path] = {"value": found["value"], "std": float(f"{std:.3g}")}
     for drive in rig.drives:
         if drive.kind != "capstan":
             continue

@@ -55,7 +55,6 @@ def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) 
     arm, (low, high) = abs(tendons[0][1].arms()[joint.name]), joint.travel
     up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
     level = float(np.mean([sweep.level for sweep in sweeps]))
-    slopes = [sweep.slope for sweep in sweeps if sweep.slope > 0.0]
     starts = list[Start]()
     for share in TENSIONS if stretched else SLACKS:
         play = 0.0 if stretched else share * arm
@@ -65,7 +64,7 @@ def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) 
             f"drives.{at}.friction.constant": OWN * level,
             f"{_bias(rig, drive)}": (up + down) / 2 - arm / radius * (high + low) / 2,
         }
-        stiffness = STIFFER * float(np.median(slopes)) / radius**2 if slopes else tendons[0][1].stiffness.value
+        stiffness = tendon_stiffness(tendons[0][1], radius, sweeps)
         for k, _ in tendons:
             start[f"tendons.{k}.stiffness"] = stiffness
             if stretched:
@@ -89,8 +88,7 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
     # friction adds to the torque on the way up and takes from it on the way down
     pull, rub = (float(np.mean(ups)) - float(np.mean(downs))) / 2, (float(np.mean(ups)) + float(np.mean(downs))) / 2
     tension = max(pull, 0.0) / radius
-    slope = float(np.median([sweep.slope for sweep in sweeps if sweep.slope > 0.0] or [0.0]))
-    stiffness = STIFFER * slope / radius**2 if slope > 0.0 else tendon.stiffness.value
+    stiffness = tendon_stiffness(tendon, radius, sweeps)
     joints = [(i, joint) for i, joint in enumerate(rig.joints) if joint.name in arms and joint.spring is not None]
     travels = {joint.name: joint.travel for joint in rig.joints}
     top = sum(arm * travels[name][1 if arm > 0 else 0] for name, arm in arms.items())
@@ -108,6 +106,12 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
             start[f"joints.{i}.spring.stiffness"] = max(held, 1e-4)
         starts.append(start)
     return starts
+
+
+def tendon_stiffness(tendon: Tendon, radius: float, sweeps: Sequence[Sweep]) -> float:
+    """Return the stiffness of a tendon by how the torque grows at the ends of its motor's travel, else the rig's [N/m]."""
+    slopes = [sweep.slope for sweep in sweeps if sweep.slope > 0.0]
+    return STIFFER * float(np.median(slopes)) / radius**2 if slopes else tendon.stiffness.value
 
 
 def _index(rig: Rig, drive: str) -> int:
