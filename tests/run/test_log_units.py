@@ -134,3 +134,19 @@ def test_wrong_turns_and_temperatures_are_named() -> None:
         LogUnits(rig_of()).sample(0.0, [0, 0], {"motor": 900})
     with pytest.raises(EstimationError, match="in deg or rad, 'grad' came"):
         LiveInLogUnits(rig_of(), unit="grad", compiled=False)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("turns", [1, -2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_motor_that_counts_its_turns_may_count_anew_after_a_restart(turns: int, sign: int) -> None:
+    """In radians; a place that no turn brings into the joint's range is passed on as it is."""
+    raw = rig_of(sign=sign).model_dump()
+    raw["sensors"][0] |= {"unit": "rad", "counts_per_turn": None}
+    units = LogUnits(build_rig(raw, "radians"))
+    assert units.sample(0.0, {"motor_angle": 0.3})[0] == pytest.approx(sign * 0.3)
+    assert np.isnan(units.sample(0.1, {})[0])
+    assert units.sample(0.2, {"motor_angle": 0.4 + 2 * pi * turns})[0] == pytest.approx(sign * 0.4)
+    assert units.sample(0.3, {"motor_angle": 0.5 + 2 * pi * turns})[0] == pytest.approx(sign * 0.5)
+    assert units.logged("motor_angle", sign * 0.6) == pytest.approx(0.6 + 2 * pi * turns)
+    assert units.sample(0.4, {"motor_angle": 0.2})[0] == pytest.approx(sign * 0.2)
+    assert units.sample(0.5, {"motor_angle": pi})[0] == pytest.approx(sign * pi)

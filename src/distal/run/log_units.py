@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil, degrees, floor, inf, isfinite, nan
+from math import ceil, degrees, floor, inf, isfinite, nan, pi
 from pathlib import Path
 from typing import Literal
 
@@ -29,6 +29,9 @@ TEMPERATURE_SLOPE = -0.0011
 REFERENCE = 25.0
 """Temperature for which a torque constant holds [°C]."""
 
+TURN = 2 * pi
+"""Of a motor that is read in radians or degrees [rad]."""
+
 HOTTEST = 200.0
 """No motor that still turns is hotter, or colder than minus this [°C]."""
 
@@ -45,7 +48,7 @@ class LogUnits:
 
     An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is taken. Where a motor
     may have gone half a turn without a value, the only turn in which its joint can be is; if there are several, `doubts`
-    says so.
+    says so. A motor that counts its turns, and counts from another one after a restart, is where its joint can be.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
@@ -75,6 +78,11 @@ class LogUnits:
         self._slope = temperature_slope
         self._turns = self._turn_sizes({} if turns is None else turns)
         self._ranges = [motor_range(rig, sensor) for sensor in self._sensors]
+        self._counted = [
+            i
+            for i, (sensor, (low, high)) in enumerate(zip(self._sensors, self._ranges))
+            if isinstance(sensor, AngleSensor) and high - low < TURN and not isfinite(self._turns[i])
+        ]
         self._fastest = [_fastest(rig, sensor) for sensor in self._sensors]
         self.reset()
 
@@ -130,6 +138,8 @@ class LogUnits:
         for i in np.flatnonzero(np.isfinite(self._turns) & np.isfinite(sample)).tolist():
             sample[i] = self._unwrapped(i, time, float(sample[i]), doubts)
         self._doubts = tuple(doubts)
+        for i in self._counted:
+            sample[i] = self._counted_anew(i, float(sample[i]))
         for name, temperature in (temperatures or {}).items():
             _check_temperature(name, temperature)
             for i in self._torques_of(name):
@@ -163,6 +173,15 @@ class LogUnits:
                 doubts.append(f"{self.columns[i]} may have turned without a value for {gap:.2g} s")
         self._last[i], self._seen[i], self._ahead[i] = near, time, near - place
         return near
+
+    def _counted_anew(self, i: int, place: float) -> float:
+        """Return a place [rad] of a motor that counts its turns: after a restart it may count from another one."""
+        low, high = self._ranges[i]
+        if place + self._ahead[i] < low or place + self._ahead[i] > high:
+            ahead = TURN * round(((low + high) / 2 - place) / TURN)
+            if low <= place + ahead <= high:
+                self._ahead[i] = ahead
+        return place + float(self._ahead[i])
 
     def logged(self, channel: str, value: float) -> float:
         """Return what the log holds where a channel is at a value in SI: a goal for a motor, in the turn of its encoder."""
