@@ -141,8 +141,9 @@ def test_wrong_turns_and_temperatures_are_named() -> None:
 def test_a_motor_that_counts_its_turns_may_count_anew_after_a_restart(turns: int, sign: int) -> None:
     """In radians; a place that no turn brings into the joint's range is passed on as it is."""
     raw = rig_of(sign=sign).model_dump()
-    raw["sensors"][0] |= {"unit": "rad", "counts_per_turn": None}
-    units = LogUnits(build_rig(raw, "radians"))
+    encoder, *others = raw["sensors"]
+    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
+    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "radians"))
     assert units.sample(0.0, {"motor_angle": 0.3})[0] == pytest.approx(sign * 0.3)
     assert np.isnan(units.sample(0.1, {})[0])
     assert units.sample(0.2, {"motor_angle": 0.4 + 2 * pi * turns})[0] == pytest.approx(sign * 0.4)
