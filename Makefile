@@ -80,6 +80,8 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.hands
 	$(BIN)/python -m benchmarks.hands faults --draws 24
 	$(BIN)/python -m benchmarks.hands sound --draws 40
+	$(BIN)/python -m benchmarks.hands_watched
+	$(BIN)/python -m benchmarks.hand_page
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
 	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
