@@ -15,6 +15,8 @@ from benchmarks.strangers.servo_hands import orca_like
 from distal.errors import CommandError, EstimationError
 from distal.hands import Hand, Motors
 from distal.rig import Rig, build_rig, load_rig
+from distal.rig.hand_tables import Row, hand_of
+from distal.run.drive_range import range_ends
 
 JOINTS = ("index_mcp", "ring_abd")
 
@@ -330,3 +332,60 @@ def test_an_aborted_routine_says_why() -> None:
     ticks = iter(np.arange(0.0, 100.0, 0.004))
     with pytest.raises(CommandError, match="aborted: motor_1: a sweep took longer than"):
         hand.power_on(sleep=lambda _: None, now=lambda: float(next(ticks)))
+
+
+def coupled_rig() -> Rig:
+    """Return a hand with a joint that follows another."""
+    rows = [
+        Row(joint="pip", motor="motor_1", low=0.0, high=1.8, spool_radius=7e-3, joint_radius=8e-3),
+        Row(joint="dip", low=0.0, high=1.2, follows="pip", ratio=0.67),
+        Row(joint="abd", motor="motor_2", low=-0.4, high=0.4, spool_radius=7e-3, joint_radius=7e-3),
+    ]
+    rig = hand_of(rows, "hand", "table").rig
+    places = [k for k, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
+    return rig.with_values({f"sensors.{k}.bias": {"value": 0.0, "std": 0.02} for k in places})
+
+
+def test_a_joint_that_follows_another_moves_with_it_and_is_not_wanted_by_itself(orca: Orca) -> None:
+    hand = Hand(orca, coupled_rig(), compiled=False)
+    hand.update(0.0)
+    hand.set_joint_positions({"pip": 30.0})
+    for k in range(1, 200):
+        hand.update(0.01 * k)
+    angles = hand.get_joint_positions()
+    assert angles["pip"] == pytest.approx(30.0, abs=8.0)
+    assert angles["dip"] == pytest.approx(0.67 * angles["pip"], abs=1e-6)
+    with pytest.raises(CommandError, match="'dip' follows another joint and is not moved by itself"):
+        hand.set_joint_positions({"dip": 20.0})
+
+
+def test_temperatures_that_are_none_and_columns_of_another_hand(orca: Orca) -> None:
+    class Mine:
+        def read(self) -> Mapping[str, float]:
+            return {"1_position": 0.1}
+
+        def temperatures(self) -> Mapping[str, Any]:
+            return {"motor_1": None, "motor_2": 70.0, "other": 90.0}
+
+        def write(self, goals: Mapping[str, float]) -> None:
+            return None
+
+    hand = Hand(Mine(), sound_rig(), compiled=False)
+    reading = hand.update(0.0)
+    assert hand.health().hot == {"motor_2": 70.0}
+    assert reading.health == "bad"
+    assert "'1_position' was read, no column of the rig: motor_1_position" in hand.health().sentence
+
+
+def test_a_tendon_under_tension_meets_the_end_before_its_joint() -> None:
+    """By its stretch, T/k along the spool; a slack one as much later as it is slack."""
+    none, pair = {"value": 0.0, "std": 0.0}, (0, 1)
+    taut = sound_rig().with_values({f"tendons.{k}.slack": none for k in pair})
+    names = [sensor.name for sensor in taut.sensors]
+    pulled = taut.with_values({f"tendons.{k}.pretension": {"value": 5.0, "std": 0.0} for k in pair})
+    loose = taut.with_values({f"tendons.{k}.slack": {"value": 1e-3, "std": 0.0} for k in pair})
+    radius, stiffness = taut.drives[0].radius.value, taut.tendons[0].stiffness.value
+    for way in (0, 1):
+        contact = [range_ends(rig, names)[way].contact for rig in (taut, pulled, loose)]
+        assert contact[1] == pytest.approx(contact[0] - 5.0 / stiffness / radius)
+        assert contact[2] == pytest.approx(contact[0] + 1e-3 / radius)

@@ -74,6 +74,8 @@ def test_numbers_are_those_of_the_plant_within_their_errors() -> None:
         arm = known.arms[k, k]
         # what counts is the ratio of the radii, here with the arm that the rig takes as exact
         true = d.spools[0, k, k] / d.arms[0, k, k] * arm
+        # what the model misses of a torque: some of what moves the motor
+        assert 3e-3 < found.rig.sensors_of("force")[k].noise < d.gear_friction[0, k]
         assert abs(drive.radius.value - true) < 3 * drive.radius.std
         tendons = [tendon for tendon in found.rig.tendons if tendon.drive == drive.name]
         pair = float(d.slack[0, k] + d.slack[0, k + 2])
@@ -228,3 +230,41 @@ def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
     }
     one, other = found.rig.with_values(slack), found.rig.with_values(taut)
     assert f"{tendon}: was slack, is under tension" in moved(one, other)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"limits": 50.0}, "must be a torque up to 5 N m, 50.0 came; another unit?"),
+        ({"limits": {"n1": 0.1}}, "limits: there is no motor 'n1'"),
+        ({"limits": "x"}, "limits must be torques in N m, 'x' came"),
+        ({"speed": -1.0}, r"speed \[rad/s\] must be from 0.05 to 20, -1.0 came"),
+        ({"sweeps": 2}, "sweeps must be from 3 to 1000, 2 came"),
+        ({"longest": 0.0}, r"longest \[s\] must be from 1 to 3600"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_before_anything_moves(change: dict[str, object], says: str) -> None:
+    known, _ = hand()
+    with pytest.raises(CommandError, match=says):
+        Routine(rig_of(known), RoutineOptions(**change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("places", "torques", "says"),
+    [
+        (
+            180 / np.pi,
+            1.0,
+            "turn [0-9]+ times as far as their joints' ranges ask for, or more; is the unit of their positions",
+        ),
+        (1.0, 1e-3, "torques while they move are .* N m at most; is the unit of their currents"),
+        (1.0, 1e3, "is the unit of their currents"),
+    ],
+)
+def test_wrong_units_are_named_instead_of_broken_tendons(places: float, torques: float, says: str) -> None:
+    _, log = routine_log()
+    channels = {
+        name: values * (places if name.endswith("position") else torques) for name, values in log.channels.items()
+    }
+    with pytest.raises(FitError, match=says):
+        calibrate(Log(log.time, channels, {}, "degrees"), rig_of(hand()[0]))

@@ -81,6 +81,16 @@ def test_bends_say_which_spring_is_softer(order: tuple[int, ...]) -> None:
     assert all(0.1 <= std / value < 0.5 for std, value in zip(found.stds.values(), stiffness))
 
 
+def test_bends_are_tried_at_other_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From one start alone the search ends with two springs in each other's place."""
+    monkeypatch.setattr("distal.hands.springs.FACTORS", (1.0,))
+    true = SPRINGS[[1, 0, 2]]
+    log, rig = swept(true, 0.03, np.random.default_rng(5)), finger(4.5 * ARMS)
+    found = springs_of(log, rig, "one", sweeps_of(log, rig, "one"))
+    assert found is not None
+    np.testing.assert_allclose([found.values[f"joints.{k}.spring.stiffness"] for k in range(3)], true, rtol=0.08)
+
+
 def test_others_have_none() -> None:
     """A pair of tendons, one joint, and joints without springs of their own."""
     log = swept(SPRINGS, 0.03, np.random.default_rng(5))

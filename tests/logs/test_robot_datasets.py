@@ -17,6 +17,7 @@ from distal.cli.app import app
 from distal.errors import LogError
 from distal.logs import Episode, Log, episodes_of
 from distal.rig import Rig
+from distal.rig.hand_tables import Row, hand_of
 from distal.run import estimate_batch
 
 NAMES = ("motor.pos", "motor.current")
@@ -191,3 +192,23 @@ def test_the_command_estimates_all_episodes_into_files_beside(tmp_path: Path, ri
     first = np.loadtxt(out / "episode_000002.csv", delimiter=",", skiprows=1, usecols=(0, 1))
     alone = estimate(read_log(Episode(folder / "data" / "chunk-000" / "file-000.parquet", 2), rig), rig)
     np.testing.assert_allclose(first[:, 1], alone.angles[:, 0], rtol=0, atol=1e-9)
+
+
+def test_a_rig_of_motors_finds_them_in_the_state_of_a_dataset(tmp_path: Path) -> None:
+    """Its columns, ``motor_1_position`` and ``time``, are ``observation.state.…`` and ``timestamp`` there."""
+    (tmp_path / "meta").mkdir()
+    names = ["motor_1_position", "motor_1_current"]
+    (tmp_path / "meta" / "info.json").write_text(json.dumps({"features": {"observation.state": {"names": names}}}))
+    (tmp_path / "data").mkdir()
+    state = np.column_stack([np.linspace(0.0, 0.5, 50), np.full(50, 20.0)]).astype(np.float32)
+    columns = {
+        "observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
+        "timestamp": np.arange(50) / 100.0,
+        "episode_index": np.zeros(50),
+    }
+    pq.write_table(pa.table(columns), tmp_path / "data" / "episode_000000.parquet")
+    rig = hand_of([Row(joint="mcp", motor="motor_1", low=0.0, high=1.5, spool_radius=7e-3)], "hand", "table").rig
+    (episode,) = episodes_of(tmp_path)
+    log = read_log(episode, rig)
+    np.testing.assert_allclose(log.time, np.arange(50) / 100.0, atol=1e-12)
+    np.testing.assert_allclose(log.channels["motor_1_position"], state[:, 0], atol=1e-9)

@@ -230,3 +230,10 @@ def test_no_sdk_is_one_line(tmp_path: Path) -> None:
         from_aero()
     with pytest.raises(RigError, match="holds no 'aero_open_sdk'"):
         from_aero(tmp_path)
+
+
+def test_a_motor_that_stands_twice_is_named(tmp_path: Path) -> None:
+    with pytest.raises(
+        RigError, match=r"motor 'motor_1' has several joints \(a, b\): give each a motor, or 'spring' in 'back'"
+    ):
+        from_table(table(tmp_path, TABLE.splitlines()[0] + "\na,1,7,8,1,-20,95\nb,1,7,8,1,-20,95\n"))

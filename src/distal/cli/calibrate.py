@@ -35,7 +35,7 @@ def calibrate_command(
     description = load_rig(rig, set_ or ())
     with working("calibrating"):
         found = calibrate(log, description)
-    _show(found.rig)
+    _show(found.rig, {fault.drive for fault in found.faults if fault.kind != "slack"})
     for fault in found.faults:
         warn(fault.sentence)
     for note in found.notes:
@@ -47,11 +47,14 @@ def calibrate_command(
     say(f"wrote {out}")
 
 
-def _show(rig: Rig) -> None:
-    """Print what the routine found of each motor."""
+def _show(rig: Rig, faulty: set[str]) -> None:
+    """Print what the routine found of each motor; nothing of one with a fault, whose numbers are those of before."""
     rows = []
     for drive in rig.drives:
         if drive.kind != "capstan":
+            continue
+        if drive.name in faulty:
+            rows.append((drive.name, "not calibrated", *"––––"))
             continue
         tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
         arm = abs(next(iter(tendons[0].arms().values())))

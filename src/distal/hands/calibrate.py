@@ -15,7 +15,7 @@ from distal.fitting import Options
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.fitted_number import assignments
 from distal.fitting.numbers import Numbers, from_starts, problem_of
-from distal.hands.findings import Fault, faults_of, slack_of
+from distal.hands.findings import Fault, check_units, faults_of, slack_of
 from distal.hands.springs import Springs, springs_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of, sweeps_of
@@ -100,6 +100,7 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
         )
     log = log if isinstance(log, Log) else read_log(log, rig)
     sweeps = {drive.name: sweeps_of(log, rig, drive.name) for drive in rig.drives}
+    check_units(rig, sweeps, log.source)
     faults = tuple(fault for drive in rig.drives for fault in faults_of(rig, drive.name, sweeps[drive.name]))
     faulty, values, notes = {fault.drive for fault in faults}, dict[str, object](), list[str]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]

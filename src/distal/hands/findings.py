@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from distal.errors import FitError
 from distal.hands.starts import contacts, is_pair
 from distal.hands.sweeps import FEWEST, Sweep
 from distal.rig import Capstan, Rig
@@ -25,6 +26,12 @@ with more than the second by its travel alone, which radii and ranges make unsur
 SLIPPED = 4.0
 """A spool slipped where the end of the travel moved by this at the joint between sweeps [deg]."""
 
+
+TURNS_MOST = 5.0
+"""No hand's motors all turn so many times as far as their joints' ranges ask for."""
+
+LEAST_PULL, MOST_PULL = 5e-4, 5.0
+"""Between these is the largest torque that moves a motor of a hand [N m]."""
 
 FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
 
@@ -81,6 +88,25 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
             "side", share, f"stops after {share:.0f} % of its travel: a tendon is on the wrong side, or it is blocked"
         )
     return ()
+
+
+def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
+    """Raise a `FitError` where all motors turn, or pull, so much more or less than a hand's can that a unit is wrong."""
+    turned, pulls = list[float](), list[float]()
+    for drive in rig.drives:
+        assert isinstance(drive, Capstan)
+        tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+        joints = {joint.name: joint for joint in rig.joints}
+        need = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in tendon.arms().items())
+        contacts_of = [sweep.contact for sweep in sweeps[drive.name]]
+        turned.append((max(contacts_of) - min(contacts_of)) * drive.radius.value / need)
+        pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
+    if min(turned) > TURNS_MOST:
+        size = f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, or more"
+        raise FitError(f"{source}: {size}; is the unit of their positions right?")
+    if not LEAST_PULL < max(pulls) < MOST_PULL:
+        size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
+        raise FitError(f"{source}: {size}; is the unit of their currents, or the torque constant, right?")
 
 
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:

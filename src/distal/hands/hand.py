@@ -16,6 +16,7 @@ from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
+from distal.logs import write_log
 from distal.rig import Capstan, Rig, load_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.suggestions import did_you_mean
@@ -105,8 +106,9 @@ class Hand:
             command = self._inverse.step(time, self._wanted, sample)
             self._reading = command.reading
             self._send(command.places)
-        if problem and self._reading.health == "ok":
-            self._reading = replace(self._reading, health="missing", detail=problem)
+        if problem and self._reading.health in ("ok", "bad"):
+            word = "missing" if self._reading.health == "ok" else self._reading.health
+            self._reading = replace(self._reading, health=word, detail=problem)
         return self._reading
 
     def _sample(self, time: float) -> tuple[Floats, str]:
@@ -116,7 +118,12 @@ class Hand:
             values = dict(self._motors.read())
             if time - self._looked >= LOOKS:
                 self._looked = time
-                self._temperatures = dict(self._motors.temperatures())
+                told, drives = self._motors.temperatures(), [drive.name for drive in self._rig.drives]
+                self._temperatures = {
+                    name: float(value)
+                    for name, value in told.items()
+                    if name in drives and isinstance(value, (int, float, np.number)) and isfinite(value)
+                }
         except DistalError:
             raise
         except Exception as failure:  # serial ports and their packages raise many kinds
@@ -124,6 +131,8 @@ class Hand:
             problem = f"the hand did not answer ({type(failure).__name__}: {failure})"
         known = set(self._units.columns) | set(self._units.channels)
         read = {name: value for name, value in values.items() if name in known}
+        if values and not read:
+            problem = f"'{next(iter(values))}' was read, no column of the rig: {', '.join(self._units.columns[:4])}, …"
         silent = [sensor.of for sensor in self._rig.sensors_of("position") if sensor.log_column not in read]
         self._silent = tuple(dict.fromkeys(silent))
         try:
@@ -155,7 +164,7 @@ class Hand:
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
         """Want these angles [deg]: each `update` sends the motors there, through play, stretch and friction.
 
-        Joints that are left out stay where they are wanted, or are.
+        Joints that are left out stay where they are wanted, or are; those that follow others are not wanted by themselves.
 
         Raises:
             CommandError: a name is unknown, an angle is no number or beyond the joint's range, or where the hand is is not
@@ -167,9 +176,14 @@ class Hand:
         if unknown:
             known = f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent"
             raise CommandError(f"{known}: call power_on, or take the rig that distal calibrate wrote")
-        ranges = {joint.name: joint.travel for joint in self._rig.joints}
-        wanted = dict(zip(self._joints, self._reading.angles)) | self._wanted
+        ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
+        angles = dict(zip(self._joints, self._reading.angles))
+        wanted = {name: angles[name] for name in ranges} | self._wanted
         for name, angle in positions.items():
+            if name in self._joints and name not in ranges:
+                raise CommandError(
+                    f"'{name}' follows another joint and is not moved by itself: want an angle of that one"
+                )
             if name not in ranges:
                 raise CommandError(f"there is no joint '{name}'{did_you_mean(name, ranges)}")
             low, high = (degrees(end) for end in ranges[name])
@@ -201,6 +215,7 @@ class Hand:
         options: RoutineOptions | None = None,
         period: float = 0.01,
         show: Callable[[str], None] | None = None,
+        record: str | Path | None = None,
         sleep: Callable[[float], None] = clock.sleep,
         now: Callable[[], float] = clock.monotonic,
     ) -> Calibrated:
@@ -210,6 +225,7 @@ class Hand:
             options: order, limits, speed; see `RoutineOptions`.
             period: of goals and readings [s].
             show: called with what moves now, in words.
+            record: where to write what was read, as a log for `distal calibrate`; also where the routine is aborted.
             sleep: waits [s]; with `now`, for hands that are simulated.
             now: the clock [s].
 
@@ -226,13 +242,16 @@ class Hand:
                 self._write(routine.step(time, dict(zip(self._units.channels, sample.tolist()))))
                 if show is not None and routine.moving != shown:
                     shown = routine.moving
-                    show(", ".join(shown))
+                    if shown:
+                        show(", ".join(shown))
                 sleep(max(0.0, begin + time + period - now()))
         except BaseException as ended:  # Ctrl-C too, wherever it comes: no motor may go on pushing
             routine.abort("interrupted" if isinstance(ended, KeyboardInterrupt) else str(ended))
             self._write(routine.goals)
             if not isinstance(ended, KeyboardInterrupt):
                 raise
+        if record is not None and any(map(isfinite, routine.goals.values())):
+            write_log(routine.log(), self._rig, record)
         if routine.aborted:
             self._write(routine.goals)
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")

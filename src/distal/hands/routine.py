@@ -10,9 +10,10 @@ import numpy as np
 
 from distal.errors import CommandError
 from distal.hands.starts import is_pair
-from distal.hands.sweeps import channels_of
+from distal.hands.sweeps import FEWEST, channels_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig
+from distal.suggestions import did_you_mean
 
 OF_PAIR, OF_SINGLE = 0.15, 0.35
 """Torques at which a sweep turns back, of a motor with two tendons and of one that pulls against springs [N m]."""
@@ -37,6 +38,9 @@ NEAR, WAITED = 0.03, 1.0
 
 SILENT = 0.5
 """The routine ends where a motor's angle is missing for longer than this [s]."""
+
+STRONGEST = 5.0
+"""No motor of a hand is asked for more torque than this [N m]."""
 
 LARGEST = 3.0
 """The routine ends where a torque is above this many times its limit."""
@@ -124,11 +128,12 @@ class Routine:
     Nothing moves but the motors of one group at a time; `abort` leaves all where they are.
 
     Raises:
-        CommandError: the order names no motor or joint, or a limit is none.
+        CommandError: the order or a limit names no motor or joint, or a number cannot be.
     """
 
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
         self._options = options = RoutineOptions() if options is None else options
+        _check(rig, options)
         self._channels = {drive.name: channels_of(rig, drive.name) for drive in rig.drives}
         self._motors = {drive.name: _Motor(rig, drive.name, _limit(rig, drive.name, options)) for drive in rig.drives}
         self._groups = _groups(rig, options.order)
@@ -216,9 +221,35 @@ def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:
     limits = options.limits
     usual = OF_PAIR if is_pair(rig, drive) else OF_SINGLE
     limit = usual if limits is None else limits.get(drive, usual) if isinstance(limits, Mapping) else float(limits)
-    if not 0.0 < limit < 100.0:
-        raise CommandError(f"the limit of motor '{drive}' must be a torque above 0 N m, {limit!r} came")
+    if not 0.0 < limit <= STRONGEST:
+        raise CommandError(
+            f"the limit of motor '{drive}' must be a torque up to {STRONGEST:g} N m, {limit!r} came; another unit?"
+        )
     return limit
+
+
+def _check(rig: Rig, options: RoutineOptions) -> None:
+    """Raise a `CommandError` before anything moves, where a number cannot be."""
+    motors = [drive.name for drive in rig.drives]
+    limits = (
+        options.limits
+        if isinstance(options.limits, Mapping)
+        else {}
+        if options.limits is None
+        else {"": options.limits}
+    )
+    for name, limit in limits.items():
+        if name and name not in motors:
+            raise CommandError(f"limits: there is no motor '{name}'{did_you_mean(name, motors)}")
+        if isinstance(limit, bool) or not isinstance(limit, (int, float)):
+            raise CommandError(f"limits must be torques in N m, {limit!r} came")
+    for what, value, least, most in (
+        ("speed [rad/s]", options.speed, 0.05, 20.0),
+        ("sweeps", options.sweeps, FEWEST, 1000),
+        ("longest [s]", options.longest, 1.0, 3600.0),
+    ):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
+            raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:

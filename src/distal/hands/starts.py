@@ -109,7 +109,11 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
 
 
 def tendon_stiffness(tendon: Tendon, radius: float, sweeps: Sequence[Sweep]) -> float:
-    """Return the stiffness of a tendon by how the torque grows at the ends of its motor's travel, else the rig's [N/m]."""
+    """Return the stiffness of a tendon by how the torque grows at the ends of its motor's travel, else the rig's [N/m].
+
+    Args:
+        radius: of the spool [m].
+    """
     slopes = [sweep.slope for sweep in sweeps if sweep.slope > 0.0]
     return STIFFER * float(np.median(slopes)) / radius**2 if slopes else tendon.stiffness.value
 

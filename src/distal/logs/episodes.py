@@ -17,6 +17,9 @@ from distal.logs.vectors import INFO, dataset_info
 EPISODE = "episode_index"
 """Column of the episode that a row is of."""
 
+STATE, STAMPS = "observation.state.", {"time": ("timestamp",)}
+"""Where a dataset has what motors read, and its time."""
+
 
 @dataclass(frozen=True)
 class Episode:
@@ -71,7 +74,11 @@ def episodes_of(folder: Path) -> list[Episode]:
 
 def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
     """Return the cells of an episode."""
-    asked = None if columns is None else (*columns, EPISODE)
+    # a rig whose columns are motors finds them in the vector of the state, and its time in the stamps
+    alias = (
+        {} if columns is None else {other: name for name in columns for other in (STATE + name, *STAMPS.get(name, ()))}
+    )
+    asked = None if columns is None else (*columns, *alias, EPISODE)
     try:
         written = episode.path.stat().st_mtime_ns
     except OSError as problem:
@@ -79,7 +86,8 @@ def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
     cells, numbers = _file(episode.path, written, asked)
     mine = numbers == episode.number
     held = {name: np.asarray(cells.column(name))[mine] for name in cells.names if asked is None or name in asked}
-    return in_memory(held, episode.path, 1, cells.names)
+    named = {alias[name]: values for name, values in held.items() if name in alias} | held
+    return in_memory(named, episode.path, 1, [*cells.names, *(name for name in named if name not in cells.names)])
 
 
 @lru_cache(maxsize=2)

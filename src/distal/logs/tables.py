@@ -18,6 +18,7 @@ from distal.logs.header_units import header, needed, scale, units_of
 from distal.logs.output_targets import shown
 from distal.logs.reader_process import table_by_process
 from distal.logs.sources import Source
+from distal.logs.vectors import INFO
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
         except (OSError, ValueError, RuntimeError) as problem:
             raise LogError(f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})") from None
         if is_folder:
-            raise LogError(f"{path}: is a folder; a CSV or Parquet file is expected")
+            raise LogError(f"{path}: is a folder without {INFO}, so no dataset; give its files, such as {path}/*.csv")
         kind = format_of(path)
         if kind.read is None:
             raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")

@@ -39,6 +39,11 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
             raise RigError(f"{title}: motor '{name}' has several lines with different spools, units or constants")
         if len({row.joint for row in same}) < len(same):
             raise RigError(f"{title}: motor '{name}' has two lines for one joint")
+        if len(same) > 1 and all(row.back == "tendon" for row in same):
+            joints_of = ", ".join(row.joint for row in same)
+            raise RigError(
+                f"{title}: motor '{name}' has several joints ({joints_of}): give each a motor, or 'spring' in 'back'"
+            )
     raw: Raw = {
         "name": title,
         "log": {"time": {"column": "time", "unit": "s"}},
