@@ -18,7 +18,7 @@ orca = OrcaHand()
 orca.connect()
 orca.enable_torque()
 hand = Hand(orca, rig)
-found = hand.power_on(show=lambda motor: print("moving", motor))
+found = hand.power_on(show=lambda motor: print("moving", motor), record="routine.csv")
 for fault in found.faults:
     print(fault.sentence)
 found.save(out)

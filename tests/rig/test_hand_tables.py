@@ -237,3 +237,10 @@ def test_a_motor_that_stands_twice_is_named(tmp_path: Path) -> None:
         RigError, match=r"motor 'motor_1' has several joints \(a, b\): give each a motor, or 'spring' in 'back'"
     ):
         from_table(table(tmp_path, TABLE.splitlines()[0] + "\na,1,7,8,1,-20,95\nb,1,7,8,1,-20,95\n"))
+
+
+def test_a_direction_that_is_left_out_is_said(tmp_path: Path) -> None:
+    text = "joint,motor,direction,low [deg],high [deg],follows,ratio\na,1,-1,0,90,,\nb,2,,0,90,,\nc,,,0,60,b,0.6\n"
+    (note,) = from_table(table(tmp_path, text)).notes
+    assert note == "no direction of b: each angle is taken to grow with its motor's reading; look once"
+    assert from_table(table(tmp_path, TABLE)).notes == ()

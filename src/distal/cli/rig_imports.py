@@ -22,12 +22,12 @@ def _write(imported: Imported, out: Path, source: str) -> None:
     """Write an imported rig, and say what was guessed."""
     from distal.logs import write_whole
 
+    write_whole(out, imported.text)
     say(f"{imported.rig}")
     for note in imported.notes:
         say(f"  {note}")
     say(f"not in the {source}, so written with a guess and a wide std:")
     say(f"  {', '.join(imported.missing)}")
-    write_whole(out, imported.text)
     say(f"wrote {out}; look for 'not in the {source}' in it, then `distal rig check {out}`")
 
 

@@ -50,8 +50,12 @@ def from_table(path: str | Path) -> Imported:
     if len(filled) > MOST_ROWS:
         raise RigError(f"{path}: {len(filled) - 1} lines; a hand has at most {MOST_ROWS - 1}")
     columns = _header(path, filled[0][1])
-    rows = [_row(path, i, dict(zip(columns, line))) for i, line in filled[1:]]
-    return hand_of(rows, path.stem, "table")
+    cells = [dict(zip(columns, line)) for _, line in filled[1:]]
+    rows = [_row(path, i, of_line) for (i, _), of_line in zip(filled[1:], cells)]
+    told = [of_line.get(("direction", None), "").strip() for of_line in cells]
+    untold = [row.joint for row, way in zip(rows, told) if not way and row.follows is None]
+    note = f"no direction of {', '.join(untold)}: each angle is taken to grow with its motor's reading; look once"
+    return hand_of(rows, path.stem, "table", [note] if untold else [])
 
 
 def _header(path: Path, cells: list[str]) -> list[tuple[str, str | None]]:
