@@ -102,6 +102,12 @@ def test_others_have_none() -> None:
         assert springs_of(log, rig, "one", sweeps_of(log, finger(), "one")) is None
 
 
+def test_a_motor_that_pulls_the_other_way_has_none() -> None:
+    log, rig = swept(SPRINGS, 0.0, np.random.default_rng(5)), finger()
+    turned = Log(log.time, log.channels | {"one_current": -log.channels["one_current"]}, {}, "turned")
+    assert springs_of(turned, rig, "one", sweeps_of(log, rig, "one")) is None
+
+
 @pytest.mark.slow
 def test_a_finger_is_better_known_than_by_its_motors_travel(monkeypatch: pytest.MonkeyPatch) -> None:
     known, hands = aero_like([3])

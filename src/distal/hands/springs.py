@@ -39,6 +39,9 @@ FACTORS = (0.7, 1.0, 1.4)
 LIKELY = 6.0
 """A curve errs alike from place to place: an end is e times less likely where its cost is larger by this [1]."""
 
+MOST_JOINTS = 4
+"""Joints of a tendon: of more, a curve does not tell, and the starts of a search would be many."""
+
 LEAST_SPREAD = 0.1
 """A spring is never better known than this, as a share."""
 
@@ -56,11 +59,13 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
     tendons = [k for k, tendon in enumerate(rig.tendons) if tendon.drive == drive]
     crossed = [i for i, joint in enumerate(rig.joints) if joint.name in rig.tendons[tendons[0]].arms()]
     plain = all(rig.joints[i].spring is not None and rig.joints[i].coupled is None for i in crossed)
-    if len(rig.drives) != 1 or len(tendons) != 1 or len(crossed) < 2 or not plain:
+    if len(rig.drives) != 1 or len(tendons) != 1 or not 2 <= len(crossed) <= MOST_JOINTS or not plain:
         return None
     motor = rig.drives[0]
     assert isinstance(motor, Capstan)
     places, torques = _both_ways(log, rig, drive, sweeps)
+    if len(places) < PLACES // 2 or torques.max() <= 0.0:
+        return None
     paths = [*(f"joints.{i}.spring.stiffness" for i in crossed), f"tendons.{tendons[0]}.stiffness"]
     mechanism, position = Mechanism(rig, paths), channels_of(rig, drive)[0]
     place = [sensor.name for sensor in rig.sensors].index(position)
@@ -81,7 +86,7 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
     largest = MOST * float(torques.max()) / motor.radius.value
     reached, pulls = (np.array(part).ravel() for part in curve(largest, mechanism.parameters.values))
     zero = float(places[-1] - reached[-1])  # all joints are at their stops
-    middle = slice(PLACES // 4, 3 * PLACES // 4)
+    middle = slice(len(places) // 4, 3 * len(places) // 4)
     expected = np.interp(places[middle] - zero, reached, pulls)
     together = float(np.log(max(np.median(torques[middle] / np.maximum(expected, 1e-9)), 0.1)))
 
