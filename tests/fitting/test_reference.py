@@ -180,3 +180,13 @@ def test_the_share_of_the_filters_std_is_that_of_the_narrowest_band(rig: Rig) ->
     # of a map without a filter nothing is shared
     alone = [[(0.1 * rng.normal(size=4000), np.full(4000, 0.01), np.zeros(4000))]]
     assert sized(learned, alone, True).own == 1.0
+
+
+def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:
+    """A rig file takes no number below 1e-20: a slack that a search made ever smaller is none."""
+    start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
+    path = "joints.0.friction.coefficient"
+    found = FittedNumber("it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, True, False, (6.4e-22,), held_error=0.05)
+    after = start.with_values(assignments([found], start)).joints[0].friction
+    assert after is not None
+    assert after.coefficient.value == 0.0

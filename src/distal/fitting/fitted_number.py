@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from distal.rig import Number, Rig, named, number, part_at
+from distal.rig.quantities import SMALLEST
 
 DIGITS = 7
 """Significant digits of a value in a file: far more than any log tells."""
@@ -101,7 +102,7 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False)
             continue
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
-            rounded = float(f"{value:.{DIGITS}g}")
+            rounded = 0.0 if abs(value) < SMALLEST else float(f"{value:.{DIGITS}g}")
             if only_grows(path, start):
                 # what these logs did not need, the next may: a filter that trusts its model wholly is not honest
                 rounded = max(rounded, before.value)
