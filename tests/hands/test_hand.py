@@ -12,7 +12,7 @@ import pytest
 from benchmarks.hands import rig_of
 from benchmarks.strangers.servo_hands import orca_like
 
-from distal.errors import CommandError, EstimationError
+from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
 from distal.rig import Rig, build_rig, load_rig
 from distal.rig.hand_tables import Row, hand_of
@@ -389,3 +389,11 @@ def test_a_tendon_under_tension_meets_the_end_before_its_joint() -> None:
         contact = [range_ends(rig, names)[way].contact for rig in (taut, pulled, loose)]
         assert contact[1] == pytest.approx(contact[0] - 5.0 / stiffness / radius)
         assert contact[2] == pytest.approx(contact[0] + 1e-3 / radius)
+
+
+def test_a_record_that_cannot_be_written_is_refused_before_anything_moves(
+    hand: Hand, orca: Orca, tmp_path: Path
+) -> None:
+    with pytest.raises(OutputError, match="does not exist"):
+        hand.power_on(record=tmp_path / "none" / "routine.csv")
+    assert orca.sent == {}

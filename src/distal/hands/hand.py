@@ -17,6 +17,7 @@ from distal.hands.motors import motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
 from distal.logs import write_log
+from distal.logs.atomic_writes import check_writable
 from distal.rig import Capstan, Rig, load_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.suggestions import did_you_mean
@@ -232,7 +233,10 @@ class Hand:
         Raises:
             CommandError: the routine was aborted; says why. The motors stay where they are.
             FitError: no such rig moves as the hand does.
+            OutputError: the record cannot be written; where its folder is missing, before anything moves.
         """
+        if record is not None:
+            check_writable(Path(record))
         routine, shown = Routine(self._rig, options), tuple[str, ...]()
         begin = now()
         try:
@@ -250,10 +254,11 @@ class Hand:
             self._write(routine.goals)
             if not isinstance(ended, KeyboardInterrupt):
                 raise
+        if routine.aborted:
+            self._write(routine.goals)  # before anything that may fail
         if record is not None and any(map(isfinite, routine.goals.values())):
             write_log(routine.log(), self._rig, record)
         if routine.aborted:
-            self._write(routine.goals)
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
         found = calibrate(routine.log(), self._rig)
         self._use(found.rig)
