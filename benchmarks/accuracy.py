@@ -1,6 +1,8 @@
-"""How accurate and how honest: plants × scenarios × estimators × seeds, in parallel, as tables and a picture.
+"""How accurate and how honest: plants × scenarios × estimators × seeds, in parallel, as tables and
+a picture.
 
-`make accuracy`; `python -m benchmarks.accuracy --seeds 5` is quicker. Errors are of the joint angle, pooled over seeds.
+`make accuracy`; `python -m benchmarks.accuracy --seeds 5` is quicker. Errors are of the joint
+angle, pooled over seeds.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ from distal.errors import DistalError
 from distal.estimators import KernelEstimator, make_estimator
 
 ABLE = tuple(name for name in ESTIMATORS if name != "affine")
-"""`affine` is left out: these rigs have no `[affine]`, since no log of these plants comes before the one that is judged."""
+"""`affine` is left out: these rigs have no `[affine]`, since no log of these plants comes before
+the one that is judged.
+"""
 
 COMPARED = (*ABLE, "iterated")
 """On every log; the two slow rivals only on the logs of another simulator."""
@@ -47,7 +51,9 @@ COMPARED = (*ABLE, "iterated")
 
 @dataclass(frozen=True)
 class Score:
-    """What one estimator made of one log: sum of squared errors, samples, samples inside the band, half-width, NEES."""
+    """What one estimator made of one log: sum of squared errors, samples, samples inside the band,
+    half-width, NEES.
+    """
 
     case: str
     plant: str
@@ -76,9 +82,16 @@ def _hand_maker(name: str, friction: str) -> KernelEstimator:
 
 
 def score(
-    log: Log, rig: Rig, estimator: KernelEstimator, labels: tuple[str, str, str], seed: int, bound: float = np.nan
+    log: Log,
+    rig: Rig,
+    estimator: KernelEstimator,
+    labels: tuple[str, str, str],
+    seed: int,
+    bound: float = np.nan,
 ) -> Score:
-    """Return the score of an estimator on a log; a run that it refuses counts as an error of 90°."""
+    """Return the score of an estimator on a log; a run that it refuses counts as an error of
+    90°.
+    """
     try:
         result = estimate(log, rig, estimator)
     except DistalError:
@@ -86,7 +99,15 @@ def score(
     error, std = result.errors(), np.maximum(result.theta_std, 1e-9)
     nees = float(np.mean((error / std) ** 2))
     half = float(np.rad2deg(BAND * np.median(std)))
-    return Score(*labels, seed, float(np.rad2deg(result.rms_error())), result.inside_band(), half, nees, bound)
+    return Score(
+        *labels,
+        seed,
+        float(np.rad2deg(result.rms_error())),
+        result.inside_band(),
+        half,
+        nees,
+        bound,
+    )
 
 
 def run(job: tuple[str, str, int]) -> list[Score]:
@@ -100,20 +121,34 @@ def run(job: tuple[str, str, int]) -> list[Score]:
     bound = np.nan
     if plant == "no linearity error":
         bound = float(np.rad2deg(lower_bound(rig, log)))
-    scores = [score(log, rig, _maker(name, plant), (kind, plant, name), seed, bound) for name in COMPARED]
+    scores = [
+        score(log, rig, _maker(name, plant), (kind, plant, name), seed, bound) for name in COMPARED
+    ]
     if plant in WITHIN:
         scores.append(
-            score(spoiled(log, seed), rig, _maker("adaptive", plant), (kind, plant, "adaptive, spoiled log"), seed)
+            score(
+                spoiled(log, seed),
+                rig,
+                _maker("adaptive", plant),
+                (kind, plant, "adaptive, spoiled log"),
+                seed,
+            )
         )
     return scores
 
 
 def pooled(scores: Iterable[Score]) -> tuple[str, ...]:
-    """Return RMS pooled and of the worst seed, share inside the band, median half-width, NEES, ratio to the bound."""
+    """Return RMS pooled and of the worst seed, share inside the band, median half-width, NEES,
+    ratio to the bound.
+    """
     held = list(scores)
     rms = float(np.sqrt(np.mean([one.rms**2 for one in held])))
     half = float(np.nanmedian([one.half for one in held]))
-    bound = float(np.sqrt(np.nanmean([one.bound**2 for one in held]))) if np.isfinite(held[0].bound) else np.nan
+    bound = (
+        float(np.sqrt(np.nanmean([one.bound**2 for one in held])))
+        if np.isfinite(held[0].bound)
+        else np.nan
+    )
     return (
         f"{rms:.2f}",
         f"{max(one.rms for one in held):.2f}",
@@ -125,7 +160,15 @@ def pooled(scores: Iterable[Score]) -> tuple[str, ...]:
     )
 
 
-COLUMNS = ["RMS [°]", "worst seed [°]", "inside 95 % band", "half-width [°]", "half-width / RMS", "NEES", "RMS / bound"]
+COLUMNS = [
+    "RMS [°]",
+    "worst seed [°]",
+    "inside 95 % band",
+    "half-width [°]",
+    "half-width / RMS",
+    "NEES",
+    "RMS / bound",
+]
 
 
 def main() -> None:
@@ -143,7 +186,11 @@ def main() -> None:
             _maker(name, plant)  # compiled once, before the processes share it
     scores: list[Score] = []
     with ProcessPoolExecutor(arguments.processes) as pool:
-        for part in track(pool.map(run, jobs, chunksize=4), total=len(jobs), description="simulating and estimating"):
+        for part in track(
+            pool.map(run, jobs, chunksize=4),
+            total=len(jobs),
+            description="simulating and estimating",
+        ):
             scores.extend(part)
     goals(scores)
     rivals(scores)
@@ -165,12 +212,25 @@ def goals(scores: list[Score]) -> None:
     }
     rows = []
     for label, (kinds, plants) in groups.items():
-        chosen = [one for one in scores if one.case in kinds and one.plant in plants and one.estimator == "adaptive"]
+        chosen = [
+            one
+            for one in scores
+            if one.case in kinds and one.plant in plants and one.estimator == "adaptive"
+        ]
         rows.append([label, *pooled(chosen)])
-        spoilt = [one for one in scores if one.case in kinds and one.plant in plants and "spoiled" in one.estimator]
+        spoilt = [
+            one
+            for one in scores
+            if one.case in kinds and one.plant in plants and "spoiled" in one.estimator
+        ]
         if spoilt:
             rows.append([f"{label}; log spoiled", *pooled(spoilt)])
-    table("accuracy-goals", "`adaptive`, pooled over plants, scenarios and seeds", ["case", *COLUMNS], rows)
+    table(
+        "accuracy-goals",
+        "`adaptive`, pooled over plants, scenarios and seeds",
+        ["case", *COLUMNS],
+        rows,
+    )
 
 
 def rivals(scores: list[Score]) -> None:
@@ -184,9 +244,16 @@ def rivals(scores: list[Score]) -> None:
     }
     for label, (kinds, plants) in groups.items():
         for name in COMPARED:
-            chosen = [one for one in scores if one.case in kinds and one.plant in plants and one.estimator == name]
+            chosen = [
+                one
+                for one in scores
+                if one.case in kinds and one.plant in plants and one.estimator == name
+            ]
             rows.append([label, name, *pooled(chosen)])
-    title = "All estimators; within: ±20 % friction, ±10 % stiffness; beyond: ±30 % friction, observed, slider friction"
+    title = (
+        "All estimators; within: ±20 % friction, ±10 % stiffness; beyond: ±30 % friction, "
+        "observed, slider friction"
+    )
     table("accuracy-rivals", title, ["plants", "estimator", *COLUMNS], rows)
 
 
@@ -196,7 +263,11 @@ def everything(scores: list[Score]) -> None:
     for kind in (*SCENARIOS, "hand"):
         for plant in (*PLANTS, "given", "unknown"):
             for name in (*COMPARED, "adaptive, spoiled log"):
-                chosen = [one for one in scores if (one.case, one.plant, one.estimator) == (kind, plant, name)]
+                chosen = [
+                    one
+                    for one in scores
+                    if (one.case, one.plant, one.estimator) == (kind, plant, name)
+                ]
                 if chosen:
                     rows.append([kind, plant, name, *pooled(chosen)])
     FOLDER.mkdir(parents=True, exist_ok=True)
@@ -208,7 +279,11 @@ def everything(scores: list[Score]) -> None:
         [c for c in columns if c != "estimator"],
         [[*r[:2], *r[3:]] for r in adaptive],
     )
-    lines = [f"| {' | '.join(columns)} |", f"|{'---|' * len(columns)}", *(f"| {' | '.join(row)} |" for row in rows)]
+    lines = [
+        f"| {' | '.join(columns)} |",
+        f"|{'---|' * len(columns)}",
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]
     (FOLDER / "accuracy-all.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -228,8 +303,16 @@ def recorded() -> None:
         path = Path(folder) / "mujoco_rig" / f"mujoco_tension_{motion}.csv"
         log = read_log(path, rig, path.with_name(f"mujoco_tension_{motion}.truth.csv"))
         for name in (*ABLE, *RIVALS):
-            rows.append([label, name, *pooled([score(log, rig, estimator_named(name, rig), (label, "", name), 0)])])
-    table("accuracy-mujoco", "Logs that another simulator made", ["log", "estimator", *COLUMNS], rows)
+            rows.append(
+                [
+                    label,
+                    name,
+                    *pooled([score(log, rig, estimator_named(name, rig), (label, "", name), 0)]),
+                ]
+            )
+    table(
+        "accuracy-mujoco", "Logs that another simulator made", ["log", "estimator", *COLUMNS], rows
+    )
 
 
 def picture(scores: list[Score]) -> None:
@@ -240,11 +323,18 @@ def picture(scores: list[Score]) -> None:
     with figure(1, 2, (7.2, 4.2), sharey=True, width_ratios=[1.3, 1]) as (drawn, axes):
         for i, name in enumerate(("adaptive", "ekf", "ekf-2008", "elastic")):
             chosen = [
-                [s for s in scores if s.estimator == name and s.plant == p and s.case in MID_RANGE] for p in plants
+                [s for s in scores if s.estimator == name and s.plant == p and s.case in MID_RANGE]
+                for p in plants
             ]
             rms = [np.sqrt(np.mean([one.rms**2 for one in part])) for part in chosen]
             inside = [100 * np.mean([one.inside for one in part]) for part in chosen]
-            style = {"color": COLOURS[i], "marker": "os^D"[i], "markersize": 5, "linestyle": "none", "label": name}
+            style = {
+                "color": COLOURS[i],
+                "marker": "os^D"[i],
+                "markersize": 5,
+                "linestyle": "none",
+                "label": name,
+            }
             axes[0].plot(rms, range(len(plants)), **style)
             axes[1].plot(inside, range(len(plants)), **style)
         axes[0].set_xscale("log")
@@ -254,7 +344,9 @@ def picture(scores: list[Score]) -> None:
         axes[1].axvspan(90, 99, color="0.9", zorder=0)
         axes[1].set_xlim(0, 103)
         axes[1].set_xlabel("truth inside the 95 % band [%]")
-        drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+        drawn.legend(
+            *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8
+        )
     save_figure(drawn, FOLDER / "accuracy.svg")
     save_figure(drawn, FOLDER / "accuracy.png")
 

@@ -1,4 +1,6 @@
-"""A cable in its sheath as a plant: massless points between springs, solved by an active set; no code of `distal.model`."""
+"""A cable in its sheath as a plant: massless points between springs, solved by an active set; no
+code of `distal.model`.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,17 @@ POINTS = 16
 
 
 class Cable:
-    """A cable of many points in a sheath; tension is in every stretch, at most e^{±μβ/N} from the next."""
+    """A cable of many points in a sheath; tension is in every stretch, at most e^{±μβ/N} from the
+    next.
+    """
 
-    def __init__(self, stiffness: float, friction: float, wrap: float, let_out: float = 1.0) -> None:
-        self.drawn, self.out = exp(friction * wrap / POINTS), exp(friction * wrap * let_out / POINTS)
+    def __init__(
+        self, stiffness: float, friction: float, wrap: float, let_out: float = 1.0
+    ) -> None:
+        self.drawn, self.out = (
+            exp(friction * wrap / POINTS),
+            exp(friction * wrap * let_out / POINTS),
+        )
         self.springs = np.array([2 * POINTS, *[POINTS] * (POINTS - 1), 2 * POINTS]) * stiffness
         self.points: Any = None
 
@@ -28,16 +37,27 @@ class Cable:
         self.points, self.sliding = self.settled(drive, joint)
 
     def settled(self, drive: float, joint: float) -> tuple[Floats, Any]:
-        """Return where the points come to rest: no two stretches differ by more than friction holds; an active set."""
+        """Return where the points come to rest: no two stretches differ by more than friction
+        holds; an active set.
+        """
         n, springs = POINTS, self.springs
         if self.points is None:
-            self.points, self.sliding = drive + (joint - drive) * (np.arange(n) + 0.5) / n, np.zeros(n, dtype=int)
+            self.points, self.sliding = (
+                drive + (joint - drive) * (np.arange(n) + 0.5) / n,
+                np.zeros(n, dtype=int),
+            )
         sliding = self.sliding
         for _ in range(60):
             # a point is held where it was, drawn in (near = e far), or let out (far = e near)
             slack = drive <= joint
-            near = np.where(sliding == 0, 0.0, np.where((sliding > 0) | slack, 1.0, self.out)) * springs[:-1]
-            far = np.where(sliding == 0, 0.0, np.where((sliding < 0) | slack, 1.0, self.drawn)) * springs[1:]
+            near = (
+                np.where(sliding == 0, 0.0, np.where((sliding > 0) | slack, 1.0, self.out))
+                * springs[:-1]
+            )
+            far = (
+                np.where(sliding == 0, 0.0, np.where((sliding < 0) | slack, 1.0, self.drawn))
+                * springs[1:]
+            )
             own = np.where(sliding == 0, 1.0, near + far)
             right = np.where(sliding == 0, self.points, 0.0)
             right[0] += near[0] * drive
@@ -49,7 +69,9 @@ class Cable:
             wanted = np.where(pulls[1:] > self.out * pulls[:-1] + 1e-9, -1, wanted)
             wanted = np.where(sliding == 0, wanted, sliding)
             # what would slide back is held
-            wanted = np.where((sliding * (moved - self.points) < -1e-12) & (sliding != 0), 0, wanted)
+            wanted = np.where(
+                (sliding * (moved - self.points) < -1e-12) & (sliding != 0), 0, wanted
+            )
             if np.array_equal(wanted, sliding):
                 break
             sliding = wanted

@@ -1,4 +1,6 @@
-"""What `make accuracy` runs: plants that differ from the rig the filter knows, and scenarios drawn from a seed."""
+"""What `make accuracy` runs: plants that differ from the rig the filter knows, and scenarios drawn
+from a seed.
+"""
 
 from __future__ import annotations
 
@@ -43,14 +45,18 @@ SCENARIOS = (*MID_RANGE, *INTO_STOPS)
 
 
 def paper_rig(plant: str) -> Rig:
-    """Return what the filter knows: the paper's rig in a 20 mm window; without linearity error where there is none."""
+    """Return what the filter knows: the paper's rig in a 20 mm window; without linearity error
+    where there is none.
+    """
     values = dict(WINDOW)
     if plant == "no linearity error":
         values |= PLANTS[plant]
     return load_rig("paper-2008-printed").with_values(values)
 
 
-def _points(rng: np.random.Generator, every: tuple[float, float], low: float, high: float) -> list[list[float]]:
+def _points(
+    rng: np.random.Generator, every: tuple[float, float], low: float, high: float
+) -> list[list[float]]:
     time, points = 0.0, [[0.0, 3.0]]
     while time < DURATION:
         time += float(rng.uniform(*every))
@@ -75,15 +81,19 @@ def _alternating(rng: np.random.Generator, high: float) -> dict[str, list[list[f
 def scenario(kind: str, plant: str, seed: int) -> Scenario:
     """Return a scenario drawn from a seed.
 
-    Ramps pull one side by 4.3 to 5.2 N, the other by 1.8 to 2.2 N (into the stops: 5 to 8 N) and change over
-    every 1 to 2 s, so that the link moves; weights are hung every 1.5 to 2.5 s, 2 to 5 N (2 to 8 N); servos
-    move both sliders against each other. The link starts where the filter's prior says it may. Args: kind: one
-    of `SCENARIOS`. plant: one of `PLANTS`. seed: of the draw.
+    Ramps pull one side by 4.3 to 5.2 N, the other by 1.8 to 2.2 N (into the stops: 5 to 8 N) and
+    change over every 1 to 2 s, so that the link moves; weights are hung every 1.5 to 2.5 s, 2 to 5
+    N (2 to 8 N); servos move both sliders against each other. The link starts where the filter's
+    prior says it may. Args: kind: one of `SCENARIOS`. plant: one of `PLANTS`. seed: of the draw.
     """
     rng = np.random.default_rng([seed, SCENARIOS.index(kind)])
     high = 8.0 if "stops" in kind else 5.0
     drives: dict[str, Any] = {}
-    frequency, amplitude, centre = rng.uniform(0.15, 0.5), rng.uniform(3e-3, 5e-3), rng.uniform(3e-3, 6e-3)
+    frequency, amplitude, centre = (
+        rng.uniform(0.15, 0.5),
+        rng.uniform(3e-3, 5e-3),
+        rng.uniform(3e-3, 6e-3),
+    )
     alternating = _alternating(rng, high)
     for side, name in ((1, "left"), (-1, "right")):
         if kind.startswith("ramps"):
@@ -115,7 +125,9 @@ HAND_FRICTION: dict[str, Any] = {"given": 0.15, "unknown": {"value": 0.05, "std"
 
 
 def hand_rig(friction: str) -> Rig:
-    """Return the pulley rig as it is read where a hand may turn the link: friction given, or hardly known."""
+    """Return the pulley rig as it is read where a hand may turn the link: friction given, or hardly
+    known.
+    """
     value = HAND_FRICTION[friction]
     values = {
         "drives.0.friction.load": value,
@@ -126,12 +138,18 @@ def hand_rig(friction: str) -> Rig:
 
 
 def hand_log(seed: int) -> Log:
-    """Return a simulated log of the pulley rig, its link turned by a hand against constant pulls and sheath friction."""
+    """Return a simulated log of the pulley rig, its link turned by a hand against constant pulls
+    and sheath friction.
+    """
     rng = np.random.default_rng([seed, 99])
     start = angle = float(rng.uniform(-5, 5))
     time, points = 0.0, []
     while time < DURATION:
-        hold, move, after = rng.uniform(0.3, 0.8), rng.uniform(0.5, 1.2), float(rng.uniform(-14, 14))
+        hold, move, after = (
+            rng.uniform(0.3, 0.8),
+            rng.uniform(0.5, 1.2),
+            float(rng.uniform(-14, 14)),
+        )
         points.append([float(time), float(np.deg2rad(angle))])
         for part in np.linspace(0, 1, 12):
             blend = angle + (after - angle) * (1 - np.cos(np.pi * part)) / 2
@@ -150,7 +168,9 @@ def hand_log(seed: int) -> Log:
 
 
 def spoiled(log: Log, seed: int) -> Log:
-    """Return the log with 30 % of each sensor's samples missing, 2 % wild (20 to 200 σ) and a gap of 0.5 s."""
+    """Return the log with 30 % of each sensor's samples missing, 2 % wild (20 to 200 σ) and a gap
+    of 0.5 s.
+    """
     rng = np.random.default_rng([seed, 7])
     sigma = {"x1": 5e-6, "x2": 5e-6, "u1": 0.3, "u2": 0.3}
     channels = {}
@@ -158,7 +178,9 @@ def spoiled(log: Log, seed: int) -> Log:
         spoilt = np.array(values)
         if name in sigma:
             wild = rng.random(len(spoilt)) < 0.02
-            size = sigma[name] * rng.uniform(20, 200, len(spoilt)) * rng.choice([-1, 1], len(spoilt))
+            size = (
+                sigma[name] * rng.uniform(20, 200, len(spoilt)) * rng.choice([-1, 1], len(spoilt))
+            )
             spoilt = np.where(wild, spoilt + size, spoilt)
             spoilt[rng.random(len(spoilt)) < 0.3] = np.nan
         channels[name] = spoilt

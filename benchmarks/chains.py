@@ -1,8 +1,10 @@
-"""Chains of joints: accuracy on plants in another simulator, what a step costs, how the coupled stick–slip is solved.
+"""Chains of joints: accuracy on plants in another simulator, what a step costs, how the coupled
+stick–slip is solved.
 
-`python -m benchmarks.chains` prints all; `python -m benchmarks.chains accuracy --first-seed 500 --seeds 5` one table. The
-logs of `$DISTAL_DATA/finger` are read where they are there; the other plants are those of `strangers/chain_plants`.
-Logs with a contact are read with a torque that may occur.
+`python -m benchmarks.chains` prints all; `python -m benchmarks.chains accuracy --first-seed 500
+--seeds 5` one table. The logs of `$DISTAL_DATA/finger` are read where they are there; the other
+plants are those of `strangers/chain_plants`. Logs with a contact are read with a torque that may
+occur.
 """
 
 from __future__ import annotations
@@ -61,7 +63,9 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Score:
-    """Errors of one estimate [°]: of each joint, the share inside, half-width over RMS, and of what the tendons see."""
+    """Errors of one estimate [°]: of each joint, the share inside, half-width over RMS, and of what
+    the tendons see.
+    """
 
     rms: np.ndarray
     inside: float
@@ -70,17 +74,24 @@ class Score:
 
 
 def score(result: Estimate, arms: np.ndarray) -> Score:
-    """Return the errors of an estimate after `BEGIN`; `arms` weigh the joints in the sum that is seen."""
+    """Return the errors of an estimate after `BEGIN`; `arms` weigh the joints in the sum that is
+    seen.
+    """
     assert result.truths is not None
     late = result.time - result.time[0] >= BEGIN
-    errors, half = np.rad2deg(result.angles - result.truths)[late], np.rad2deg(BAND * result.angle_stds)[late]
+    errors, half = (
+        np.rad2deg(result.angles - result.truths)[late],
+        np.rad2deg(BAND * result.angle_stds)[late],
+    )
     rms = np.sqrt(np.mean(errors**2, axis=0))
     seen = float(np.sqrt(np.mean((errors @ arms / arms.sum()) ** 2)))
     return Score(rms, float(np.mean(np.abs(errors) <= half)), float(half.mean() / rms.mean()), seen)
 
 
 def without_forces(rig: Rig) -> Rig:
-    """Return the rig without its sensors of force, nothing being known of the pulls: the filter's prediction alone."""
+    """Return the rig without its sensors of force, nothing being known of the pulls: the filter's
+    prediction alone.
+    """
     raw = rig.model_dump()
     raw["sensors"] = [sensor for sensor in raw["sensors"] if sensor["measures"] != "force"]
     for drive in raw["drives"]:
@@ -91,7 +102,11 @@ def without_forces(rig: Rig) -> Rig:
 def described(name: str, kind: str) -> Rig:
     """Return a shipped rig as its user runs it on logs of a kind."""
     rig = load_rig(name)
-    return rig.with_values({"joints.*.external_torque.std": PLANTS[name][1]}) if kind == "contact" else rig
+    return (
+        rig.with_values({"joints.*.external_torque.std": PLANTS[name][1]})
+        if kind == "contact"
+        else rig
+    )
 
 
 def simulated(name: str, kind: str, seed: int) -> Log:
@@ -143,32 +158,53 @@ def accuracy(first: int, count: int) -> None:
     folder = Path(data, "finger") if data else None
     pairs = [(name, kind) for name in PLANTS for kind in KINDS]
     if folder is not None and folder.is_dir():
-        rows = [row for name, kind in pairs for row in rows_of([recorded(folder, name, kind)], name, kind)]
-        table("chains-data", "Chains: logs of plants that others wrote (data/finger)", COLUMNS, rows)
+        rows = [
+            row
+            for name, kind in pairs
+            for row in rows_of([recorded(folder, name, kind)], name, kind)
+        ]
+        table(
+            "chains-data", "Chains: logs of plants that others wrote (data/finger)", COLUMNS, rows
+        )
     rows = []
     for name, kind in pairs:
         rows += rows_of([simulated(name, kind, first + seed) for seed in range(count)], name, kind)
-    table("chains", f"Chains: plants in MuJoCo, seeds {first} to {first + count - 1}", COLUMNS, rows)
+    table(
+        "chains", f"Chains: plants in MuJoCo, seeds {first} to {first + count - 1}", COLUMNS, rows
+    )
 
 
 def least_errors(rig: Rig, angles: np.ndarray) -> np.ndarray:
-    """Return the least RMS error of each joint [°] if only moment arms are unsure, (n_joints,); see `bounds`.
+    """Return the least RMS error of each joint [°] if only moment arms are unsure, (n_joints,); see
+    `bounds`.
 
-    Rows of y = E s − R θ = 0 are the drives, of an antagonistic pair the mean. The information of a whole log about the
-    arms is P⁻¹ + Σ ∂yᵀ W ∂y, W without what θ can explain (posterior Cramér–Rao bound: van Trees, 1968).
+    Rows of y = E s − R θ = 0 are the drives, of an antagonistic pair the mean. The information of a
+    whole log about the arms is P⁻¹ + Σ ∂yᵀ W ∂y, W without what θ can explain (posterior Cramér–Rao
+    bound: van Trees, 1968).
     """
     joints, drives = [joint.name for joint in rig.joints], [drive.name for drive in rig.drives]
-    arms, slopes, stds = np.zeros((len(drives), len(joints))), list[tuple[int, int, float]](), list[float]()
+    arms, slopes, stds = (
+        np.zeros((len(drives), len(joints))),
+        list[tuple[int, int, float]](),
+        list[float](),
+    )
     for tendon in rig.tendons:
-        row, share = drives.index(tendon.drive), 1.0 / sum(one.drive == tendon.drive for one in rig.tendons)
+        row, share = (
+            drives.index(tendon.drive),
+            1.0 / sum(one.drive == tendon.drive for one in rig.tendons),
+        )
         winding = float(getattr(tendon, "winding", 1))
         for crossing in tendon.crossings:
             side = share * winding * crossing.side
             arms[row, joints.index(crossing.joint)] += side * crossing.radius.value
             slopes.append((row, joints.index(crossing.joint), side))
             stds.append(crossing.radius.std)
-    lever = {drive.name: drive.radius.value if drive.kind == "capstan" else 1.0 for drive in rig.drives}
-    noise = max(lever[sensor.of] * (sensor.noise + step_of(sensor)) for sensor in rig.sensors_of("position"))
+    lever = {
+        drive.name: drive.radius.value if drive.kind == "capstan" else 1.0 for drive in rig.drives
+    }
+    noise = max(
+        lever[sensor.of] * (sensor.noise + step_of(sensor)) for sensor in rig.sensors_of("position")
+    )
     solved = np.linalg.pinv(arms)
     apart = (np.eye(len(drives)) - arms @ solved) / noise**2
     told = np.diag(1.0 / np.array(stds) ** 2)
@@ -177,11 +213,15 @@ def least_errors(rig: Rig, angles: np.ndarray) -> np.ndarray:
         by_arm[:, row, k] = side * angles[:, joint]
     told += np.einsum("tik,ij,tjl->kl", by_arm, apart, by_arm)
     shift = np.einsum("ji,tik->tjk", solved, by_arm)
-    return np.rad2deg(np.sqrt(np.einsum("tjk,kl,tjl->j", shift, np.linalg.inv(told), shift) / len(angles)))
+    return np.rad2deg(
+        np.sqrt(np.einsum("tjk,kl,tjl->j", shift, np.linalg.inv(told), shift) / len(angles))
+    )
 
 
 def bounds(first: int, count: int) -> None:
-    """Print errors beside what unknown moment arms alone leave, if tensions, friction and stiffness were known exactly."""
+    """Print errors beside what unknown moment arms alone leave, if tensions, friction and stiffness
+    were known exactly.
+    """
     rows = []
     for name in PLANTS:
         rig = load_rig(name)
@@ -194,7 +234,10 @@ def bounds(first: int, count: int) -> None:
             for log in logs:
                 late = log.time - log.time[0] >= BEGIN
                 least.append(least_errors(rig, np.column_stack(list(log.truth.values()))[late]))
-            error, bound = np.mean([one.rms for one in scores]), np.sqrt(np.mean(np.square(least), axis=0)).mean()
+            error, bound = (
+                np.mean([one.rms for one in scores]),
+                np.sqrt(np.mean(np.square(least), axis=0)).mean(),
+            )
             rows.append([name, kind, f"{error:.2f}", f"{bound:.2f}", f"{error / bound:.1f}"])
     title = f"Chains: errors and what moment arms alone leave, seeds {first} to {first + count - 1}"
     table("chains-bounds", title, ("plant", "log", "adaptive [°]", "bound [°]", "ratio"), rows)
@@ -213,15 +256,31 @@ def straight_chain(joints: int) -> Rig:
     for i in range(joints):
         for side, word in ((1, "f"), (-1, "e")):
             name = f"j{i}_{word}"
-            friction = {key: {**drive["friction"][key], "shared": None, "std": 0.0} for key in ("constant", "load")}
+            friction = {
+                key: {**drive["friction"][key], "shared": None, "std": 0.0}
+                for key in ("constant", "load")
+            }
             parts["drives"].append({**drive, "name": name, "friction": friction})
             radii = [("j" + str(j), 7e-3 if j < i else 6e-3) for j in range(i + 1)]
-            crossings = [{"joint": j, "kind": "pulley", "radius": r, "side": side} for j, r in radii]
-            parts["tendons"].append({**raw["tendons"][0], "name": name, "drive": name, "crossings": crossings})
+            crossings = [
+                {"joint": j, "kind": "pulley", "radius": r, "side": side} for j, r in radii
+            ]
+            parts["tendons"].append(
+                {**raw["tendons"][0], "name": name, "drive": name, "crossings": crossings}
+            )
             for measures, column in (("position", "x"), ("force", "F")):
-                sensor = {**sensors[measures], "name": f"{column}_{name}", "of": name, "column": None}
-                parts["sensors"].append({key: value for key, value in sensor.items() if key != "si"})
-    return build_rig({**raw, **parts, "name": f"chain of {joints}, arms known"}, f"chain of {joints}")
+                sensor = {
+                    **sensors[measures],
+                    "name": f"{column}_{name}",
+                    "of": name,
+                    "column": None,
+                }
+                parts["sensors"].append(
+                    {key: value for key, value in sensor.items() if key != "si"}
+                )
+    return build_rig(
+        {**raw, **parts, "name": f"chain of {joints}, arms known"}, f"chain of {joints}"
+    )
 
 
 def step_time(rig: Rig, repeats: int = 5) -> tuple[AdaptiveFilter, float, float]:
@@ -234,7 +293,9 @@ def step_time(rig: Rig, repeats: int = 5) -> tuple[AdaptiveFilter, float, float]
     for i, sensor in enumerate(rig.sensors):
         # a slow motion, as joints make it, with the sensors' own noise
         wave = np.sin(2 * np.pi * 0.5 * time_ + i)
-        size, mean = {"m": (2e-3, 2e-3), "rad": (0.3, 0.0), "N": (1.0, 6.0), "N m": (5e-3, 0.0)}[sensor.si]
+        size, mean = {"m": (2e-3, 2e-3), "rad": (0.3, 0.0), "N": (1.0, 6.0), "N m": (5e-3, 0.0)}[
+            sensor.si
+        ]
         channels[sensor.name] = mean + size * wave + sensor.noise * rng.normal(size=count)
     log = Log(time_, channels, {}, "slow motion", "")
     best = min(scan_time(runner, log, np.min) for _ in range(repeats))
@@ -246,7 +307,9 @@ def cost() -> None:
     """Print what a compiled step of adaptive costs, beside the paper's rig in the same run."""
     step_time(load_rig("paper-2008-printed"))  # the processor wakes up
     _, paper, _ = step_time(load_rig("paper-2008-printed"))
-    rigs = [load_rig(name) for name in ("paper-2008-printed", *PLANTS)] + [straight_chain(n) for n in range(1, 7)]
+    rigs = [load_rig(name) for name in ("paper-2008-printed", *PLANTS)] + [
+        straight_chain(n) for n in range(1, 7)
+    ]
     rows = []
     for rig in rigs:
         runner, each, built = step_time(rig)
@@ -272,15 +335,22 @@ def cost() -> None:
 
 def stepping() -> None:
     """Print the error of a finger's motion with stick and slip, and its cost, by the sub-step."""
-    rig, arms = load_rig("finger-n-plus-1"), np.array([[8, 7, 6], [7.5, -6.5, -5.5], [-8, 7, 0], [-7.5, -7, 0]])
+    rig, arms = (
+        load_rig("finger-n-plus-1"),
+        np.array([[8, 7, 6], [7.5, -6.5, -5.5], [-8, 7, 0], [-7.5, -7, 0]]),
+    )
     stamps = [f"{t:g} s" for t in (0.0, 0.3, 0.9, 1.2, 1.6, 2.0)]
-    postures = np.deg2rad([(20, 25, 15), (20, 25, 15), (50, 60, 35), (50, 60, 35), (10, 70, 20), (10, 70, 20)])
+    postures = np.deg2rad(
+        [(20, 25, 15), (20, 25, 15), (50, 60, 35), (50, 60, 35), (10, 70, 20), (10, 70, 20)]
+    )
     drives = {}
     for i, row in enumerate(arms):
         points = [[stamp, f"{row @ posture:.4f} mm"] for stamp, posture in zip(stamps, postures)]
         servo = {"position": {"points": points}, "stiffness": "20000 N/m", "damping": "30 kg/s"}
         drives[f"t{i + 1}"] = {"force": "8 N", "servo": servo}
-    ready = prepare(rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives}))
+    ready = prepare(
+        rig, build_scenario({"rig": "finger-n-plus-1", "duration": "2 s", "drives": drives})
+    )
     fastest = stiffest_frequency(ready.plant)
     known = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, 128).q[:, :3]
     cells: list[list[str]] = [[], [], []]
@@ -296,13 +366,20 @@ def stepping() -> None:
         cells[1].append(f"{np.abs(away).max():.4f}")
         cells[2].append(f"{1e6 * taken / len(found):.1f}")
     names = ("RMS error [°]", "largest error [°]", "µs per millisecond")
-    title = "finger-n-plus-1, 2 s through three postures: error against 128 sub-steps per millisecond"
-    columns = ["h ω of the stiffest mode", *(f"{ready.dt / count * fastest:.2f}" for count in counts)]
+    title = (
+        "finger-n-plus-1, 2 s through three postures: error against 128 sub-steps per millisecond"
+    )
+    columns = [
+        "h ω of the stiffest mode",
+        *(f"{ready.dt / count * fastest:.2f}" for count in counts),
+    ]
     table("chains-stepping", title, columns, [[name, *row] for name, row in zip(names, cells)])
 
 
 def energy() -> None:
-    """Print how the energy of three links that swing freely changes in 3 s, by where Coriolis torques are taken."""
+    """Print how the energy of three links that swing freely changes in 3 s, by where Coriolis
+    torques are taken.
+    """
     raw = load_rig("finger-n-plus-1").model_dump()
     for joint in raw["joints"]:
         joint.update(friction=None, damping=0.0, stops=None)
@@ -312,9 +389,14 @@ def energy() -> None:
     mechanism = Mechanism(build_rig(raw, "free"))
     n, p = mechanism.n_bodies, mechanism.parameters
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
-    kinetic = ca.Function("E", [q, v, p.symbols], [ca.bilin(mechanism.mass_matrix(q), v[:3], v[:3]) / 2])
+    kinetic = ca.Function(
+        "E", [q, v, p.symbols], [ca.bilin(mechanism.mass_matrix(q), v[:3], v[:3]) / 2]
+    )
     own, rows = chain_kick._middle, []
-    for label, middle in (("before the kick", lambda matrix, load, v, up, down: v), ("in the middle (in use)", own)):
+    for label, middle in (
+        ("before the kick", lambda matrix, load, v, up, down: v),
+        ("in the middle (in use)", own),
+    ):
         cells = []
         for count in (5, 10, 20, 40):
             chain_kick._middle = middle
@@ -334,7 +416,9 @@ def energy() -> None:
 
 
 def stick_slip(cases: int = 20_000) -> None:
-    """Print in how many random loads the coupled stick–slip is not solved, by sweeps before and by events followed."""
+    """Print in how many random loads the coupled stick–slip is not solved, by sweeps before and by
+    events followed.
+    """
     from tests.model.test_stick_slip import random_case
 
     rows = []
@@ -350,19 +434,36 @@ def stick_slip(cases: int = 20_000) -> None:
                 failures.append(f"{int((wrong > 1e-9).sum())}")
             rows.append([str(n), str(sweeps), *failures, str(_operations(n, sweeps, 2 * n))])
     title = f"Coupled stick–slip: {cases} random loads, how many are not solved to 1e-9"
-    columns = ("joints", "sweeps", "no event", "n − 1 events", "n", "2n (in use)", "operations at 2n")
+    columns = (
+        "joints",
+        "sweeps",
+        "no event",
+        "n − 1 events",
+        "n",
+        "2n (in use)",
+        "operations at 2n",
+    )
     table("chains-stick-slip", title, columns, rows)
 
 
 def _solved(n: int, sweeps: int, events: int) -> tuple[list[ca.SX], Any, ca.SX]:
     """Return the arguments (A, r, up, down), which joints slip, and their velocities."""
-    matrix, load, up, down = ca.SX.sym("A", n, n), ca.SX.sym("r", n), ca.SX.sym("u", n), ca.SX.sym("d", n)
+    matrix, load, up, down = (
+        ca.SX.sym("A", n, n),
+        ca.SX.sym("r", n),
+        ca.SX.sym("u", n),
+        ca.SX.sym("d", n),
+    )
     before, coupled.SWEEPS = coupled.SWEEPS, sweeps
     try:
         slip = slipping(matrix, load, up, down, events=events)
     finally:
         coupled.SWEEPS = before
-    return [matrix, load, up, down], slip, solver(matrix, slip.moving)(load - slip.friction(up, down))
+    return (
+        [matrix, load, up, down],
+        slip,
+        solver(matrix, slip.moving)(load - slip.friction(up, down)),
+    )
 
 
 def _violation(n: int, sweeps: int, events: int) -> ca.Function:
@@ -370,7 +471,9 @@ def _violation(n: int, sweeps: int, events: int) -> ca.Function:
     held, worst = load - ca.mtimes(matrix, v), ca.SX(0)
     for j in range(n):
         stuck = ca.fmax(held[j] - up[j], 0) + ca.fmax(-down[j] - held[j], 0)
-        wrong = ca.if_else(slip.forward[j], ca.fmax(-v[j], 0), ca.if_else(slip.back[j], ca.fmax(v[j], 0), 0))
+        wrong = ca.if_else(
+            slip.forward[j], ca.fmax(-v[j], 0), ca.if_else(slip.back[j], ca.fmax(v[j], 0), 0)
+        )
         broken = ca.if_else(slip.moving[j], wrong * matrix[j, j], stuck)
         worst = ca.fmax(worst, broken / (ca.fabs(load[j]) + up[j]))
     return ca.Function("violation", [matrix, load, up, down], [ca.cse(worst)])
@@ -386,7 +489,10 @@ def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.chains", description=__doc__)
     parser.add_argument(
-        "tables", nargs="*", metavar="TABLE", help="accuracy, bounds, cost, stick-slip, energy, stepping; default all"
+        "tables",
+        nargs="*",
+        metavar="TABLE",
+        help="accuracy, bounds, cost, stick-slip, energy, stepping; default all",
     )
     parser.add_argument("--first-seed", type=int, default=500, help="of the plants")
     parser.add_argument("--seeds", type=int, default=6, help="how many")
@@ -408,7 +514,10 @@ def main() -> None:
             elif name == "stepping":
                 stepping()
             else:
-                parser.error(f"unknown table {name}; there are accuracy, bounds, cost, stick-slip, energy, stepping")
+                parser.error(
+                    f"unknown table {name}; there are accuracy, bounds, cost, stick-slip, energy, "
+                    "stepping"
+                )
 
 
 if __name__ == "__main__":

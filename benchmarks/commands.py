@@ -1,8 +1,10 @@
-"""Wanted angles against true ones: the inverse, live and in an open loop, against the ratio, an affine map and a PI loop.
+"""Wanted angles against true ones: the inverse, live and in an open loop, against the ratio, an
+affine map and a PI loop.
 
-`python -m benchmarks.commands [PLANTS] [--first-seed N] [--seeds N] [--fit]` drives plants whose drives are servos of place
-(`strangers/servo_plants`) and prints RMS errors of the true angle. Wanted are sines, ramps with rests and smoothed steps.
-All open loops make up for the servos' lag and delay; `--fit` also fits each rig to three logs of its plant.
+`python -m benchmarks.commands [PLANTS] [--first-seed N] [--seeds N] [--fit]` drives plants whose
+drives are servos of place (`strangers/servo_plants`) and prints RMS errors of the true angle.
+Wanted are sines, ramps with rests and smoothed steps. All open loops make up for the servos' lag
+and delay; `--fit` also fits each rig to three logs of its plant.
 """
 
 from __future__ import annotations
@@ -75,7 +77,9 @@ def wanted_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -
     columns = []
     for _ in range(count):
         if kind == "sine":
-            raw = middle + size * rng.uniform(0.6, 1.0) * np.sin(2 * np.pi * rng.uniform(0.15, 0.4) * time)
+            raw = middle + size * rng.uniform(0.6, 1.0) * np.sin(
+                2 * np.pi * rng.uniform(0.15, 0.4) * time
+            )
         else:
             marks, levels = [0.0], [middle]
             while marks[-1] < DURATION:
@@ -85,7 +89,9 @@ def wanted_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -
             raw = np.interp(time, marks, levels)
         width = 15 if kind == "ramps" else 41
         kernel = np.hanning(width + 2)[1:-1]
-        columns.append(np.convolve(np.pad(raw, width // 2, mode="edge"), kernel / kernel.sum(), "valid"))
+        columns.append(
+            np.convolve(np.pad(raw, width // 2, mode="edge"), kernel / kernel.sum(), "valid")
+        )
     return np.column_stack(columns)
 
 
@@ -101,7 +107,11 @@ def inextensible(rig: Rig, angles: Floats, places: Floats) -> Floats:
             shape = getattr(own[0], "insertion", None)
             if shape is not None and shape.kind == "pinned":
                 r, length = shape.radius.value, shape.free_length.value
-                drawn += np.sign(arm) * r * np.sin(angle) + np.sqrt(length**2 - (r * (1 - np.cos(angle))) ** 2) - length
+                drawn += (
+                    np.sign(arm) * r * np.sin(angle)
+                    + np.sqrt(length**2 - (r * (1 - np.cos(angle))) ** 2)
+                    - length
+                )
             else:
                 drawn += arm * angle
         lever = 1.0 if drive.kind == "slider" else drive.radius.value * own[0].winding
@@ -110,7 +120,9 @@ def inextensible(rig: Rig, angles: Floats, places: Floats) -> Floats:
 
 
 def run(plant: Any, sent_places: Floats) -> tuple[Floats, list[dict[str, float]]]:
-    """Return true angles, (k, n_joints), and what was read, while places are sent one after the other."""
+    """Return true angles, (k, n_joints), and what was read, while places are sent one after the
+    other.
+    """
     servos = Servos(plant, getattr(plant, "errors", None))
     begin = plant.places + servos.errors(plant.places)
     for k in range(round(GOES_THERE / PERIOD)):
@@ -121,9 +133,15 @@ def run(plant: Any, sent_places: Floats) -> tuple[Floats, list[dict[str, float]]
 
 
 def driven(
-    plant: Any, rig: Rig, wanted: Floats, free: Sequence[int], start: Floats, law: Callable[..., Command | Floats]
+    plant: Any,
+    rig: Rig,
+    wanted: Floats,
+    free: Sequence[int],
+    start: Floats,
+    law: Callable[..., Command | Floats],
 ) -> Floats:
-    """Return true angles while a law (time, wanted, readings, true angles) says what is sent, from `start` on.
+    """Return true angles while a law (time, wanted, readings, true angles) says what is sent, from
+    `start` on.
 
     A law that returns commands sends speeds, another one places.
     """
@@ -153,7 +171,9 @@ def live_law(rig: Rig, feedback: Feedback, speeds: bool = False) -> Callable[...
     """Return the live inverse as a law, of places or of speeds."""
     inverse = LiveInverse(rig, least_tension=LEAST_TENSION, feedback=feedback)
 
-    def law(time: float, wanted: Floats, read: dict[str, float], angles: Floats) -> Command | Floats:
+    def law(
+        time: float, wanted: Floats, read: dict[str, float], angles: Floats
+    ) -> Command | Floats:
         command = inverse.step(time, wanted, np.array([read[name] for name in inverse.channels]))
         return command if speeds else command.places
 
@@ -163,7 +183,9 @@ def live_law(rig: Rig, feedback: Feedback, speeds: bool = False) -> Callable[...
 def pi_law(
     rig: Rig, free: Sequence[int], start: Floats, first: Floats, rate: float, *, encoder: bool
 ) -> Callable[..., Floats]:
-    """Return the ratio with a PI correction of its angle, by an encoder of 1° or by the estimate, as a law."""
+    """Return the ratio with a PI correction of its angle, by an encoder of 1° or by the estimate,
+    as a law.
+    """
     live = None if encoder else LiveEstimator(rig)
     correction = np.zeros(len(free))
 
@@ -185,7 +207,9 @@ def pi_law(
 
 
 def hunts(time: Floats, wanted: Floats, angles: Floats) -> int:
-    """Return the number of rests of the wanted angles in which a joint, after the first second, moves to and fro."""
+    """Return the number of rests of the wanted angles in which a joint, after the first second,
+    moves to and fro.
+    """
     count = 0
     for begin, end in constant_parts(time, *wanted.T):
         late = angles[begin + round(1.0 / PERIOD) : end]
@@ -214,7 +238,9 @@ class Result:
     inside: dict[str, list[float]]
     hunts: dict[str, int]
 
-    def add(self, method: str, wanted: Floats, angles: Floats, commands: Commands | None = None) -> None:
+    def add(
+        self, method: str, wanted: Floats, angles: Floats, commands: Commands | None = None
+    ) -> None:
         """Add a run of a method: true angles, and what its commands said of them."""
         time = np.arange(len(wanted)) * PERIOD
         late = time >= COUNTED
@@ -226,13 +252,17 @@ class Result:
 
 
 def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], Floats]]:
-    """Return the rig fitted to three logs of its plant, and an affine inverse by least squares on the same logs."""
+    """Return the rig fitted to three logs of its plant, and an affine inverse by least squares on
+    the same logs.
+    """
     logs, places, angles = list[Log](), [], []
     free = Inverse(rig, compiled=False).model.free
     for k in range(3):
         rng = np.random.default_rng([seed, 7, k])
         plant = PLANTS[name](seed)
-        wish = reachable(rig, np.vstack([wanted_angles("ramps", name, len(free), rng) for _ in range(2)]))
+        wish = reachable(
+            rig, np.vstack([wanted_angles("ramps", name, len(free), rng) for _ in range(2)])
+        )
         time = np.arange(len(wish)) * PERIOD
         commands = Inverse(rig, least_tension=LEAST_TENSION)(time, wish[:, free])
         true, read = run(plant, inextensible(rig, wish, commands.sent[0]))
@@ -241,7 +271,10 @@ def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], 
         noisy = true + np.deg2rad(0.03) * rng.normal(size=true.shape)
         keys = ["theta"] if true.shape[1] == 1 else [f"theta_{joint.name}" for joint in rig.joints]
         logs.append(Log(time, channels, dict(zip(keys, noisy.T)), f"{name} {k}", FROM_SENSOR))
-        positions = [next(s.name for s in rig.sensors_of("position") if s.of == drive.name) for drive in rig.drives]
+        positions = [
+            next(s.name for s in rig.sensors_of("position") if s.of == drive.name)
+            for drive in rig.drives
+        ]
         places.append(np.column_stack([channels[each] for each in positions]))
         angles.append(noisy)
     matrix = np.column_stack([np.vstack(angles), np.ones(sum(map(len, angles)))])
@@ -274,15 +307,22 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
         rng = np.random.default_rng([seed, KINDS.index(kind), 3])
         wanted = reachable(rig, wanted_angles(kind, name, len(free), rng))
         time = np.arange(len(wanted)) * PERIOD
-        commands: dict[str, Commands] = {key: inverse(time, wanted[:, free]) for key, inverse in inverses.items()}
+        commands: dict[str, Commands] = {
+            key: inverse(time, wanted[:, free]) for key, inverse in inverses.items()
+        }
         for key, command in commands.items():
             found.add(key, wanted, run(PLANTS[name](seed), command.sent)[0], command)
         again = PLANTS[name](seed)
         run(again, commands["inverse"].sent[::-1][:200])  # friction begun otherwise
-        moved, first = run(again, commands["inverse"].sent)[0], run(PLANTS[name](seed), commands["inverse"].sent)[0]
+        moved, first = (
+            run(again, commands["inverse"].sent)[0],
+            run(PLANTS[name](seed), commands["inverse"].sent)[0],
+        )
         found.add("repeatability", first, moved)
         start = commands["inverse"].sent[0]
-        found.add("ratio", wanted, run(PLANTS[name](seed), led(rig, inextensible(rig, wanted, start)))[0])
+        found.add(
+            "ratio", wanted, run(PLANTS[name](seed), led(rig, inextensible(rig, wanted, start)))[0]
+        )
         if affine is not None:
             found.add("affine", wanted, run(PLANTS[name](seed), led(rig, affine(wanted)))[0])
         if with_loops:
@@ -328,8 +368,16 @@ def main() -> None:
         for name, futures in jobs.items():
             rows.append([name, *cells([future.result() for future in futures])])
             print(*rows[-1], flush=True)
-    said = "RMS [°], in brackets the worst plant, then % inside the band; 'hunts': runs with a limit cycle at rest"
-    table("commands" + "-fit" * asked.fit, f"Wanted against true angles: {said}", ["plant", *METHODS, "hunts"], rows)
+    said = (
+        "RMS [°], in brackets the worst plant, then % inside the band; 'hunts': runs with a "
+        "limit cycle at rest"
+    )
+    table(
+        "commands" + "-fit" * asked.fit,
+        f"Wanted against true angles: {said}",
+        ["plant", *METHODS, "hunts"],
+        rows,
+    )
 
 
 def cost(step: Callable[[float], object]) -> float:
@@ -348,9 +396,14 @@ def _with(step: Callable[..., object], *arguments: object) -> None:
 
 
 def times() -> None:
-    """Print what a step costs: Python, beside its filter and monitor, and the compiled kernel alone."""
+    """Print what a step costs: Python, beside its filter and monitor, and the compiled kernel
+    alone.
+    """
     rows = []
-    rigs = {name: load_rig(name) for name in ("lab-bench", "paper-2008", "finger-2n", "wrist-instrument")}
+    rigs = {
+        name: load_rig(name)
+        for name in ("lab-bench", "paper-2008", "finger-2n", "wrist-instrument")
+    }
     rigs |= {f"{count} × finger-n-plus-1": hand(count * ["finger-n-plus-1"]) for count in (1, 2, 5)}
     for name, rig in rigs.items():
         begun = time.perf_counter()
@@ -365,7 +418,10 @@ def times() -> None:
         ]
         rows.append([name, f"{found[0] - found[1]:.1f}", f"{found[2]:.1f}", f"{built:.1f}"])
     table(
-        "commands-time", "A live step", ["rig", "beside filter and monitor [µs]", "kernel [µs]", "building [s]"], rows
+        "commands-time",
+        "A live step",
+        ["rig", "beside filter and monitor [µs]", "kernel [µs]", "building [s]"],
+        rows,
     )
 
 
@@ -373,11 +429,19 @@ def cells(results: Sequence[Result]) -> list[str]:
     """Return what each method does on a kind of plant."""
     found = []
     for method in METHODS:
-        rms = [float(np.rad2deg(np.sqrt(np.mean(one.squares[method])))) for one in results if method in one.squares]
+        rms = [
+            float(np.rad2deg(np.sqrt(np.mean(one.squares[method]))))
+            for one in results
+            if method in one.squares
+        ]
         inside = [np.mean(one.inside[method]) for one in results if method in one.inside]
         share = f" {100 * np.mean(inside):.0f}%" if inside else ""
         found.append(f"{np.mean(rms):.2f} ({max(rms):.2f}){share}" if rms else "")
-    hunting = [f"{method} {count}" for method in METHODS if (count := sum(one.hunts.get(method, 0) for one in results))]
+    hunting = [
+        f"{method} {count}"
+        for method in METHODS
+        if (count := sum(one.hunts.get(method, 0) for one in results))
+    ]
     return [*found, ", ".join(hunting)]
 
 

@@ -1,9 +1,11 @@
-"""Control on the estimate: how well a joint without an encoder keeps to its reference, beside one with one of 1°.
+"""Control on the estimate: how well a joint without an encoder keeps to its reference, beside one
+with one of 1°.
 
-`python -m benchmarks.control` draws plants from the stds of `paper-2008-observed` and controls each in `control-paper`
-by an encoder, by `adaptive` with the rig as it came, by `adaptive` with the rig fitted to one log that the encoder's loop
-left, and by displacements alone; then `finger-2n` in MuJoCo, whose plants share no code with the model. `--hours 2` follows
-drawn plants of `six-hours` for so long instead: how good the estimate is, and its band, in each hour.
+`python -m benchmarks.control` draws plants from the stds of `paper-2008-observed` and controls each
+in `control-paper` by an encoder, by `adaptive` with the rig as it came, by `adaptive` with the rig
+fitted to one log that the encoder's loop left, and by displacements alone; then `finger-2n` in
+MuJoCo, whose plants share no code with the model. `--hours 2` follows drawn plants of `six-hours`
+for so long instead: how good the estimate is, and its band, in each hour.
 """
 
 from __future__ import annotations
@@ -31,28 +33,45 @@ Floats = NDArray[np.float64]
 PERIOD = 0.005
 FIRST = 20
 """Seed of the first plant; the gains and the dead band were chosen on earlier ones."""
-OTHER = [["0 s", "0 deg"], ["2 s", "15 deg"], ["4 s", "15 deg"], ["7 s", "-18 deg"], ["9 s", "-5 deg"], ["10 s", "-5 deg"],
-         ["11 s", "20 deg"], ["13 s", "0 deg"], ["16 s", "-20 deg"], ["18 s", "10 deg"]]  # fmt: skip
+OTHER = [
+    ["0 s", "0 deg"],
+    ["2 s", "15 deg"],
+    ["4 s", "15 deg"],
+    ["7 s", "-18 deg"],
+    ["9 s", "-5 deg"],
+    ["10 s", "-5 deg"],
+    ["11 s", "20 deg"],
+    ["13 s", "0 deg"],
+    ["16 s", "-20 deg"],
+    ["18 s", "10 deg"],
+]
 """The motion of the calibration: another one than is judged."""
 
 
 def figures(run: ClosedLoop) -> tuple[float, float, int]:
-    """Return RMS of tracking, and of the told angle's error, of all joints [deg], and how many limit cycles there are."""
+    """Return RMS of tracking, and of the told angle's error, of all joints [deg], and how many
+    limit cycles there are.
+    """
     each = track(run)
-    rms, wrong = (float(np.rad2deg(np.sqrt(np.mean(np.square(values))))) for values in (
-        [one.rms for one in each], [one.estimate_rms for one in each]
-    ))  # fmt: skip
+    rms, wrong = (
+        float(np.rad2deg(np.sqrt(np.mean(np.square(values)))))
+        for values in ([one.rms for one in each], [one.estimate_rms for one in each])
+    )
     return rms, wrong, sum(len(one.hunting) for one in each)
 
 
-def with_plant(scenario: Scenario, values: Mapping[str, object], reference: object = None) -> Scenario:
+def with_plant(
+    scenario: Scenario, values: Mapping[str, object], reference: object = None
+) -> Scenario:
     """Return the scenario with a plant's own numbers, and another reference where one is given."""
     changed = scenario.model_copy(update={"plant": {**scenario.plant, **values}})
     if reference is None or scenario.control is None:
         return changed
     (name, joint), *_ = scenario.control.joints.items()
     other = type(joint).model_validate({**joint.model_dump(), "reference": reference})
-    return changed.model_copy(update={"control": scenario.control.model_copy(update={"joints": {name: other}})})
+    return changed.model_copy(
+        update={"control": scenario.control.model_copy(update={"joints": {name: other}})}
+    )
 
 
 Found = dict[str, list[tuple[float, float, int]]]
@@ -66,7 +85,13 @@ def summary(found: Found) -> list[list[str]]:
         rms, wrong, cycles = (np.array(column) for column in zip(*each))
         ratio = rms / base
         numbers = [np.median(rms), np.median(ratio), ratio.max(), np.median(wrong)]
-        rows.append([name, *(f"{value:.2f}" for value in numbers), f"{int(np.sum(cycles > 0))} of {len(cycles)}"])
+        rows.append(
+            [
+                name,
+                *(f"{value:.2f}" for value in numbers),
+                f"{int(np.sum(cycles > 0))} of {len(cycles)}",
+            ]
+        )
     return rows
 
 
@@ -78,7 +103,12 @@ def paper(plants: int) -> Found:
         judged = with_plant(scenario, drawn_plant(rig, seed, 81))
         log = closed_loop(rig, with_plant(judged, {}, OTHER), seed + 100, feedback="encoder").log
         fitted = fit([log], rig).rig
-        for name, used in (("encoder", rig), ("adaptive", rig), ("adaptive, fitted", fitted), ("ratio", rig)):
+        for name, used in (
+            ("encoder", rig),
+            ("adaptive", rig),
+            ("adaptive, fitted", fitted),
+            ("ratio", rig),
+        ):
             each = figures(closed_loop(used, judged, seed, feedback=name.partition(",")[0]))
             found.setdefault(name, []).append(each)
             print("paper", seed, name, *each, flush=True)
@@ -96,8 +126,12 @@ class Finger:
         self._stretching = np.hstack([-self._truth.arms, winding])
         factors = np.append(self._truth.joint_friction, self._truth.drive_friction)
         joints = [joint.friction_constant for joint in self._of.joints]
-        self._constant = factors * np.append(joints, [self._of.drives.friction_constant] * winding.shape[1])
-        per_joint = np.array([joint.friction_radius for joint in self._of.joints]) * (self._truth.arms != 0)
+        self._constant = factors * np.append(
+            joints, [self._of.drives.friction_constant] * winding.shape[1]
+        )
+        per_joint = np.array([joint.friction_radius for joint in self._of.joints]) * (
+            self._truth.arms != 0
+        )
         share = np.hstack([per_joint, self._of.drives.friction_share * np.abs(winding)])
         self._per_tension, self._n = factors[:, None] * share.T, n
 
@@ -118,7 +152,11 @@ class Finger:
 
     def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
         """Begin at rest, each tendon pulled by 8 N."""
-        self._data, self._rng, self._done = mujoco.MjData(self._model), np.random.default_rng([seed, 83]), 0
+        self._data, self._rng, self._done = (
+            mujoco.MjData(self._model),
+            np.random.default_rng([seed, 83]),
+            0,
+        )
         self._data.qpos[: self._n] = [joint.initial.value for joint in self.rig.joints]
         self._data.qpos[self._n :] = self._truth.arms @ self.angles + 8.0 / self._truth.stiffness
         self._efforts, self._rows = np.full(4, 8.0), list[Floats]()
@@ -144,7 +182,11 @@ class Finger:
 
     def _sample(self) -> tuple[float, Floats]:
         places, (size, phase) = np.array(self._data.qpos[self._n :]), self._bends
-        read = places + 1e-4 * size * np.sin(2 * np.pi * places / 0.02 + phase) + 5e-6 * self._rng.normal(size=4)
+        read = (
+            places
+            + 1e-4 * size * np.sin(2 * np.pi * places / 0.02 + phase)
+            + 5e-6 * self._rng.normal(size=4)
+        )
         values = np.concatenate([read, self._efforts + 0.2 * self._rng.normal(size=4)])
         self._rows.append(np.concatenate([values, self.angles]))
         return self.time, values
@@ -166,14 +208,18 @@ def finger(plants: int) -> Found:
         for name in ("encoder", "adaptive", "ratio"):
             pid = PID(rig, control.joints, PERIOD, control.co_contraction)
             run = run_controller(Finger(rig, seed, scenario.duration), pid, name, seed)
-            references = {joint: one.reference.at(run.time) for joint, one in control.joints.items()}
+            references = {
+                joint: one.reference.at(run.time) for joint, one in control.joints.items()
+            }
             found.setdefault(name, []).append(figures(replace(run, references=references)))
             print("finger", seed, name, *found[name][-1], flush=True)
     return found
 
 
 def hours(count: float, plants: int) -> list[list[str]]:
-    """Return a row for each drawn plant: RMS error [deg] and the share inside the band in each hour [%]."""
+    """Return a row for each drawn plant: RMS error [deg] and the share inside the band in each hour
+    [%].
+    """
     scenario, rows = load_scenario("six-hours"), []
     for seed in range(FIRST + 10, FIRST + 10 + plants):
         drawn = drawn_plant(scenario_rig(scenario), seed, 81)
@@ -206,11 +252,23 @@ def main() -> None:
     given = parser.parse_args()
     if given.hours is not None:
         columns = ["plant", "RMS in each hour [°]", "inside in each hour [%]"]
-        table("control-hours", f"six-hours, {given.hours:g} h", columns, hours(given.hours, given.plants))
+        table(
+            "control-hours",
+            f"six-hours, {given.hours:g} h",
+            columns,
+            hours(given.hours, given.plants),
+        )
         return
     warnings.simplefilter("ignore")  # fits to one log warn of what it does not tell
     table("control-seconds", "10 s of closed loop at 200 Hz", ["feedback", "s"], seconds())
-    columns = ["feedback", "RMS [°]", "over encoder, median", "worst", "told wrong by [°]", "plants with a limit cycle"]
+    columns = [
+        "feedback",
+        "RMS [°]",
+        "over encoder, median",
+        "worst",
+        "told wrong by [°]",
+        "plants with a limit cycle",
+    ]
     for name, found in (("paper", paper(given.plants)), ("finger", finger(given.plants))):
         table(f"control-{name}", f"{name}: {given.plants} plants, medians", columns, summary(found))
 

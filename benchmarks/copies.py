@@ -1,4 +1,6 @@
-"""Copies of the project in which a module is changed and the fast tests are run, by `benchmarks.mutants`."""
+"""Copies of the project in which a module is changed and the fast tests are run, by
+`benchmarks.mutants`.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +24,32 @@ STAGES = {
         ("tests/estimators",),
         ("tests",),
     ),
-    "learning": (("tests/regression", "tests/homing"), ("tests/fitting", "tests/estimators"), ("tests",)),
+    "learning": (
+        ("tests/regression", "tests/homing"),
+        ("tests/fitting", "tests/estimators"),
+        ("tests",),
+    ),
     "all": (("tests/{package}", "tests/test_{package}.py"), ("tests/cli",), ("tests",)),
 }
-"""For each part of the package which tests run first, then, and last; what ran before is left out: its own see most.
+"""For each part of the package which tests run first, then, and last; what ran before is left out:
+its own see most.
 
-`{package}` is that of the changed module."""
+`{package}` is that of the changed module.
+"""
 
-OMITTED = (".*", "__pycache__", "build", "dist", "node_modules", "out", "*.egg-info", "test_mutants.py")
-"""What a copy of the project does not need; the tests of this tool would see no mistake in a filter."""
+OMITTED = (
+    ".*",
+    "__pycache__",
+    "build",
+    "dist",
+    "node_modules",
+    "out",
+    "*.egg-info",
+    "test_mutants.py",
+)
+"""What a copy of the project does not need; the tests of this tool would see no mistake in a
+filter.
+"""
 
 CHECK = "import distal, sys; sys.exit(not distal.__file__.startswith(sys.argv[1]))"
 
@@ -61,7 +80,9 @@ class Processes:
         self._running: set[subprocess.Popen[str]] = set()
         self._lock, self._stopped = threading.Lock(), False
 
-    def run(self, command: Sequence[str], folder: Path, environment: dict[str, str], limit: float) -> tuple[int, str]:
+    def run(
+        self, command: Sequence[str], folder: Path, environment: dict[str, str], limit: float
+    ) -> tuple[int, str]:
         """Return exit code and output of a command, or −1 and "time-out"; its children end with it.
 
         Args:
@@ -125,10 +146,16 @@ class Copy:
         part: whose stages of tests run.
     """
 
-    def __init__(self, root: Path, folder: Path, processes: Processes, data: Path, part: str = "filter") -> None:
+    def __init__(
+        self, root: Path, folder: Path, processes: Processes, data: Path, part: str = "filter"
+    ) -> None:
         self.stages = STAGES[part]
         self._package = "*"
-        self.folder, self._processes, self._temporary = folder, processes, data / f"{folder.name}-pytest"
+        self.folder, self._processes, self._temporary = (
+            folder,
+            processes,
+            data / f"{folder.name}-pytest",
+        )
         shutil.copytree(root, folder, symlinks=True, ignore=shutil.ignore_patterns(*OMITTED))
         scratch = data / f"{folder.name}-tmp"
         scratch.mkdir()
@@ -152,7 +179,9 @@ class Copy:
             [sys.executable, "-c", CHECK, str(self.folder)], self.folder, self._environment, 120.0
         )
         if code:
-            raise BaselineError(f"the copy's own package is not the one that is imported: {said.strip()[-300:]}")
+            raise BaselineError(
+                f"the copy's own package is not the one that is imported: {said.strip()[-300:]}"
+            )
 
     def test(self, stage: int, limit: float) -> Outcome:
         """Run the tests of one stage until one fails.
@@ -162,7 +191,10 @@ class Copy:
             limit: longest time [s].
         """
         # what the conftest calls the folder of kernels lies beside the base folder: copies share it
-        wanted, left_out = self._found(stage), [each for before in range(stage) for each in self._found(before)]
+        wanted, left_out = (
+            self._found(stage),
+            [each for before in range(stage) for each in self._found(before)],
+        )
         if not wanted:
             return Outcome(False, "", 0.0)
         command = [
@@ -176,7 +208,12 @@ class Copy:
             "-m",
             "not slow and not stored",
         ]
-        command += ["--tb=line", f"--basetemp={self._temporary}", *(f"--ignore={each}" for each in left_out), *wanted]
+        command += [
+            "--tb=line",
+            f"--basetemp={self._temporary}",
+            *(f"--ignore={each}" for each in left_out),
+            *wanted,
+        ]
         started = time.monotonic()
         code, said = self._processes.run(command, self.folder, self._environment, limit)
         seconds = time.monotonic() - started
@@ -186,7 +223,11 @@ class Copy:
 
     def _found(self, stage: int) -> list[str]:
         patterns = [each.format(package=self._package) for each in self.stages[stage]]
-        return sorted(str(path.relative_to(self.folder)) for each in patterns for path in self.folder.glob(each))
+        return sorted(
+            str(path.relative_to(self.folder))
+            for each in patterns
+            for path in self.folder.glob(each)
+        )
 
     @contextmanager
     def changed(self, file: Path, text: str) -> Iterator[None]:
@@ -214,7 +255,8 @@ class Copy:
 
 
 def quick_compiler(folder: Path) -> Path:
-    """Return a C compiler that optimises less: kernels of a mutant are used once, and have the same numbers.
+    """Return a C compiler that optimises less: kernels of a mutant are used once, and have the same
+    numbers.
 
     Args:
         folder: where its script is kept.

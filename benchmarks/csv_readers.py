@@ -1,4 +1,5 @@
-"""Readers of CSV beside each other: time and memory for a long log, and what each makes of damaged ones.
+"""Readers of CSV beside each other: time and memory for a long log, and what each makes of damaged
+ones.
 
 `python -m benchmarks.csv_readers` prints the tables of docs/results/dependencies.md.
 """
@@ -64,18 +65,33 @@ def with_polars(path: Path) -> Values:
 
 
 def with_polars_as_text(path: Path) -> Values:
-    """Cells as text, then numbers, so that no type is guessed and a cell that is none can be named."""
+    """Cells as text, then numbers, so that no type is guessed and a cell that is none can be
+    named.
+    """
     import polars
 
     frame = polars.read_csv(path, infer_schema=False, quote_char=None)
-    return {name: frame[name].str.strip_chars().cast(polars.Float64).to_numpy() for name in frame.columns}
+    return {
+        name: frame[name].str.strip_chars().cast(polars.Float64).to_numpy()
+        for name in frame.columns
+    }
 
 
-READERS = (with_distal, with_csv, with_loadtxt, with_genfromtxt, with_pyarrow, with_polars, with_polars_as_text)
+READERS = (
+    with_distal,
+    with_csv,
+    with_loadtxt,
+    with_genfromtxt,
+    with_pyarrow,
+    with_polars,
+    with_polars_as_text,
+)
 
 
 def costs(read: Callable[[Path], Values], path: Path, told: Any) -> None:
-    """Send wall and processor time [s], memory beyond that of a read of two lines [MB], and the values' bytes' hash."""
+    """Send wall and processor time [s], memory beyond that of a read of two lines [MB], and the
+    values' bytes' hash.
+    """
     short = path.with_name("short.csv")
     read(short)  # imports
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -84,7 +100,12 @@ def costs(read: Callable[[Path], Values], path: Path, told: Any) -> None:
     wall, processor = time.perf_counter() - wall, time.process_time() - processor
     memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     told.send(
-        (wall, processor, memory, hashlib.sha1(b"".join(values[name].tobytes() for name in sorted(values))).hexdigest())
+        (
+            wall,
+            processor,
+            memory,
+            hashlib.sha1(b"".join(values[name].tobytes() for name in sorted(values))).hexdigest(),
+        )
     )
 
 
@@ -102,13 +123,19 @@ def long_log(folder: Path) -> None:
         runs = []
         for _ in range(3):
             here, there = multiprocessing.Pipe()
-            process = multiprocessing.get_context("fork").Process(target=costs, args=(read, path, there))
+            process = multiprocessing.get_context("fork").Process(
+                target=costs, args=(read, path, there)
+            )
             process.start()
             runs.append(here.recv())
             process.join()
         wall, processor, memory, values = (min(column) for column in zip(*runs))
         first = values if first is None else first
-        print(f"| {read.__name__[5:]} | {wall:.1f} | {processor:.1f} | {memory:.0f} | {values == first} |", flush=True)
+        print(
+            f"| {read.__name__[5:]} | {wall:.1f} | {processor:.1f} | {memory:.0f} | "
+            f"{values == first} |",
+            flush=True,
+        )
 
 
 def damaged_logs(folder: Path) -> None:
@@ -122,8 +149,16 @@ def damaged_logs(folder: Path) -> None:
         expected = outcome(with_distal, path)
         for read in READERS:
             counts[read][compared(outcome(read, path), expected)] += 1
-    kinds = ("same", "refused as well", "takes what distal refuses", "refuses what distal takes", "other values")
-    print(f"\n{DAMAGED} damaged logs\n\n| reader | {' | '.join(kinds)} |\n|---|{'---|' * len(kinds)}")
+    kinds = (
+        "same",
+        "refused as well",
+        "takes what distal refuses",
+        "refuses what distal takes",
+        "other values",
+    )
+    print(
+        f"\n{DAMAGED} damaged logs\n\n| reader | {' | '.join(kinds)} |\n|---|{'---|' * len(kinds)}"
+    )
     for read in READERS:
         print(f"| {read.__name__[5:]} | {' | '.join(str(counts[read][kind]) for kind in kinds)} |")
 
@@ -134,7 +169,9 @@ def outcome(read: Callable[[Path], Values], path: Path) -> Values | None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             values = read(path)
-            return {name.strip(): np.asarray(each, dtype=np.float64) for name, each in values.items()}
+            return {
+                name.strip(): np.asarray(each, dtype=np.float64) for name, each in values.items()
+            }
     except Exception:
         return None
 

@@ -1,4 +1,5 @@
-"""Which optimiser a fit should use, and over how far slopes should be taken: measured on one fit of three simulated logs.
+"""Which optimiser a fit should use, and over how far slopes should be taken: measured on one fit of
+three simulated logs.
 
 `python -m benchmarks.derivatives` prints the tables of docs/results/fits.md.
 """
@@ -53,7 +54,10 @@ def steps(problem: Problem) -> None:
     for share in (0.001, 0.01, 0.1, 0.3, 1.0, 3.0):
         here = hessian(problem, problem.derivatives(end.z, share / 0.3 * widths))
         stds = np.sqrt(np.diag(np.linalg.inv(here)))
-        cells = [f"{std * part.slope(z):.2e} {part.si}" for (part, _), std, z in zip(problem.parts, stds, end.z)]
+        cells = [
+            f"{std * part.slope(z):.2e} {part.si}"
+            for (part, _), std, z in zip(problem.parts, stds, end.z)
+        ]
         rows.append([f"{share:g}", *cells])
     columns = ["slopes over, in standard errors", *(part.name for part, _ in problem.parts)]
     table("fit-steps", "Standard errors by Fisher's information", columns, rows)
@@ -73,7 +77,9 @@ def optimisers(problem: Problem) -> None:
     for method in ("L-BFGS-B", "TNC"):
         record(
             f"SciPy {method}",
-            lambda counted, method=method: minimize(counted.value, start, jac=True, method=method, bounds=limits).x,
+            lambda counted, method=method: (
+                minimize(counted.value, start, jac=True, method=method, bounds=limits).x
+            ),
         )
     record(
         "SciPy trust-constr with Fisher information",
@@ -92,7 +98,12 @@ def optimisers(problem: Problem) -> None:
     best = min(costs.values())
     for row in rows:
         row[-1] = f"{costs[row[0]] - best:.2f}"
-    table("fit-optimisers", "From the priors to the end of one fit", ["optimiser", "s", "−ln p above the best"], rows)
+    table(
+        "fit-optimisers",
+        "From the priors to the end of one fit",
+        ["optimiser", "s", "−ln p above the best"],
+        rows,
+    )
 
 
 def main() -> None:

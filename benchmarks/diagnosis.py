@@ -1,4 +1,5 @@
-"""What a diagnosis costs beside its estimate: `python -m benchmarks.diagnosis`; with DISTAL_DATA the given rigs too.
+"""What a diagnosis costs beside its estimate: `python -m benchmarks.diagnosis`; with DISTAL_DATA
+the given rigs too.
 
 Best of six; kernels are in the cache, so that writing C and compiling are left out.
 """
@@ -49,7 +50,16 @@ def main() -> None:
             for what, one in (("with a truth", log), ("without", replace(log, truth={}))):
                 alone, result = best(lambda one=one, rig=rig: estimate(one, rig))
                 whole, _ = best(lambda one=one, rig=rig, result=result: diagnose(result, one, rig))
-                rows.append([name, what, f"{len(log)}", f"{alone:.0f}", f"{whole:.0f}", f"{whole / alone:.1f}"])
+                rows.append(
+                    [
+                        name,
+                        what,
+                        f"{len(log)}",
+                        f"{alone:.0f}",
+                        f"{whole:.0f}",
+                        f"{whole / alone:.1f}",
+                    ]
+                )
     columns = ["rig", "log", "samples", "estimate [ms]", "diagnosis [ms]", "ratio"]
     table("diagnosis", "A diagnosis beside its estimate", columns, rows)
 

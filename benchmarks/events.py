@@ -1,7 +1,9 @@
-"""Chains in which something happens: a load is hung on and taken off, a place jumps and jumps back, a place is silent.
+"""Chains in which something happens: a load is hung on and taken off, a place jumps and jumps back,
+a place is silent.
 
-`python -m benchmarks.events [--first-seed 800] [--seeds 10]`: logs of 20 s of `strangers/chain_plants`; an event is
-from 5 s to 7 s, and the rig file does not say that it may occur. A cell: share of samples of all joints inside the band.
+`python -m benchmarks.events [--first-seed 800] [--seeds 10]`: logs of 20 s of
+`strangers/chain_plants`; an event is from 5 s to 7 s, and the rig file does not say that it may
+occur. A cell: share of samples of all joints inside the band.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ EVENTS = ("none", "load", "jump", "lasting jump", "silent")
 
 def plain(name: str, seed: int, load: bool) -> Log:
     """Return a log without an event of the sensors."""
-    columns, truth = make_log(PLANTS[name][0], "servo", seed, SAMPLES, (START, END) if load else None)
+    columns, truth = make_log(
+        PLANTS[name][0], "servo", seed, SAMPLES, (START, END) if load else None
+    )
     channels = {sensor.name: columns[sensor.log_column] for sensor in load_rig(name).sensors}
     known = {key: values for key, values in truth.items() if key.startswith("theta")}
     return Log(columns["time"], channels, known, f"{name} {seed}", "the simulation")
@@ -59,7 +63,9 @@ def logs(name: str, seed: int) -> Iterator[tuple[str, Log]]:
 
 
 def scores(case: tuple[str, int]) -> dict[str, tuple[float, float, float, float]]:
-    """Return of each event: inside while it lasts and after it, half-width after over before, median half-width [°]."""
+    """Return of each event: inside while it lasts and after it, half-width after over before,
+    median half-width [°].
+    """
     name, seed = case
     rig, found = load_rig(name), {}
     for event, log in logs(name, seed):
@@ -71,7 +77,12 @@ def scores(case: tuple[str, int]) -> dict[str, tuple[float, float, float, float]
         before = half[(time >= START - 2.0) & (time < START)].mean()
         late = half[(time >= END + 5.0) & (time < END + 6.0)].mean()
         median = float(np.rad2deg(np.median(half[time > 0.5])))
-        found[event] = (float(inside[during].mean()), float(inside[after].mean()), float(late / before), median)
+        found[event] = (
+            float(inside[during].mean()),
+            float(inside[after].mean()),
+            float(late / before),
+            median,
+        )
     return found
 
 
@@ -90,7 +101,13 @@ def main() -> None:
                 each = np.array([one[event] for one in found])
                 during, after, ratio, half = each.mean(axis=0)
                 both = (each[:, 0] * (END - START) + each[:, 1] * AFTER) / (END - START + AFTER)
-                cells = f"{during:.0%}", f"{after:.0%}", f"{both.min():.0%}", f"{ratio:.2f}", f"{each[:, 2].max():.2f}"
+                cells = (
+                    f"{during:.0%}",
+                    f"{after:.0%}",
+                    f"{both.min():.0%}",
+                    f"{ratio:.2f}",
+                    f"{each[:, 2].max():.2f}",
+                )
                 rows.append([name, event, *cells, f"{half:.2f}"])
     columns = [
         "rig",

@@ -1,7 +1,9 @@
-"""Rigs drawn at random in all forms of export: C, the plant, a library for Arduino, an FMU; compiled with all warnings.
+"""Rigs drawn at random in all forms of export: C, the plant, a library for Arduino, an FMU;
+compiled with all warnings.
 
-`python -m benchmarks.exports [--rigs N] [--first-seed N]`; half are shipped rigs with lines, values and keys changed, as
-far as they are still accepted, the others are drawn. What is refused is printed with its reason, what breaks with its seed.
+`python -m benchmarks.exports [--rigs N] [--first-seed N]`; half are shipped rigs with lines, values
+and keys changed, as far as they are still accepted, the others are drawn. What is refused is
+printed with its reason, what breaks with its seed.
 """
 
 from __future__ import annotations
@@ -49,17 +51,23 @@ def drawn(seed: int, folder: Path) -> Rig | None:
 def compiled(commands: list[list[str]], folder: Path) -> str:
     """Return the first line that a compiler says, empty where it has nothing to say."""
     for command in commands:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, errors="replace")
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, check=False, errors="replace"
+        )
         if done.returncode or done.stderr:
             said = done.stderr.splitlines() or [f"exit code {done.returncode}"]
-            return f"{command[0]}: {next((line for line in said if 'error' in line), said[0])[:200]}"
+            return (
+                f"{command[0]}: {next((line for line in said if 'error' in line), said[0])[:200]}"
+            )
     return ""
 
 
 def form(which: str, rig: Rig, rng: random.Random, folder: Path) -> str:
     """Export a rig in one form and compile it; return what a compiler says."""
     name, single = rng.choice(NAMES), rng.random() < 0.5
-    estimator = rng.choice(["adaptive", "adaptive", "adaptive", "ekf", "ekf-2008", "inextensible", "elastic"])
+    estimator = rng.choice(
+        ["adaptive", "adaptive", "adaptive", "ekf", "ekf-2008", "inextensible", "elastic"]
+    )
     compilers = [compiler for compiler in ("gcc", "clang") if shutil.which(compiler)]
     if which in ("C", "plant"):
         export_c(rig, folder, estimator, single=single, name=name, plant=which == "plant")
@@ -69,7 +77,9 @@ def form(which: str, rig: Rig, rng: random.Random, folder: Path) -> str:
         export_arduino(rig, folder, estimator, name=name)
         sketch = "examples/joint_angle/joint_angle.ino"
         said = ["-Isrc", f"-I{FIRMWARE}", "-include", "Arduino.h", "-x", "c++", *STRICT, sketch]
-        return compiled([[{"gcc": "g++", "clang": "clang++"}[each], *said] for each in compilers], folder)
+        return compiled(
+            [[{"gcc": "g++", "clang": "clang++"}[each], *said] for each in compilers], folder
+        )
     from fmpy.validation import validate_fmu
 
     export_fmu(rig, folder / "rig.fmu", estimator, name)
@@ -78,11 +88,15 @@ def form(which: str, rig: Rig, rng: random.Random, folder: Path) -> str:
         return f"fmpy: {problems[0]}"
     shutil.unpack_archive(folder / "rig.fmu", folder / "fmu", "zip")
     sources = [f"{name}.c", f"{name}_fmi3.c"]
-    return compiled([[each, "-std=c99", *STRICT, *sources] for each in compilers], folder / "fmu" / "sources")
+    return compiled(
+        [[each, "-std=c99", *STRICT, *sources] for each in compilers], folder / "fmu" / "sources"
+    )
 
 
 def attempt(seed: int) -> list[tuple[str, str, str]]:
-    """Return form, outcome and reason of a seed's rig in each form; none where the rig is not accepted."""
+    """Return form, outcome and reason of a seed's rig in each form; none where the rig is not
+    accepted.
+    """
     warnings.simplefilter("ignore")
     os.environ["DISTAL_COMPILE"] = "0"  # the FMU's binary would be compiled twice
     rng, found = random.Random(seed), list[tuple[str, str, str]]()
@@ -122,7 +136,10 @@ def main() -> None:
                         print(f"{each} {which} {outcome}: {why}", flush=True)
             seed += 64
     columns = ["form", "made", "refused, with the reason", "a compiler or fmpy complains", "broken"]
-    rows = [[which, *(str(own[k]) for k in ("made", "refused", "compiler", "broken"))] for which, own in counts.items()]
+    rows = [
+        [which, *(str(own[k]) for k in ("made", "refused", "compiler", "broken"))]
+        for which, own in counts.items()
+    ]
     table("exports", f"{rigs} rigs drawn at random, in all forms", columns, rows)
 
 

@@ -1,7 +1,7 @@
 """Right rigs: is anything said to be wrong? `python -m benchmarks.false_alarms [--plants 100]`.
 
-Plants are drawn from the stds of shipped rigs; with the truth beside the log, and without it. An alarm is a finding that
-contradicts the rig where the truth is inside the band for 85 % or more.
+Plants are drawn from the stds of shipped rigs; with the truth beside the log, and without it. An
+alarm is a finding that contradicts the rig where the truth is inside the band for 85 % or more.
 """
 
 from __future__ import annotations
@@ -27,9 +27,15 @@ def said(name: str, seed: int) -> tuple[float, Diagnosis, Diagnosis]:
     rig: Rig = scenario_rig(plan)
     draws = draws_of(rig)
     plant = rig.with_values(built_values(rig, draws, scores(draws, [seed])))
-    log = simulate(plant, plan.model_copy(update={"plant": {}, "duration": min(plan.duration, LONGEST)}), seed)
+    log = simulate(
+        plant, plan.model_copy(update={"plant": {}, "duration": min(plan.duration, LONGEST)}), seed
+    )
     result, blind = estimate(log, rig), replace(log, truth={})
-    return result.inside_band(), diagnose(result, log, rig), diagnose(estimate(blind, rig), blind, rig)
+    return (
+        result.inside_band(),
+        diagnose(result, log, rig),
+        diagnose(estimate(blind, rig), blind, rig),
+    )
 
 
 def contradicts(diagnosis: Diagnosis) -> bool:
@@ -46,14 +52,28 @@ def main() -> None:
     rows, each = [], given.plants // len(SCENARIOS)
     with ProcessPoolExecutor() as pool:
         for name in SCENARIOS:
-            found = list(pool.map(partial(said, name), range(given.first_seed, given.first_seed + each)))
-            right, low = ([one for one in found if (one[0] >= ENOUGH) is held] for held in (True, False))
+            found = list(
+                pool.map(partial(said, name), range(given.first_seed, given.first_seed + each))
+            )
+            right, low = (
+                [one for one in found if (one[0] >= ENOUGH) is held] for held in (True, False)
+            )
             alarms = [[one[k].text for one in right if contradicts(one[k])] for k in (1, 2)]
             for text in (*alarms[0], *alarms[1]):
                 print(f"{name}: {text[:200]}")
-            named = sum(any(finding.kind == "would explain" for finding in one[1].findings) for one in right)
+            named = sum(
+                any(finding.kind == "would explain" for finding in one[1].findings) for one in right
+            )
             told = sum(contradicts(one[1]) for one in low)
-            rows.append([name, *(f"{n}" for n in (len(found), len(alarms[0]), len(alarms[1]), named, len(low), told))])
+            rows.append(
+                [
+                    name,
+                    *(
+                        f"{n}"
+                        for n in (len(found), len(alarms[0]), len(alarms[1]), named, len(low), told)
+                    ),
+                ]
+            )
     columns = [
         "scenario",
         "plants",

@@ -1,4 +1,5 @@
-"""How well a fit finds a plant, with and without truth, on another simulator, and on a real instrument.
+"""How well a fit finds a plant, with and without truth, on another simulator, and on a real
+instrument.
 
 `python -m benchmarks.fitting` (part of `make accuracy`); the tables are saved in out/bench.
 """
@@ -26,8 +27,12 @@ START = Path("examples/da_vinci/start.toml")
 
 
 def start_rig() -> Rig:
-    """Return the paper's rig in a wide window; its preload is known, so that friction has one unknown."""
-    return load_rig("paper-2008-printed").with_values({**WINDOW, "joints.0.friction.preload.std": 0.0})
+    """Return the paper's rig in a wide window; its preload is known, so that friction has one
+    unknown.
+    """
+    return load_rig("paper-2008-printed").with_values(
+        {**WINDOW, "joints.0.friction.preload.std": 0.0}
+    )
 
 
 def drawn_plant(seed: int) -> tuple[dict[str, Any], tuple[float, float, float]]:
@@ -36,18 +41,29 @@ def drawn_plant(seed: int) -> tuple[dict[str, Any], tuple[float, float, float]]:
     k = 806.0 * (1 + 0.1 * rng.uniform(-1, 1))
     mu = 0.5 * (1 + 0.2 * rng.uniform(-1, 1))
     b = 8e-3 * (1 + 0.3 * rng.uniform(-1, 1))
-    names = ("tendons.0.stiffness", "tendons.1.stiffness", "joints.0.friction.coefficient", "joints.0.damping")
+    names = (
+        "tendons.0.stiffness",
+        "tendons.1.stiffness",
+        "joints.0.friction.coefficient",
+        "joints.0.damping",
+    )
     return dict(zip(names, (k, k, mu, b))), (k, mu, b)
 
 
 def logs_of(
-    rig: Rig, plant: dict[str, Any], seed: int, kinds: tuple[str, ...] = KINDS, duration: float = 10.0
+    rig: Rig,
+    plant: dict[str, Any],
+    seed: int,
+    kinds: tuple[str, ...] = KINDS,
+    duration: float = 10.0,
 ) -> list[Log]:
     """Return a log of each kind of scenario, drawn from a seed."""
     logs = []
     for i, kind in enumerate(kinds):
         drawn = scenario(kind, "as the rig", 100 * seed + i)
-        named = drawn.model_copy(update={"plant": plant, "duration": duration, "name": f"{kind} {seed}"})
+        named = drawn.model_copy(
+            update={"plant": plant, "duration": duration, "name": f"{kind} {seed}"}
+        )
         logs.append(simulate(rig, named, 100 * seed + i))
     return logs
 
@@ -73,7 +89,9 @@ def blind(seed: int) -> tuple[float, float, float]:
     found = fit([without_truth(log) for log in logs_of(rig, plant, seed)], rig, workers=1)
     held = logs_of(rig, plant, seed + 1000, ("ramps", "servo"))
     rigs = (rig, found.rig, rig.with_values(plant))
-    errors = [np.sqrt(np.mean([estimate(log, each).rms_error() ** 2 for log in held])) for each in rigs]
+    errors = [
+        np.sqrt(np.mean([estimate(log, each).rms_error() ** 2 for log in held])) for each in rigs
+    ]
     return tuple(float(np.rad2deg(error)) for error in errors)  # type: ignore[return-value]
 
 
@@ -105,7 +123,12 @@ def parameters(seeds: int, processes: int) -> None:
         "RMS",
         "std. error",
     ]
-    table("fit-parameters", f"Three 10 s logs with truth, {seeds} plants and seeds (`distal fit`)", columns, rows)
+    table(
+        "fit-parameters",
+        f"Three 10 s logs with truth, {seeds} plants and seeds (`distal fit`)",
+        columns,
+        rows,
+    )
 
 
 def next_log(seeds: int, processes: int) -> None:
@@ -114,9 +137,18 @@ def next_log(seeds: int, processes: int) -> None:
         fitted = np.array(list(pool.map(blind, range(seeds))))
     pooled = np.sqrt(np.mean(fitted**2, axis=0))
     ratio = fitted[:, 1] / fitted[:, 2]
-    row = [*(f"{value:.3f}" for value in pooled), f"{pooled[1] / pooled[2]:.2f}", f"{ratio.max():.2f}"]
+    row = [
+        *(f"{value:.3f}" for value in pooled),
+        f"{pooled[1] / pooled[2]:.2f}",
+        f"{ratio.max():.2f}",
+    ]
     columns = ["rig as it came [°]", "fitted [°]", "true rig [°]", "fitted / true", "worst seed"]
-    table("fit-blind", f"Fitted to three logs without truth, RMS on new logs, {seeds} plants", columns, [row])
+    table(
+        "fit-blind",
+        f"Fitted to three logs without truth, RMS on new logs, {seeds} plants",
+        columns,
+        [row],
+    )
 
 
 def other_simulator() -> None:
@@ -128,7 +160,9 @@ def other_simulator() -> None:
         return
     rig, rows = load_rig("pulley-antagonist"), []
     for share, sensors in ((0.8, 50), (1.0, 51), (1.2, 52)):
-        made = partial(mujoco_plant.log, sensors=sensors, link_friction=share * mujoco_plant.LINK_FRICTION)
+        made = partial(
+            mujoco_plant.log, sensors=sensors, link_friction=share * mujoco_plant.LINK_FRICTION
+        )
         try:
             logs = [made(seed) for seed in range(6)]
         except ImportError:
@@ -138,10 +172,26 @@ def other_simulator() -> None:
         for each in (rig, fit(logs[:1], rig).rig, fit(logs[:1], rig, curves=True).rig):
             estimates = [estimate(log, each) for log in logs[1:]]
             rms = np.sqrt(np.mean([one.rms_error() ** 2 for one in estimates]))
-            cells += [f"{np.rad2deg(rms):.3f}", f"{100 * np.mean([one.inside_band() for one in estimates]):.0f} %"]
+            cells += [
+                f"{np.rad2deg(rms):.3f}",
+                f"{100 * np.mean([one.inside_band() for one in estimates]):.0f} %",
+            ]
         rows.append(cells)
-    columns = ["plant", "as it came [°]", "band", "fitted [°]", "band", "fitted with --curves [°]", "band"]
-    table("fit-mujoco", "MuJoCo: fitted to one servo log, RMS on five others of the same sensors", columns, rows)
+    columns = [
+        "plant",
+        "as it came [°]",
+        "band",
+        "fitted [°]",
+        "band",
+        "fitted with --curves [°]",
+        "band",
+    ]
+    table(
+        "fit-mujoco",
+        "MuJoCo: fitted to one servo log, RMS on five others of the same sensors",
+        columns,
+        rows,
+    )
 
 
 def instrument() -> None:
@@ -163,22 +213,45 @@ def instrument() -> None:
         for one in fold.compared:
             assert one.fitted is not None
             assert one.before is not None
-            near = estimate(next(log for log in logs if log.source == one.log), fold.learned.rig, homing=0.2)
+            near = estimate(
+                next(log for log in logs if log.source == one.log), fold.learned.rig, homing=0.2
+            )
             point.append(near)
             errors = (one.before.rms, one.fitted.rms, near.rms_error())
             shares = (one.fitted.inside, near.inside_band())
             rows.append(
-                [Path(one.log).stem, *(f"{np.rad2deg(e):.3f}" for e in errors), *(f"{100 * s:.0f} %" for s in shares)]
+                [
+                    Path(one.log).stem,
+                    *(f"{np.rad2deg(e):.3f}" for e in errors),
+                    *(f"{100 * s:.0f} %" for s in shares),
+                ]
             )
-    said = [(one.before.rms, one.fitted.rms, one.fitted.inside) for one in whole.compared if one.before and one.fitted]
+    said = [
+        (one.before.rms, one.fitted.rms, one.fitted.inside)
+        for one in whole.compared
+        if one.before and one.fitted
+    ]
     before, after, inside = (np.array(column) for column in zip(*said))
-    nears, shares = np.array([one.rms_error() for one in point]), [one.inside_band() for one in point]
+    nears, shares = (
+        np.array([one.rms_error() for one in point]),
+        [one.inside_band() for one in point],
+    )
     for name, of in (("mean", np.mean), ("worst", np.max)):
-        rows.append([name, *(f"{np.rad2deg(of(each)):.3f}" for each in (before, after, nears)), "", ""])
+        rows.append(
+            [name, *(f"{np.rad2deg(of(each)):.3f}" for each in (before, after, nears)), "", ""]
+        )
     rows[-2][-2:] = f"{100 * np.mean(inside):.0f} %", f"{100 * np.mean(shares):.0f} %"
-    columns = ["run", "move, before [°]", "homing move [°]", "homing point [°]", "band, move", "band, point"]
+    columns = [
+        "run",
+        "move, before [°]",
+        "homing move [°]",
+        "homing point [°]",
+        "band, move",
+        "band, point",
+    ]
     title = (
-        f"da Vinci grasper, fitted without the run's motion class (all {len(logs)} runs at once: {took:.0f} s, "
+        f"da Vinci grasper, fitted without the run's motion class (all {len(logs)} runs at once: "
+        f"{took:.0f} s, "
         f"{len(whole.fitted)} numbers)"
     )
     table("fit-da-vinci", title, columns, rows)

@@ -1,8 +1,10 @@
-"""What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints tables; names: those of `Robustness`.
+"""What each guard of `adaptive` brings: `python -m benchmarks.guards [NAME …]` prints tables;
+names: those of `Robustness`.
 
-Each guard alone is taken out (or changed as `WITHOUT` says), and constants of the algorithm are changed as `CONSTANTS`
-says, on the friendly logs of `make accuracy` and on those of `benchmarks.strangers`. A row is a kind of log, a cell the
-RMS error [°] and the share inside the 95 % band.
+Each guard alone is taken out (or changed as `WITHOUT` says), and constants of the algorithm are
+changed as `CONSTANTS` says, on the friendly logs of `make accuracy` and on those of
+`benchmarks.strangers`. A row is a kind of log, a cell the RMS error [°] and the share inside the 95
+% band.
 """
 
 from __future__ import annotations
@@ -71,7 +73,9 @@ class Case:
 
 
 def friendly() -> list[Case]:
-    """Return logs as those of `make accuracy`: plants within the rig's stds and beyond, whole and spoiled, and hands."""
+    """Return logs as those of `make accuracy`: plants within the rig's stds and beyond, whole and
+    spoiled, and hands.
+    """
     made = []
     for kind in cases.SCENARIOS:
         where = "mid-range" if kind in cases.MID_RANGE else "into stops"
@@ -83,7 +87,9 @@ def friendly() -> list[Case]:
                 if plant in cases.WITHIN:
                     made.append(Case(f"{row}, spoiled", cases.spoiled(log, seed), rig))
     for friction in cases.HAND_FRICTION:
-        made += [Case("hand", cases.hand_log(seed), cases.hand_rig(friction)) for seed in range(SEEDS)]
+        made += [
+            Case("hand", cases.hand_log(seed), cases.hand_rig(friction)) for seed in range(SEEDS)
+        ]
     return made
 
 
@@ -92,10 +98,20 @@ def strange() -> list[Case]:
     made: list[Case] = []
 
     def collect(
-        bench: str, case: str, name: str, log: Log, rig: Rig, estimator: str, homing: float | None = None
+        bench: str,
+        case: str,
+        name: str,
+        log: Log,
+        rig: Rig,
+        estimator: str,
+        homing: float | None = None,
     ) -> Record:
         if estimator == "adaptive":
-            made.append(Case(f"{bench}, {case}" if bench in ("glitches", "rigs") else bench, log, rig, homing))
+            made.append(
+                Case(
+                    f"{bench}, {case}" if bench in ("glitches", "rigs") else bench, log, rig, homing
+                )
+            )
         return Record(bench, case, name, estimator, 0.0, 0.0, 0.0, None)
 
     usual, scoring.score = scoring.score, collect
@@ -175,7 +191,11 @@ def main() -> None:
     for row in rows:
         own = [i for i, case in enumerate(_CASES) if case.row == row]
         # random rigs differ by far in size: their median
-        pooled = np.median if row.startswith("rigs") else lambda values, axis: np.sqrt(np.mean(values**2, axis=axis))
+        pooled = (
+            np.median
+            if row.startswith("rigs")
+            else lambda values, axis: np.sqrt(np.mean(values**2, axis=axis))
+        )
         rms, inside = pooled(found[:, own, 0], axis=1), 100 * np.mean(found[:, own, 1], axis=1)
         cells.append([row, *(f"{e:.3f}, {s:.0f} %" for e, s in zip(rms, inside))])
     for start in range(0, len(variants), 6):

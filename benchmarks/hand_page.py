@@ -1,7 +1,8 @@
-"""The commands of docs/how-to/my-hand.md one after the other, timed: `python -m benchmarks.hand_page`.
+"""The commands of docs/how-to/my-hand.md one after the other, timed: `python -m
+benchmarks.hand_page`.
 
-The hand is one of `strangers.servo_hands`, behind the three methods that `distal.hands` asks of any hand; its routine
-runs on a clock of its own, as fast as the plant does.
+The hand is one of `strangers.servo_hands`, behind the three methods that `distal.hands` asks of any
+hand; its routine runs on a clock of its own, as fast as the plant does.
 """
 
 from __future__ import annotations
@@ -32,13 +33,22 @@ class Motors:
 
     def __init__(self) -> None:
         _, self.hands = orca_like([3], ("index_mcp", "ring_abd"))
-        self.driven, self.places = Driven(self.hands), self.hands.places + self.hands.d.zeros * self.hands.d.signs
+        self.driven, self.places = (
+            Driven(self.hands),
+            self.hands.places + self.hands.d.zeros * self.hands.d.signs,
+        )
         self.torques = np.zeros_like(self.places)
 
     def read(self) -> dict[str, float]:
         """Return what the motors read."""
-        return {f"m{k + 1}_{name}": float(factor * values[0, k]) for name, factor, values in
-                (("position", 1.0, self.places), ("current", 2000.0, self.torques)) for k in range(2)}  # fmt: skip
+        return {
+            f"m{k + 1}_{name}": float(factor * values[0, k])
+            for name, factor, values in (
+                ("position", 1.0, self.places),
+                ("current", 2000.0, self.torques),
+            )
+            for k in range(2)
+        }
 
     def temperatures(self) -> dict[str, float]:
         """Return none."""
@@ -69,34 +79,58 @@ def main() -> None:
         (root / "hand.csv").write_text(TABLE)
 
         def run(*arguments: str) -> None:
-            subprocess.run([sys.executable, "-m", "distal", *arguments], check=True, capture_output=True, cwd=root)
+            subprocess.run(
+                [sys.executable, "-m", "distal", *arguments],
+                check=True,
+                capture_output=True,
+                cwd=root,
+            )
 
-        timed("distal rig from-table", lambda: run("rig", "from-table", "hand.csv", "--out", "hand.toml"))
+        timed(
+            "distal rig from-table",
+            lambda: run("rig", "from-table", "hand.csv", "--out", "hand.toml"),
+        )
         hand = distal.hands.Hand(motors, root / "hand.toml")
-        found = timed("power_on, its clock as fast as the plant", lambda: hand.power_on(sleep=tick, now=lambda: now[0]))
+        found = timed(
+            "power_on, its clock as fast as the plant",
+            lambda: hand.power_on(sleep=tick, now=lambda: now[0]),
+        )
         found.save(root / "yesterday.toml")
         header = ",".join(["time", *motors.read()])
         np.savetxt(root / "routine.csv", record, delimiter=",", header=header, comments="")
         options = "--rig", "hand.toml", "--out", "calibrated.toml", "--since", "yesterday.toml"
         timed("distal calibrate", lambda: run("calibrate", "routine.csv", *options))
-        live = timed("Hand, first kernel", lambda: distal.hands.Hand(motors, root / "calibrated.toml"))
+        live = timed(
+            "Hand, first kernel", lambda: distal.hands.Hand(motors, root / "calibrated.toml")
+        )
         off = list[list[float]]()
 
         def move() -> None:
             live.update(now[0])
             for k in range(1000):
                 live.set_joint_positions(
-                    {"index_mcp": 40.0 + 30.0 * np.sin(0.02 * k), "ring_abd": 10.0 * np.sin(0.03 * k)}
+                    {
+                        "index_mcp": 40.0 + 30.0 * np.sin(0.02 * k),
+                        "ring_abd": 10.0 * np.sin(0.03 * k),
+                    }
                 )
                 tick()
                 live.update(now[0])
                 truth = np.rad2deg(motors.hands.angles[0])
                 off.append(
-                    [live.get_joint_positions()[name] - truth[j] for j, name in enumerate(("index_mcp", "ring_abd"))]
+                    [
+                        live.get_joint_positions()[name] - truth[j]
+                        for j, name in enumerate(("index_mcp", "ring_abd"))
+                    ]
                 )
 
         timed("1,000 updates with goals", move)
-    table("hand-page", f"live angles are {np.sqrt(np.mean(np.square(off))):.1f}° off", ["what", "seconds"], rows)
+    table(
+        "hand-page",
+        f"live angles are {np.sqrt(np.mean(np.square(off))):.1f}° off",
+        ["what", "seconds"],
+        rows,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Hands calibrated by their power-on routine alone, on plants of others: `python -m benchmarks.hands [--first-seed N]`."""
+"""Hands calibrated by their power-on routine alone, on plants of others: `python -m
+benchmarks.hands [--first-seed N]`.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ import numpy as np
 
 import distal
 from benchmarks.report import table
-from benchmarks.strangers.servo_hands import PERIOD, TORQUE_CONSTANT, Hands, Known, aero_like, orca_like
+from benchmarks.strangers.servo_hands import (
+    PERIOD,
+    TORQUE_CONSTANT,
+    Hands,
+    Known,
+    aero_like,
+    orca_like,
+)
 from distal import Rig
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate
 from distal.logs import Log
@@ -27,33 +36,55 @@ def rig_of(known: Known) -> Rig:
     m, rows = len(known.motors), []
     for t, motor in enumerate(known.motors):
         crossed = np.flatnonzero(known.arms[t])
-        pair = any(np.any(known.arms[k] * known.arms[t] < 0) and not np.any(known.arms[k] * known.arms[t] > 0)
-                   for k in range(m, len(known.arms)) if np.any(known.arms[k, crossed]))  # fmt: skip
+        pair = any(
+            np.any(known.arms[k] * known.arms[t] < 0)
+            and not np.any(known.arms[k] * known.arms[t] > 0)
+            for k in range(m, len(known.arms))
+            if np.any(known.arms[k, crossed])
+        )
         for j in crossed:
             rows.append(
-                Row(joint=known.joints[j], motor=motor, low=float(known.low[j]), high=float(known.high[j]),
-                    spool_radius=float(abs(known.spools[t, t])), joint_radius=float(abs(known.arms[t, j])),
-                    direction=1 if known.arms[t, j] > 0 else -1, back="tendon" if pair and len(crossed) == 1 else "spring")
-            )  # fmt: skip
+                Row(
+                    joint=known.joints[j],
+                    motor=motor,
+                    low=float(known.low[j]),
+                    high=float(known.high[j]),
+                    spool_radius=float(abs(known.spools[t, t])),
+                    joint_radius=float(abs(known.arms[t, j])),
+                    direction=1 if known.arms[t, j] > 0 else -1,
+                    back="tendon" if pair and len(crossed) == 1 else "spring",
+                )
+            )
     return hand_of(rows, "hand", "table").rig
 
 
 class Driven:
-    """Some hands behind routines or goals; angles as sensors read them in the rig's sign, so that a motor winds by +."""
+    """Some hands behind routines or goals; angles as sensors read them in the rig's sign, so that a
+    motor winds by +.
+    """
 
     def __init__(self, hands: Hands) -> None:
         self.hands, self.signs = hands, hands.d.signs
 
     def read(self, goals: Any) -> tuple[Any, Any]:
-        """Send goals [rad], let a period pass, and return places and torques by the catalogue's constant."""
+        """Send goals [rad], let a period pass, and return places and torques by the catalogue's
+        constant.
+        """
         read = self.hands.step(np.asarray(goals) * self.signs)
         return read["places"] * self.signs, TORQUE_CONSTANT * read["currents"] * self.signs
 
 
-def calibrated(known: Known, hands: Hands, rig: Rig, together: bool = False) -> list[tuple[Calibrated, Log]]:
-    """Run the routine on all hands side by side, one motor after the other or all `together`, and calibrate each."""
+def calibrated(
+    known: Known, hands: Hands, rig: Rig, together: bool = False
+) -> list[tuple[Calibrated, Log]]:
+    """Run the routine on all hands side by side, one motor after the other or all `together`, and
+    calibrate each.
+    """
     driven, count = Driven(hands), len(hands.angles)
-    routines = [Routine(rig, RoutineOptions(order=[known.motors] if together else None)) for _ in range(count)]
+    routines = [
+        Routine(rig, RoutineOptions(order=[known.motors] if together else None))
+        for _ in range(count)
+    ]
     names = [(f"{motor}_position", f"{motor}_current") for motor in known.motors]
     places = hands.places + hands.d.zeros * hands.d.signs
     torques, k = np.zeros_like(places), 0
@@ -85,7 +116,7 @@ def motion(
     """Let all motors follow smooth steps between random places within their travel, and record.
 
     A share of the steps goes to an end of it; `happens` is called before each period.
-    """  # fmt: skip
+    """
     rng, driven = np.random.default_rng([seed, 9]), Driven(hands)
     low, high = ends
     places = hands.places + hands.d.zeros * hands.d.signs
@@ -104,7 +135,11 @@ def motion(
         share = np.clip((1 - left / span) * 1.2, 0, 1)
         smooth = share**3 * (10 - 15 * share + 6 * share**2)
         places, torques = driven.read(begin + (goals - begin) * smooth)
-        for name, value in (("places", places), ("torques", torques), ("angles", hands.angles.copy())):
+        for name, value in (
+            ("places", places),
+            ("torques", torques),
+            ("angles", hands.angles.copy()),
+        ):
             rows[name].append(value)
     return {name: np.array(values) for name, values in rows.items()}
 
@@ -112,13 +147,19 @@ def motion(
 def log_of(known: Known, run: dict[str, Any], a: int) -> Log:
     """Return the log of one hand."""
     time_ = np.arange(len(run["places"])) * PERIOD
-    channels = {f"{motor}_position": run["places"][:, a, m].copy() for m, motor in enumerate(known.motors)}
-    channels |= {f"{motor}_current": run["torques"][:, a, m].copy() for m, motor in enumerate(known.motors)}
+    channels = {
+        f"{motor}_position": run["places"][:, a, m].copy() for m, motor in enumerate(known.motors)
+    }
+    channels |= {
+        f"{motor}_current": run["torques"][:, a, m].copy() for m, motor in enumerate(known.motors)
+    }
     return Log(time_, channels, {}, f"hand {a}")
 
 
 def ratio(known: Known, places: Any, ends: tuple[Any, Any]) -> Any:
-    """Return angles as a hand's own software makes them: each joint's range over the motor's travel between its stops."""
+    """Return angles as a hand's own software makes them: each joint's range over the motor's travel
+    between its stops.
+    """
     low, high = ends
     angles = np.zeros((len(places), len(known.joints)))
     of_joint = {}
@@ -135,7 +176,9 @@ def ratio(known: Known, places: Any, ends: tuple[Any, Any]) -> Any:
 
 
 def fitted(seeds: range, joints: Sequence[str]) -> list[list[str]]:
-    """Return RMS errors after the routine, and after a fit of each joint to three logs with a reference, on a fourth."""
+    """Return RMS errors after the routine, and after a fit of each joint to three logs with a
+    reference, on a fourth.
+    """
     known, hands = orca_like(seeds, joints)
     rig, rows = rig_of(known), list[list[str]]()
     found = calibrated(known, hands, rig)
@@ -152,10 +195,18 @@ def fitted(seeds: range, joints: Sequence[str]) -> list[list[str]]:
             truth = runs[3]["angles"][:, a, j]
             logs = [log_of(known, run, a) for run in runs]
             logs = [
-                Log(log.time, {s.name: log.channels[s.name] for s in part.rig.sensors if s.name in log.channels},
-                    {"theta": run["angles"][:, a, j].copy()}, f"log {k}")
+                Log(
+                    log.time,
+                    {
+                        s.name: log.channels[s.name]
+                        for s in part.rig.sensors
+                        if s.name in log.channels
+                    },
+                    {"theta": run["angles"][:, a, j].copy()},
+                    f"log {k}",
+                )
                 for k, (log, run) in enumerate(zip(logs, runs))
-            ]  # fmt: skip
+            ]
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", distal.DistalWarning)
                 learned = distal.fit(logs[:3], part.rig).rig
@@ -163,9 +214,18 @@ def fitted(seeds: range, joints: Sequence[str]) -> list[list[str]]:
                 off["fitted"].append(distal.estimate(last, learned).angles[:, 0] - truth)
                 off["routine"].append(distal.estimate(last, part.rig).angles[:, 0] - truth)
             off["ratio"].append(plain[:, j] - truth)
-        sizes = {name: float(np.rad2deg(np.sqrt(np.mean(np.square(errors))))) for name, errors in off.items()}
+        sizes = {
+            name: float(np.rad2deg(np.sqrt(np.mean(np.square(errors)))))
+            for name, errors in off.items()
+        }
         share = sizes["fitted"] / sizes["ratio"]
-        rows.append([f"{a}", *(f"{sizes[name]:.2f}" for name in ("routine", "fitted", "ratio")), f"{share:.2f}"])
+        rows.append(
+            [
+                f"{a}",
+                *(f"{sizes[name]:.2f}" for name in ("routine", "fitted", "ratio")),
+                f"{share:.2f}",
+            ]
+        )
     return rows
 
 
@@ -175,14 +235,19 @@ def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[lis
     rig = rig_of(known)
     begun = time.perf_counter()
     found = calibrated(known, hands, rig)
-    print(f"calibrated {len(found)} hands, {(time.perf_counter() - begun) / len(found):.1f} s each with their plants")
+    print(
+        f"calibrated {len(found)} hands, {(time.perf_counter() - begun) / len(found):.1f} s each "
+        "with their plants"
+    )
     m = len(known.motors)
     ends = np.zeros((2, len(found), m))
     for a, (_, log) in enumerate(found):
         for k, motor in enumerate(known.motors):
             place = log.channels[f"{motor}_position"]
             ends[:, a, k] = np.nanmin(place), np.nanmax(place)
-            if len([t for t in rig.tendons if t.drive == motor]) == 1:  # what it lets out beyond is no travel
+            if (
+                len([t for t in rig.tendons if t.drive == motor]) == 1
+            ):  # what it lets out beyond is no travel
                 ends[0, a, k] += 0.3
     run = motion(known, hands, ends, seeds[0])
     rows = []
@@ -197,7 +262,10 @@ def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[lis
         sizes = [float(np.sqrt(np.mean(errors**2))) for errors in (off, plain)]
         per_joint = np.sqrt(np.mean(off**2, axis=0))
         worst = int(np.argmax(per_joint))
-        share, faults = f"{sizes[0] / sizes[1]:.2f}", ", ".join(fault.sentence for fault in result.faults)
+        share, faults = (
+            f"{sizes[0] / sizes[1]:.2f}",
+            ", ".join(fault.sentence for fault in result.faults),
+        )
         row = [f"{a}", f"{sizes[0]:.2f}", f"{sizes[1]:.2f}", share, f"{100 * inside.mean():.0f}"]
         rows.append([*row, f"{known.joints[worst]} {per_joint[worst]:.1f}", faults])
     return rows
@@ -207,9 +275,13 @@ FAULTS = ("side", "slack", "broken", "slipped", "")
 
 
 def injected(hands: Hands, seed: int) -> list[list[str]]:
-    """Give each motor of hands with pairs of tendons one fault, or none, and return which, by hand and motor."""
+    """Give each motor of hands with pairs of tendons one fault, or none, and return which, by hand
+    and motor.
+    """
     rng, n, d = np.random.default_rng([seed, 5]), hands.places.shape[1], hands.d
-    kinds = [[FAULTS[int(k)] for k in rng.integers(0, len(FAULTS), n)] for _ in range(len(hands.places))]
+    kinds = [
+        [FAULTS[int(k)] for k in rng.integers(0, len(FAULTS), n)] for _ in range(len(hands.places))
+    ]
     for a, of_hand in enumerate(kinds):
         for k, kind in enumerate(of_hand):
             tendon = k + n * int(rng.integers(0, 2))
@@ -225,7 +297,9 @@ def injected(hands: Hands, seed: int) -> list[list[str]]:
 
 
 def found_faults(seeds: range, faulty: bool) -> list[list[str]]:
-    """Return how often each fault is found as itself, as another one, or not; without faults, false alarms."""
+    """Return how often each fault is found as itself, as another one, or not; without faults, false
+    alarms.
+    """
     known, hands = orca_like(seeds)
     kinds = injected(hands, seeds[0]) if faulty else [[""] * len(known.motors) for _ in seeds]
     results, counts = calibrated(known, hands, rig_of(known), together=True), dict[str, list[int]]()
@@ -236,7 +310,8 @@ def found_faults(seeds: range, faulty: bool) -> list[list[str]]:
             found = named.get(motor, "")
             row = counts.setdefault(kind or "none", [0, 0, 0, 0])
             row[0] += 1
-            # both tendons wound one way, and one broken: a motor tells no difference, and the sentence names both
+            # both tendons wound one way, and one broken: a motor tells no difference, and the
+            # sentence names both
             row[1] += found == kind or (found, kind) == ("broken", "side")
             row[2] += bool(found) and found != kind and (found, kind) != ("broken", "side")
             row[3] += not found and bool(kind)
@@ -255,9 +330,16 @@ def main() -> None:
         table("hands-faults", f"faults that the routine finds, seeds {first} on", titles, rows)
         return
     if "fitted" in sys.argv:
-        rows = fitted(range(first, first + draws), ("thumb_mcp", "index_abd", "index_mcp", "index_pip"))
+        rows = fitted(
+            range(first, first + draws), ("thumb_mcp", "index_abd", "index_mcp", "index_pip")
+        )
         titles = ["hand", "routine, °", "fitted, °", "ratio, °", "of it"]
-        table("hands-fitted", f"four joints of orca-like hands, fitted to three logs, seeds {first} on", titles, rows)
+        table(
+            "hands-fitted",
+            f"four joints of orca-like hands, fitted to three logs, seeds {first} on",
+            titles,
+            rows,
+        )
         return
     kinds = {"orca": orca_like, "aero": aero_like}
     for name, make in kinds.items():
@@ -269,7 +351,8 @@ def main() -> None:
         total = np.sqrt(np.mean(values[:, :2] ** 2, axis=0))
         share, inside = total[0] / total[1], values[:, 2].mean()
         title = (
-            f"{name}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, {share:.2f}, {inside:.0f} %"
+            f"{name}-like hands, seeds {first} on: {total[0]:.2f}°, ratio {total[1]:.2f}°, "
+            f"{share:.2f}, {inside:.0f} %"
         )
         table(f"hands-{name}", title, titles, rows)
 

@@ -1,8 +1,9 @@
-"""Hands watched while they move: `python -m benchmarks.hands_watched [--first-seed N] [--draws K] [--minutes M] [--sound]`.
+"""Hands watched while they move: `python -m benchmarks.hands_watched [--first-seed N] [--draws K]
+[--minutes M] [--sound]`.
 
-Each motor of hands of others gets a fault after some time, or none. A finding that names it before, or without a fault, is
-a false alarm: of a tendon, or of torques that are not as the model says. A quarter of the motions goes
-to an end of the range, as hands open and close; `--middle`: none does.
+Each motor of hands of others gets a fault after some time, or none. A finding that names it before,
+or without a fault, is a false alarm: of a tendon, or of torques that are not as the model says. A
+quarter of the motions goes to an end of the range, as hands open and close; `--middle`: none does.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class Injected:
         """Draw them."""
         rng, shape = np.random.default_rng([seed, 77]), hands.places.shape
         kinds = [
-            ["" if sound else KINDS[int(k)] for k in rng.integers(0, len(KINDS), shape[1])] for _ in range(shape[0])
+            ["" if sound else KINDS[int(k)] for k in rng.integers(0, len(KINDS), shape[1])]
+            for _ in range(shape[0])
         ]
         return cls(kinds, rng.uniform(0.3 * seconds, 0.4 * seconds, shape), rng)
 
@@ -59,10 +61,15 @@ class Injected:
                 hands.slipped[a, k] += rng.choice([-1.0, 1.0]) * rng.uniform(0.15, 0.4)
 
 
-def findings(known: Known, rig: distal.Rig, run: dict[str, Any], a: int) -> dict[str, list[tuple[float, str]]]:
+def findings(
+    known: Known, rig: distal.Rig, run: dict[str, Any], a: int
+) -> dict[str, list[tuple[float, str]]]:
     """Return motor → when it was named, and how, as its stream goes by."""
     log, live = log_of(known, run, a), LiveEstimator(rig)
-    monitor, samples = Monitor(live), np.column_stack([log.channels[name] for name in live.channels])
+    monitor, samples = (
+        Monitor(live),
+        np.column_stack([log.channels[name] for name in live.channels]),
+    )
     names = {motor: re.compile(rf"\b{motor} goes|\b{motor}_\w+ ") for motor in known.motors}
     found: dict[str, list[tuple[float, str]]] = {motor: [] for motor in known.motors}
     for time, sample in zip(log.time, samples):
@@ -76,30 +83,55 @@ def findings(known: Known, rig: distal.Rig, run: dict[str, Any], a: int) -> dict
 
 def main() -> None:
     """Print how often and how soon each fault is named, and false alarms per hour of a motor."""
-    value = {name: int(sys.argv[sys.argv.index(name) + 1]) for name in ("--first-seed", "--draws", "--minutes")
-             if name in sys.argv}  # fmt: skip
-    first, draws, seconds = value.get("--first-seed", 0), value.get("--draws", 5), 60.0 * value.get("--minutes", 2)
+    value = {
+        name: int(sys.argv[sys.argv.index(name) + 1])
+        for name in ("--first-seed", "--draws", "--minutes")
+        if name in sys.argv
+    }
+    first, draws, seconds = (
+        value.get("--first-seed", 0),
+        value.get("--draws", 5),
+        60.0 * value.get("--minutes", 2),
+    )
     warnings.simplefilter("ignore", distal.DistalWarning)
     known, hands = orca_like(range(first, first + draws))
     results = calibrated(known, hands, rig_of(known), together=True)
-    ends = np.array([[[place.min(), place.max()] for place in
-                      (log.channels[f"{motor}_position"] for motor in known.motors)] for _, log in results])  # fmt: skip
+    ends = np.array(
+        [
+            [
+                [place.min(), place.max()]
+                for place in (log.channels[f"{motor}_position"] for motor in known.motors)
+            ]
+            for _, log in results
+        ]
+    )
     injected = Injected.drawn(hands, first, seconds, "--sound" in sys.argv)
     run = motion(
-        known, hands, np.moveaxis(ends, 2, 0), first, seconds, 0.0 if "--middle" in sys.argv else 0.25, injected.apply
+        known,
+        hands,
+        np.moveaxis(ends, 2, 0),
+        first,
+        seconds,
+        0.0 if "--middle" in sys.argv else 0.25,
+        injected.apply,
     )
     counts: dict[str, list[Any]] = {kind: [0, [], 0.0, 0, 0] for kind in KINDS}
     for a, (result, _) in enumerate(results):
         faulty = {fault.drive for fault in result.faults}
         for k, (motor, named) in enumerate(findings(known, result.rig, run, a).items()):
             if motor in faulty:
-                print(f"hand {a}: {motor} not watched, as its routine found: {result.faults[0].sentence}")
+                print(
+                    f"hand {a}: {motor} not watched, as its routine found: "
+                    f"{result.faults[0].sentence}"
+                )
                 continue
             kind, when = injected.kinds[a][k], float(injected.when[a, k])
             row, until = counts[kind], when if kind else seconds
             before = [(time, detail) for time, detail in named if time < until]
             after = [time for time, _ in named if time >= until]
-            alarms = [one for one, last in zip(before, [(-1e9, ""), *before]) if one[0] - last[0] > AWAY]
+            alarms = [
+                one for one, last in zip(before, [(-1e9, ""), *before]) if one[0] - last[0] > AWAY
+            ]
             of_tendons = sum(f"{motor} goes" in detail for _, detail in alarms)
             row[0], row[2], row[3], row[4] = (
                 row[0] + 1,
@@ -113,7 +145,11 @@ def main() -> None:
     rows = []
     for kind, (motors, delays, hours, of_tendons, alarms) in counts.items():
         if motors:
-            late = [f"{np.median(delays):.1f}", f"{np.percentile(delays, 90):.1f}"] if delays else ["", ""]
+            late = (
+                [f"{np.median(delays):.1f}", f"{np.percentile(delays, 90):.1f}"]
+                if delays
+                else ["", ""]
+            )
             rows.append(
                 [
                     kind or "none",
@@ -125,7 +161,16 @@ def main() -> None:
                     f"{hours:.2f}",
                 ]
             )
-    titles = ["fault", "motors", "named", "delay, s (median)", "(90 %)", "false: tendons", "torques", "in motor-hours"]
+    titles = [
+        "fault",
+        "motors",
+        "named",
+        "delay, s (median)",
+        "(90 %)",
+        "false: tendons",
+        "torques",
+        "in motor-hours",
+    ]
     table("hands-watched", f"hands watched, seeds {first} on, {seconds:.0f} s", titles, rows)
 
 

@@ -1,9 +1,12 @@
-"""Rigs from MuJoCo models as they come, without a fit: `python -m benchmarks.imported_models [FOLDER …]`.
+"""Rigs from MuJoCo models as they come, without a fit: `python -m benchmarks.imported_models
+[FOLDER …]`.
 
-Plants, drawn by seed, are MuJoCo's own; they share no code with `distal.model`. Those of the hands in `benchmarks.models`
-need the folders of the unpacked wheels `playground` and `myo_sim`. Fingers of one's own are drawn with their models: arms,
-springs, `frictionloss`, damping, with motors that pull the tendons as the model has them (nothing stretches, the recorder's
-log), or behind drives with a stretch that the model does not say, without a third joint or with one that is softly coupled.
+Plants, drawn by seed, are MuJoCo's own; they share no code with `distal.model`. Those of the hands
+in `benchmarks.models` need the folders of the unpacked wheels `playground` and `myo_sim`. Fingers
+of one's own are drawn with their models: arms, springs, `frictionloss`, damping, with motors that
+pull the tendons as the model has them (nothing stretches, the recorder's log), or behind drives
+with a stretch that the model does not say, without a third joint or with one that is softly
+coupled.
 """
 
 from __future__ import annotations
@@ -29,7 +32,9 @@ PULL = (1.0, 6.0)
 
 
 def own_finger(seed: int, coupled: bool) -> str:
-    """Return a drawn model of a finger: flexors against an extensor (odd seeds) or against springs alone (even ones)."""
+    """Return a drawn model of a finger: flexors against an extensor (odd seeds) or against springs
+    alone (even ones).
+    """
     draw = np.random.default_rng([seed, 243])
 
     def between(low: float, high: float) -> float:
@@ -49,13 +54,19 @@ def own_finger(seed: int, coupled: bool) -> str:
           <joint name="dip" axis="0 1 0" range="0 1.6" armature="{turns}" damping="{damps / 2}"
             stiffness="{stiff[1] / 4}"/></body>"""
     tie = (
-        f'<equality><joint joint1="dip" joint2="pip" solref="{between(0.005, 0.04)} 1"/></equality>' if coupled else ""
+        f'<equality><joint joint1="dip" joint2="pip" solref="{between(0.005, 0.04)} 1"/></equality>'
+        if coupled
+        else ""
     )
     fixed = "".join(
         f'<fixed name="{name}"><joint joint="mcp" coef="{side * arms[name][0]}"/>{pip}</fixed>'
         for name, side, pip in [
             ("deep", -1, f'<joint joint="pip" coef="{-arms["deep"][1]}"/>'),
-            *([("extensor", 1, f'<joint joint="pip" coef="{arms["extensor"][1]}"/>')] if against else []),
+            *(
+                [("extensor", 1, f'<joint joint="pip" coef="{arms["extensor"][1]}"/>')]
+                if against
+                else []
+            ),
         ]
     )
     names = ["deep", "shallow", *(["extensor"] if against else [])]
@@ -77,7 +88,9 @@ def own_finger(seed: int, coupled: bool) -> str:
 
 
 def unstretched(seed: int, coupled: bool) -> tuple[Rig, Log]:
-    """Return the rig of an own finger, and what the recorder sees of it: tendons that do not stretch, no noise."""
+    """Return the rig of an own finger, and what the recorder sees of it: tendons that do not
+    stretch, no noise.
+    """
     model = mujoco.MjModel.from_xml_string(own_finger(seed, coupled))
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
     recorder = distal.from_mujoco(model, data, rig)
@@ -90,7 +103,9 @@ def unstretched(seed: int, coupled: bool) -> tuple[Rig, Log]:
 
 
 def stretched(seed: int, coupled: bool) -> tuple[Rig, Log]:
-    """Return the rig of an own finger, and a log of it behind drives, with a stretch, friction, noise: `models.plant`."""
+    """Return the rig of an own finger, and a log of it behind drives, with a stretch, friction,
+    noise: `models.plant`.
+    """
     text = own_finger(seed, coupled)
     rig = from_mujoco(mujoco.MjModel.from_xml_string(text)).rig
     return rig, recorded(plant(mujoco.MjSpec.from_string(text), rig, seed), rig, 10 * seed, *PULL)
@@ -99,7 +114,10 @@ def stretched(seed: int, coupled: bool) -> tuple[Rig, Log]:
 def of_hand(folders: list[Path], name: str) -> Made:
     """Return what makes the rig and a log of one of `HANDS`."""
     rig = found(folders, name)[0].rig
-    return lambda seed: (rig, recorded(plant(specification(folders, name), rig, seed), rig, 10 * seed))
+    return lambda seed: (
+        rig,
+        recorded(plant(specification(folders, name), rig, seed), rig, 10 * seed),
+    )
 
 
 def kinds(folders: list[Path]) -> dict[str, Made]:
@@ -114,17 +132,25 @@ def kinds(folders: list[Path]) -> dict[str, Made]:
 
 
 def figures(rig: Rig, log: Log) -> tuple[float, float, float]:
-    """Return RMS error, mean over the joints, and median half-width of the band [deg], and the share inside it [%]."""
+    """Return RMS error, mean over the joints, and median half-width of the band [deg], and the
+    share inside it [%].
+    """
     got = estimate(log, rig, "adaptive")
     off = got.angles - np.column_stack([log.truth[f"theta_{joint.name}"] for joint in rig.joints])
     wide = 1.96 * got.angle_stds
     rms = np.sqrt(np.mean(off**2, axis=0)).mean()
-    return float(np.rad2deg(rms)), float(np.rad2deg(np.median(wide))), 100 * float(np.mean(np.abs(off) <= wide))
+    return (
+        float(np.rad2deg(rms)),
+        float(np.rad2deg(np.median(wide))),
+        100 * float(np.mean(np.abs(off) <= wide)),
+    )
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.imported_models", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.imported_models", description=__doc__
+    )
     parser.add_argument("folders", nargs="*", type=Path, help="with models")
     parser.add_argument("--seeds", type=int, default=10, help="plants of each kind")
     parser.add_argument("--first-seed", type=int, default=11)
@@ -132,7 +158,12 @@ def main() -> None:
     warnings.simplefilter("ignore")
     rows = []
     for name, made in kinds(given.folders).items():
-        values = np.array([figures(*made(seed)) for seed in range(given.first_seed, given.first_seed + given.seeds)])
+        values = np.array(
+            [
+                figures(*made(seed))
+                for seed in range(given.first_seed, given.first_seed + given.seeds)
+            ]
+        )
         rms, wide, inside = values.T
         rows.append(
             [
@@ -145,8 +176,20 @@ def main() -> None:
             ]
         )
         print(*rows[-1], flush=True)
-    columns = ["model", "RMS, median [°]", "largest", "half-width, median [°]", "inside [%]", "each plant"]
-    table("imported-models", f"Imported models without a fit, {given.seeds} plants each", columns, rows)
+    columns = [
+        "model",
+        "RMS, median [°]",
+        "largest",
+        "half-width, median [°]",
+        "inside [%]",
+        "each plant",
+    ]
+    table(
+        "imported-models",
+        f"Imported models without a fit, {given.seeds} plants each",
+        columns,
+        rows,
+    )
 
 
 if __name__ == "__main__":

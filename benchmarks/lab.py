@@ -1,4 +1,5 @@
-"""The lab in headless Chromium: size, time to the first frame, frames a second, and work in a frame.
+"""The lab in headless Chromium: size, time to the first frame, frames a second, and work in a
+frame.
 
 `python -m benchmarks.lab [RIG …]`; needs ziglang and a browser.
 """
@@ -43,10 +44,17 @@ def main() -> None:
             path = lab_page(rig, Path(folder) / "lab.html", source=name)
             for width in (1400, 400):
                 first, rate, work = looked_at(path, width)
-                rows.append([
-                    name, f"{len(rig.joints)}", f"{path.stat().st_size / 1000:.0f}", f"{width}", f"{first:.0f}",
-                    f"{rate:.0f}", f"{np.median(work):.1f}",
-                ])  # fmt: skip
+                rows.append(
+                    [
+                        name,
+                        f"{len(rig.joints)}",
+                        f"{path.stat().st_size / 1000:.0f}",
+                        f"{width}",
+                        f"{first:.0f}",
+                        f"{rate:.0f}",
+                        f"{np.median(work):.1f}",
+                    ]
+                )
     columns = [
         "rig",
         "joints",

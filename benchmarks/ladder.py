@@ -1,11 +1,12 @@
-"""Wrong rigs beside a known truth: is the cause named? `python -m benchmarks.ladder SEED [PLANT …]`.
+"""Wrong rigs beside a known truth: is the cause named? `python -m benchmarks.ladder SEED [PLANT
+…]`.
 
-Plants are the given joint and finger of `newcomer`, and others that share no code with the model (`PLANTS`). Each number
-× 0.5, 0.67, 0.9, 1.1, 1.5 and 2, each sign, unit and zero, one at a time. A step counts where the truth is inside the band
-for less than 85 % or the error is above twice the right rig's. Named is a cause in words of the thing that was changed;
-gear, spool and moment arm of a drive are one, as are stiffness and a force's scale.
-With `--blind` nothing is told of the truth: a step is missed where "consistent" is said and its group is not among those
-that cannot be tested.
+Plants are the given joint and finger of `newcomer`, and others that share no code with the model
+(`PLANTS`). Each number × 0.5, 0.67, 0.9, 1.1, 1.5 and 2, each sign, unit and zero, one at a time. A
+step counts where the truth is inside the band for less than 85 % or the error is above twice the
+right rig's. Named is a cause in words of the thing that was changed; gear, spool and moment arm of
+a drive are one, as are stiffness and a force's scale. With `--blind` nothing is told of the truth:
+a step is missed where "consistent" is said and its group is not among those that cannot be tested.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ UNITS = {"rad": 57.3, "m": 1000.0, "N": 4.448, "N m": 1000.0}
 
 @dataclass(frozen=True)
 class Step:
-    """One thing that is wrong: by overrides of the rig file, or a factor on a channel and what is added to it."""
+    """One thing that is wrong: by overrides of the rig file, or a factor on a channel and what is
+    added to it.
+    """
 
     name: str
     causes: tuple[str, ...]
@@ -50,7 +53,9 @@ class Step:
 
 
 def steps(rig: Rig) -> Iterator[Step]:
-    """Yield the right rig, then all wrong ones, each with words of which one has to be in what is said of its cause."""
+    """Yield the right rig, then all wrong ones, each with words of which one has to be in what is
+    said of its cause.
+    """
     yield Step("right", ())
     for sensor in rig.sensors:
         if sensor.measures in ("position", "force"):
@@ -60,21 +65,36 @@ def steps(rig: Rig) -> Iterator[Step]:
                 else (sensor.name, "stretched the tendons of " + sensor.of)
             )
             yield Step(f"sign of {sensor.name}", words, (f"sensors.{sensor.name}.sign=-1",))
-            yield Step(f"unit of {sensor.name}", words, channel=sensor.name, factor=UNITS[sensor.si])
+            yield Step(
+                f"unit of {sensor.name}", words, channel=sensor.name, factor=UNITS[sensor.si]
+            )
             for key in ("gear", "torque_constant_motor"):
                 if getattr(sensor, key, None) not in (None, 1.0):
-                    yield from _scaled(f"sensors.{sensor.name}.{key}", float(getattr(sensor, key)), words)
+                    yield from _scaled(
+                        f"sensors.{sensor.name}.{key}", float(getattr(sensor, key)), words
+                    )
         if sensor.measures == "position":
             yield Step(
-                f"zero of {sensor.name}", words, channel=sensor.name, added=0.35 if sensor.si == "rad" else 1.5e-3
+                f"zero of {sensor.name}",
+                words,
+                channel=sensor.name,
+                added=0.35 if sensor.si == "rad" else 1.5e-3,
             )
     for tendon in rig.tendons:
         places = tuple(
-            sensor.name for sensor in rig.sensors if sensor.of == tendon.drive and sensor.measures == "position"
+            sensor.name
+            for sensor in rig.sensors
+            if sensor.of == tendon.drive and sensor.measures == "position"
         )
-        force = tuple(sensor.name for sensor in rig.sensors if sensor.of == tendon.drive and sensor.measures == "force")
+        force = tuple(
+            sensor.name
+            for sensor in rig.sensors
+            if sensor.of == tendon.drive and sensor.measures == "force"
+        )
         yield from _scaled(f"tendons.{tendon.name}.stiffness", tendon.stiffness.value, force)
-        yield from _scaled(f"tendons.{tendon.name}.pretension", tendon.pretension.value, (*places, *force))
+        yield from _scaled(
+            f"tendons.{tendon.name}.pretension", tendon.pretension.value, (*places, *force)
+        )
         for path, shape in tendon.shapes():
             radius = getattr(shape, "radius", None)
             if radius is not None:
@@ -84,7 +104,9 @@ def steps(rig: Rig) -> Iterator[Step]:
     for drive in rig.drives:
         if drive.kind == "capstan":
             places = tuple(
-                sensor.name for sensor in rig.sensors if sensor.of == drive.name and sensor.measures == "position"
+                sensor.name
+                for sensor in rig.sensors
+                if sensor.of == drive.name and sensor.measures == "position"
             )
             yield from _scaled(f"drives.{drive.name}.radius", drive.radius.value, places)
 
@@ -99,9 +121,18 @@ PLANTS: dict[str, tuple[Callable[[int], Log], Callable[[], Rig]]] = {
     "ropes": (lambda seed: ropes_log(seed, "ramps"), ropes_rig),
     "foreign": (foreign_finger_log, foreign_finger_rig),
     "hand": (foreign_hand_log, foreign_hand_rig),
-    "finger-2n": (lambda seed: simulated("finger-2n", "servo", seed), lambda: load_rig("finger-2n")),
-    "finger-n-plus-1": (lambda seed: simulated("finger-n-plus-1", "servo", seed), lambda: load_rig("finger-n-plus-1")),
-    "wrist": (lambda seed: simulated("wrist-instrument", "servo", seed), lambda: load_rig("wrist-instrument")),
+    "finger-2n": (
+        lambda seed: simulated("finger-2n", "servo", seed),
+        lambda: load_rig("finger-2n"),
+    ),
+    "finger-n-plus-1": (
+        lambda seed: simulated("finger-n-plus-1", "servo", seed),
+        lambda: load_rig("finger-n-plus-1"),
+    ),
+    "wrist": (
+        lambda seed: simulated("wrist-instrument", "servo", seed),
+        lambda: load_rig("wrist-instrument"),
+    ),
 }
 """Plants of other benchmarks: a log of a seed, and its right rig."""
 
@@ -140,8 +171,12 @@ def placed(name: str, seed: int, path: Path) -> Callable[[Sequence[str]], Rig]:
     )
 
 
-def counted(seed: int, names: Sequence[str]) -> Iterator[tuple[str, Step, Log, Rig, Estimate | None]]:
-    """Yield each step that counts: name of the plant, step, log, rig, and what was estimated unless it diverged."""
+def counted(
+    seed: int, names: Sequence[str]
+) -> Iterator[tuple[str, Step, Log, Rig, Estimate | None]]:
+    """Yield each step that counts: name of the plant, step, log, rig, and what was estimated unless
+    it diverged.
+    """
     with tempfile.TemporaryDirectory() as folder:
         for name in names:
             path = Path(folder) / f"{name}.csv"
@@ -158,11 +193,15 @@ def counted(seed: int, names: Sequence[str]) -> Iterator[tuple[str, Step, Log, R
                     yield name, step, log, rig, None
                     continue
                 right = result.rms_error() if step.name == "right" else right
-                if step.name != "right" and (result.inside_band() < 0.85 or result.rms_error() > 2 * right):
+                if step.name != "right" and (
+                    result.inside_band() < 0.85 or result.rms_error() > 2 * right
+                ):
                     yield name, step, log, rig, result
 
 
-def judged(step: Step, log: Log, rig: Rig, result: Estimate | None, blind: bool) -> tuple[bool, bool, str]:
+def judged(
+    step: Step, log: Log, rig: Rig, result: Estimate | None, blind: bool
+) -> tuple[bool, bool, str]:
     """Return whether the cause was named, whether "consistent" was said, and what was said."""
     if blind:
         log = replace(log, truth={})
@@ -175,11 +214,19 @@ def judged(step: Step, log: Log, rig: Rig, result: Estimate | None, blind: bool)
     is_named = any(cause in finding.text for finding in looks for cause in step.causes)
     if blind:
         group = sentences.ZERO if step.added or "pretension" in step.name else sentences.SCALE
-        if "stiffness" in step.name or any(s.name == step.channel and s.measures == "force" for s in rig.sensors):
+        if "stiffness" in step.name or any(
+            s.name == step.channel and s.measures == "force" for s in rig.sensors
+        ):
             group = sentences.COMPLIANCE
         looks += [finding for finding in findings if finding.kind == "cannot test"]
-        is_named |= any(finding.kind == "cannot test" and group in finding.text for finding in findings)
-    return is_named, text.startswith("consistent"), "; ".join(finding.text for finding in looks) or text
+        is_named |= any(
+            finding.kind == "cannot test" and group in finding.text for finding in findings
+        )
+    return (
+        is_named,
+        text.startswith("consistent"),
+        "; ".join(finding.text for finding in looks) or text,
+    )
 
 
 def main() -> None:
@@ -187,7 +234,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ladder", description=__doc__)
     parser.add_argument("seed", type=int)
     parser.add_argument(
-        "plants", nargs="*", default=GIVEN, help=f"of {', '.join((*GIVEN, *PLANTS))}; default the given"
+        "plants",
+        nargs="*",
+        default=GIVEN,
+        help=f"of {', '.join((*GIVEN, *PLANTS))}; default the given",
     )
     parser.add_argument("--blind", action="store_true", help="without the truth")
     given = parser.parse_args()
@@ -197,14 +247,27 @@ def main() -> None:
         missed = consistent and not (given.blind and is_named)
         verdicts.append((is_named, missed))
         verdict = "MISSED" if missed else "named" if is_named else "other"
-        score = "" if result is None else f"{np.rad2deg(result.rms_error()):.2f}° {100 * result.inside_band():.0f} %"
+        score = (
+            ""
+            if result is None
+            else f"{np.rad2deg(result.rms_error()):.2f}° {100 * result.inside_band():.0f} %"
+        )
         print(f"{name:9} {step.name:42} {score:>14}  {verdict:7} {said[:150]}", flush=True)
     named, missed = np.sum(verdicts, axis=0)
-    print(f"{len(verdicts)} steps count: {named} named ({100 * named / len(verdicts):.0f} %), {missed} missed")
+    print(
+        f"{len(verdicts)} steps count: {named} named ({100 * named / len(verdicts):.0f} %), "
+        f"{missed} missed"
+    )
 
 
 def _changed(log: Log, step: Step) -> Log:
-    return replace(log, channels={**log.channels, step.channel: step.factor * log.channels[step.channel] + step.added})
+    return replace(
+        log,
+        channels={
+            **log.channels,
+            step.channel: step.factor * log.channels[step.channel] + step.added,
+        },
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""The limits on both sides: the same filter written by hand in C, and as a user writes it with FilterPy and NumPy."""
+"""The limits on both sides: the same filter written by hand in C, and as a user writes it with
+FilterPy and NumPy.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def scan_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -
 
 
 def lane_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
-    """Return the time per sample and run of as many logs as there are vector lanes, in one loop [µs]."""
+    """Return the time per sample and run of as many logs as there are vector lanes, in one loop
+    [µs].
+    """
     samples = samples_of(log, runner.channels)
     start = runner.initial(log.time[0], samples[0])
     rows, _ = runner.checked_rows(start, log.time, samples)
@@ -83,16 +87,23 @@ def casadi_time(runner: KernelEstimator, log: Log, summary: Summary = np.median)
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder) / "casadi.c", Path(folder) / "casadi.so"
         source.write_text(generator.dump() + loop)
-        subprocess.run([*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True)
+        subprocess.run(
+            [*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True
+        )
         call = ctypes.CDLL(str(library)).loop
         arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
         arrays += [np.zeros((len(rows), function.numel_out(i))) for i in range(2)]
-        arguments = [ctypes.c_longlong(len(rows)), *(ctypes.c_void_p(array.ctypes.data) for array in arrays)]
+        arguments = [
+            ctypes.c_longlong(len(rows)),
+            *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
+        ]
         return _timed(lambda: call(*arguments), summary) / len(rows)
 
 
 def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
-    """Return the time per sample of the hand-written `ekf` [µs], and its largest difference to the compiled one [rad]."""
+    """Return the time per sample of the hand-written `ekf` [µs], and its largest difference to the
+    compiled one [rad].
+    """
     compiler = find_compiler()
     assert not isinstance(compiler, str)
     runner = make_estimator("ekf", rig)
@@ -101,11 +112,16 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
     rows, _ = runner.checked_rows(start, log.time, samples)
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "ekf.so"
-        subprocess.run([*compiler.command, *FLAGS, str(HANDWRITTEN), "-o", str(library), "-lm"], check=True)
+        subprocess.run(
+            [*compiler.command, *FLAGS, str(HANDWRITTEN), "-o", str(library), "-lm"], check=True
+        )
         scan = ctypes.CDLL(str(library)).ekf_scan
         arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
         arrays += [np.zeros((len(rows), 44)), np.zeros((len(rows), 4))]
-        arguments = [ctypes.c_longlong(len(rows)), *(ctypes.c_void_p(array.ctypes.data) for array in arrays)]
+        arguments = [
+            ctypes.c_longlong(len(rows)),
+            *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
+        ]
         taken = _timed(lambda: scan(*arguments)) / len(rows)
         known, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
     return taken, float(np.abs(arrays[3][:, 0] - known[:, 0]).max())
@@ -137,7 +153,9 @@ def live_times(rig: Rig, log: Log, name: str = "adaptive") -> np.ndarray:
 
 
 def batch_time(rig: Rig, logs: list[Log], runs: int, workers: int | None) -> float:
-    """Return the time per sample and run of a batch [µs], from logs in memory to estimates that are let go."""
+    """Return the time per sample and run of a batch [µs], from logs in memory to estimates that are
+    let go.
+    """
     start, samples = time.perf_counter(), 0
     for result in estimate_batch((logs[i % len(logs)] for i in range(runs)), rig, workers=workers):
         samples += len(result)
@@ -145,9 +163,11 @@ def batch_time(rig: Rig, logs: list[Log], runs: int, workers: int | None) -> flo
 
 
 def numpy_substeps(states: np.ndarray, pulls: np.ndarray, dt: float, count: int = 15) -> np.ndarray:
-    """Return states of the paper's rig after an interval, (m, 6), by sub-steps in NumPy with projected friction.
+    """Return states of the paper's rig after an interval, (m, 6), by sub-steps in NumPy with
+    projected friction.
 
-    As a careful user writes it: all perturbed states at once, one array operation per line of the equations.
+    As a careful user writes it: all perturbed states at once, one array operation per line of the
+    equations.
     """
     inertia, damping = np.array([4.239e-4, 1e-3, 1e-3]), np.array([8e-3, 0.01, 0.01])
     r, length, k, mu, r_a, preload, mu_x = 9.53e-3, 0.375, 806.0, 0.5, 3.18e-3, 4.9, 2e-3
@@ -171,7 +191,11 @@ def numpy_substeps(states: np.ndarray, pulls: np.ndarray, dt: float, count: int 
         place = np.clip(end, low, high)
         inside = (end - place) * (1e5 * (end - place) + 3.0 * v[:, 1:]) > 0
         pressed = z[:, 1:] - b[1:] * 1e5 * (q[:, 1:] - place)
-        pressed = np.sign(pressed) * np.maximum(np.abs(pressed) - limit[:, 1:], 0.0) / (1 + b[1:] * (1e5 * h + 3.0))
+        pressed = (
+            np.sign(pressed)
+            * np.maximum(np.abs(pressed) - limit[:, 1:], 0.0)
+            / (1 + b[1:] * (1e5 * h + 3.0))
+        )
         v[:, 1:] = np.where(inside, pressed, v[:, 1:])
         if i < count:
             q = q + h * v
@@ -179,7 +203,9 @@ def numpy_substeps(states: np.ndarray, pulls: np.ndarray, dt: float, count: int 
 
 
 def filterpy_numpy(samples: np.ndarray, times: np.ndarray, count: int) -> np.ndarray:
-    """Return the times per step [µs] of FilterPy's EKF on `numpy_substeps`, its Jacobian by differences, all at once."""
+    """Return the times per step [µs] of FilterPy's EKF on `numpy_substeps`, its Jacobian by
+    differences, all at once.
+    """
     from filterpy.kalman import ExtendedKalmanFilter
 
     peer = ExtendedKalmanFilter(dim_x=6, dim_z=2)

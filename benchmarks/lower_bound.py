@@ -1,4 +1,6 @@
-"""A lower bound on the error of the joint angle: what no filter with the same knowledge can beat by much."""
+"""A lower bound on the error of the joint angle: what no filter with the same knowledge can beat by
+much.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,13 @@ from distal.run import samples_of
 
 
 def lower_bound(rig: Rig, log: Log) -> float:
-    """Return the RMS over a log and its joints of the posterior Cramér–Rao bound on an angle's std [rad].
+    """Return the RMS over a log and its joints of the posterior Cramér–Rao bound on an angle's std
+    [rad].
 
-    The covariance recursion of the state of `adaptive`, with the same priors, linearised along the true
-    trajectory and without what guards against a wrong model (Tichavský, Muravchik and Nehorai, 1998). The true
-    trajectory is had by feeding the filter with noise-free sensors from the true initial angle; the plant must be
-    as the rig.
+    The covariance recursion of the state of `adaptive`, with the same priors, linearised along the
+    true trajectory and without what guards against a wrong model (Tichavský, Muravchik and Nehorai,
+    1998). The true trajectory is had by feeding the filter with noise-free sensors from the true
+    initial angle; the plant must be as the rig.
 
     Args:
         rig: the description, equal to the plant.
@@ -30,14 +33,18 @@ def lower_bound(rig: Rig, log: Log) -> float:
     """
     usual = Robustness()
     guards = replace(
-        Robustness.none(), wild_displacement=usual.wild_displacement, unknown_friction=usual.unknown_friction
+        Robustness.none(),
+        wild_displacement=usual.wild_displacement,
+        unknown_friction=usual.unknown_friction,
     )
     bound = AdaptiveFilter(rig, robustness=guards, name="bound")
     places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
     forces = {sensor.of: sensor.name for sensor in rig.sensors_of("force")}
     channels = {name: log.truth[f"position_{of}"] for of, name in places.items()}
     channels |= {name: log.truth[f"force_{of}"] for of, name in forces.items()}
-    channels |= {sensor.name: log.truth[f"tension_{sensor.of}"] for sensor in rig.sensors_of("tension")}
+    channels |= {
+        sensor.name: log.truth[f"tension_{sensor.of}"] for sensor in rig.sensors_of("tension")
+    }
     true = Log(log.time, channels, dict(log.truth), log.source)
     samples = samples_of(true, bound.channels, bound.name)
     belief = bound.initial(true.time[0], first_values(samples))

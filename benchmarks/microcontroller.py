@@ -1,7 +1,9 @@
-"""The exported filters on an emulated Cortex-M4F: size, memory, instructions, and the error against double precision.
+"""The exported filters on an emulated Cortex-M4F: size, memory, instructions, and the error against
+double precision.
 
-`python -m benchmarks.microcontroller` (part of `make bench`); needs gcc-arm-none-eabi and qemu-system-arm. Names of tables
-(float-errors, microcontroller, casadi) leave out the others; `casadi` compares with the C of CasADi's own generator.
+`python -m benchmarks.microcontroller` (part of `make bench`); needs gcc-arm-none-eabi and
+qemu-system-arm. Names of tables (float-errors, microcontroller, casadi) leave out the others;
+`casadi` compares with the C of CasADi's own generator.
 """
 
 from __future__ import annotations
@@ -16,7 +18,16 @@ import numpy as np
 from tests.export.helpers import missing_tools
 
 from benchmarks.report import table
-from distal import Log, Rig, estimate, load_scenario, make_estimator, scenario_rig, shipped_scenarios, simulate_batch
+from distal import (
+    Log,
+    Rig,
+    estimate,
+    load_scenario,
+    make_estimator,
+    scenario_rig,
+    shipped_scenarios,
+    simulate_batch,
+)
 from distal.codegen import Emitter, Plain
 from distal.codegen.operations import CALLED
 from distal.export import Exported, c_filter
@@ -29,12 +40,17 @@ SEEDS = 4
 def nudged(log: Log) -> Log:
     """Return the log with values that differ as much as a float's rounding makes them."""
     rng = np.random.default_rng(0)
-    channels = {name: values * (1 + 1e-7 * rng.normal(size=len(values))) for name, values in log.channels.items()}
+    channels = {
+        name: values * (1 + 1e-7 * rng.normal(size=len(values)))
+        for name, values in log.channels.items()
+    }
     return Log(log.time, channels, log.truth, log.source, log.truth_source)
 
 
 def float_errors() -> None:
-    """Compare the float filters with double precision on the shipped scenarios, compiled for this machine."""
+    """Compare the float filters with double precision on the shipped scenarios, compiled for this
+    machine.
+    """
     from tests.export.test_export import build, replayed
 
     errors: dict[str, list[float]] = {}
@@ -52,7 +68,9 @@ def float_errors() -> None:
                     rows = replayed(program, folder / "log.csv")
                     error = np.abs(rows[:, 1] - estimate(log, rig, name).theta).max()
                     errors.setdefault(name, []).append(float(np.rad2deg(error)))
-                    change = np.abs(estimate(nudged(log), rig, name).theta - estimate(log, rig, name).theta).max()
+                    change = np.abs(
+                        estimate(nudged(log), rig, name).theta - estimate(log, rig, name).theta
+                    ).max()
                     changes.setdefault(name, []).append(float(np.rad2deg(change)))
     rows = [
         [
@@ -64,7 +82,13 @@ def float_errors() -> None:
         ]
         for name, found in errors.items()
     ]
-    columns = ["estimator", "median [°]", "largest [°]", "logs within 0.02°", "double, inputs × (1 ± 1e-7) [°]"]
+    columns = [
+        "estimator",
+        "median [°]",
+        "largest [°]",
+        "logs within 0.02°",
+        "double, inputs × (1 ± 1e-7) [°]",
+    ]
     table("float-errors", "Largest error of float against double, shipped scenarios", columns, rows)
 
 
@@ -94,9 +118,11 @@ static void {name}_called(float* state, const float* x, const float* p, float* y
 
 
 def in_casadis_c(rig: Rig, estimator: str) -> Exported:
-    """Return the float filter with its two functions in the C of CasADi's generator, and all the rest as it is.
+    """Return the float filter with its two functions in the C of CasADi's generator, and all the
+    rest as it is.
 
-    CasADi knows only the names of functions of double precision: those of float are put in their place.
+    CasADi knows only the names of functions of double precision: those of float are put in their
+    place.
     """
     made = c_filter(rig, estimator, True, "filter")
     runner = make_estimator(estimator, rig, compiled=False)
@@ -104,14 +130,22 @@ def in_casadis_c(rig: Rig, estimator: str) -> Exported:
     emitter = Emitter(Plain(True))
     names = emitter.add(functions[0]), emitter.add(functions[1], in_place=True)
     assert emitter.text in made.source
-    generator = ca.CodeGenerator("casadi.c", {"casadi_real": "float", "casadi_int": "int", "with_header": False})
+    generator = ca.CodeGenerator(
+        "casadi.c", {"casadi_real": "float", "casadi_int": "int", "with_header": False}
+    )
     calls = []
     for function, template in zip(functions, (_PRIOR, _STEP)):
         generator.add(function)
-        sizes = {"sz_arg": function.sz_arg(), "sz_res": function.sz_res(), "n_carry": function.numel_out(0)}
+        sizes = {
+            "sz_arg": function.sz_arg(),
+            "sz_res": function.sz_res(),
+            "n_carry": function.numel_out(0),
+        }
         work = {"sz_iw": function.sz_iw() + 1, "sz_w": function.sz_w() + 1}
         calls.append(template.format(name=function.name(), **sizes, **work))
-    floats = "\n".join(f"#define {function} {function}f" for function in sorted(set(CALLED.values())))
+    floats = "\n".join(
+        f"#define {function} {function}f" for function in sorted(set(CALLED.values()))
+    )
     text = f"{floats}\n{generator.dump()}\n{''.join(calls)}"
     before, after = made.source.split(emitter.text)
     for name, function in zip(names, functions):
@@ -120,7 +154,9 @@ def in_casadis_c(rig: Rig, estimator: str) -> Exported:
 
 
 def against_casadi() -> None:
-    """Compare the emitter with CasADi's generator: the same functions, compiler, flags and frame."""
+    """Compare the emitter with CasADi's generator: the same functions, compiler, flags and
+    frame.
+    """
     from tests.export.test_microcontroller import cases, measure
 
     rows = []
@@ -129,16 +165,32 @@ def against_casadi() -> None:
             found = []
             for made in (None, in_casadis_c(rig, estimator)):
                 with tempfile.TemporaryDirectory() as folder:
-                    flags = [] if made is None else ["-fsingle-precision-constant", "-w", "-Wno-error"]
+                    flags = (
+                        [] if made is None else ["-fsingle-precision-constant", "-w", "-Wno-error"]
+                    )
                     measured, _ = measure(rig, scenario, estimator, Path(folder), made, flags)
                 assert measured.error_degrees < 0.02  # both are the same filter
                 found.append((measured.flash / 1024, measured.ram / 1024, measured.instructions[0]))
             for whose, (flash, ram, instructions) in zip(("own", "CasADi"), found):
-                rows.append([rig_name, estimator, whose, f"{flash:.1f}", f"{ram:.1f}", f"{instructions:,.0f}"])
+                rows.append(
+                    [
+                        rig_name,
+                        estimator,
+                        whose,
+                        f"{flash:.1f}",
+                        f"{ram:.1f}",
+                        f"{instructions:,.0f}",
+                    ]
+                )
             ratios = [f"{other / own:.2f} ×" for own, other in zip(*found)]
             rows.append(["", "", "ratio", *ratios])
     columns = ["rig", "estimator", "C", "flash [kB]", "RAM [kB]", "instructions"]
-    table("casadi", "The emitter and CasADi's generator: float, -Os, Cortex-M4F, as in the table before", columns, rows)
+    table(
+        "casadi",
+        "The emitter and CasADi's generator: float, -Os, Cortex-M4F, as in the table before",
+        columns,
+        rows,
+    )
 
 
 def main() -> None:
@@ -178,9 +230,21 @@ def sizes() -> None:
                     f"{measured.error_degrees:.5f}",
                 ]
             )
-    columns = ["rig", "estimator", "states", "flash [kB]", "RAM [kB]", "instructions", "most", "error [°]"]
+    columns = [
+        "rig",
+        "estimator",
+        "states",
+        "flash [kB]",
+        "RAM [kB]",
+        "instructions",
+        "most",
+        "error [°]",
+    ]
     table(
-        "microcontroller", "Float, -Os, Cortex-M4F: with startup, state, stack and mathematics library", columns, rows
+        "microcontroller",
+        "Float, -Os, Cortex-M4F: with startup, state, stack and mathematics library",
+        columns,
+        rows,
     )
 
 

@@ -1,10 +1,12 @@
-"""Rigs from MuJoCo models: which models go through, how well their tendons are met, and what is estimated with them.
+"""Rigs from MuJoCo models: which models go through, how well their tendons are met, and what is
+estimated with them.
 
-`python -m benchmarks.models FOLDER …` takes every XML file below the folders (unpacked wheels: `playground`,
-`gymnasium-robotics`, `myo_sim`). `--tendons` compares lengths and moment arms with MuJoCo on 1,000 fresh poses;
-`--estimates` runs a plant in MuJoCo, to which drives, series stiffness, friction along the path and pre-tension are added,
-and estimates with the rig as it came and after a fit to three logs with encoders. Plants share no code with `distal.model`.
-`--hands` times a hand of five fingers beside one.
+`python -m benchmarks.models FOLDER …` takes every XML file below the folders (unpacked wheels:
+`playground`, `gymnasium-robotics`, `myo_sim`). `--tendons` compares lengths and moment arms with
+MuJoCo on 1,000 fresh poses; `--estimates` runs a plant in MuJoCo, to which drives, series
+stiffness, friction along the path and pre-tension are added, and estimates with the rig as it came
+and after a fit to three logs with encoders. Plants share no code with `distal.model`. `--hands`
+times a hand of five fingers beside one.
 """
 
 from __future__ import annotations
@@ -39,13 +41,17 @@ HANDS = {
 """Name → file, and the body whose joints are taken."""
 
 VENDORS_ARMS = {"if_tendon0": (12.49e-3, 7.32e-3, 9.0e-3)}
-"""Constant moment arms in the software of the Aero Hand's vendor [m]; of other tendons those by least squares."""
+"""Constant moment arms in the software of the Aero Hand's vendor [m]; of other tendons those by
+least squares.
+"""
 
 STEP, PERIOD, SECONDS = 1e-4, 0.01, 12.0
 
 
 def imported(folders: list[Path]) -> list[list[str]]:
-    """Return a row for each thing that models with tendons become: a rig, or a line that names why not."""
+    """Return a row for each thing that models with tendons become: a rig, or a line that names why
+    not.
+    """
     rows: dict[str, list[str]] = {}
     for path in sorted(each for folder in folders for each in folder.rglob("*.xml")):
         try:
@@ -57,7 +63,8 @@ def imported(folders: list[Path]) -> list[list[str]]:
                 said = "MuJoCo does not take the file; most are parts that others include"
         rows.setdefault(said, []).append(path.stem)
     return [
-        [", ".join(files) if len(files) < 4 else f"{len(files)}, as {files[0]}", said] for said, files in rows.items()
+        [", ".join(files) if len(files) < 4 else f"{len(files)}, as {files[0]}", said]
+        for said, files in rows.items()
     ]
 
 
@@ -69,7 +76,9 @@ def found(folders: list[Path], name: str) -> tuple[Imported, mujoco.MjModel]:
 
 
 def tendons(folders: list[Path]) -> Iterator[list[str]]:
-    """Return a row for each tendon: what is left of its length and moment arms on poses that the fit has not seen."""
+    """Return a row for each tendon: what is left of its length and moment arms on poses that the
+    fit has not seen.
+    """
     for name in HANDS:
         rig, model = found(folders, name)
         joints = [model.joint(joint.name).id for joint in rig.rig.joints]
@@ -78,15 +87,22 @@ def tendons(folders: list[Path]) -> Iterator[list[str]]:
         for tendon in rig.rig.tendons:
             t = model.tendon(tendon.name).id
             used = [k for k, joint in enumerate(names) if joint in tendon.joints]
-            arms = np.array([list(tendon.arms(dict(zip(names, row))).values()) for row in poses.angles])
+            arms = np.array(
+                [list(tendon.arms(dict(zip(names, row))).values()) for row in poses.angles]
+            )
             true = -poses.arms[:, t, used]
             shares = np.abs(arms - true) / np.abs(true).max(axis=0)
             rms = np.sqrt(np.mean(shares**2, axis=0)).max()
-            std = float(tendon.crossings[0].scale.std) if tendon.crossings[0].kind == "polynomial" else 0.01
+            std = (
+                float(tendon.crossings[0].scale.std)
+                if tendon.crossings[0].kind == "polynomial"
+                else 0.01
+            )
+            missed = length_rms(tendon, names, poses.angles, poses.lengths[:, t], model, joints, t)
             yield [
                 name,
                 tendon.name,
-                f"{1e3 * length_rms(tendon, names, poses.angles, poses.lengths[:, t], model, joints, t):.3f}",
+                f"{1e3 * missed:.3f}",
                 f"{constant_rms(tendon.name, poses.angles[:, used], poses.lengths[:, t]):.2f}",
                 f"{100 * rms:.2f}",
                 f"{100 * std:.1f}",
@@ -104,21 +120,36 @@ def constant_rms(name: str, angles: Floats, lengths: Floats) -> float:
 
 
 def length_rms(
-    tendon: Tendon, names: list[str], angles: Floats, lengths: Floats, model: mujoco.MjModel, joints: list[int], t: int
+    tendon: Tendon,
+    names: list[str],
+    angles: Floats,
+    lengths: Floats,
+    model: mujoco.MjModel,
+    joints: list[int],
+    t: int,
 ) -> float:
-    """Return what is left of a tendon's length [m], RMS, by the arms along straight ways from zero."""
+    """Return what is left of a tendon's length [m], RMS, by the arms along straight ways from
+    zero.
+    """
     home = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0, t]
     places, weights = np.polynomial.legendre.leggauss(8)
     drawn = []
     for row in angles:
         arms = [tendon.arms(dict(zip(names, place * row))) for place in (places + 1) / 2]
-        drawn.append(sum(w / 2 * sum(a.get(n, 0.0) * q for n, q in zip(names, row)) for w, a in zip(weights, arms)))
+        drawn.append(
+            sum(
+                w / 2 * sum(a.get(n, 0.0) * q for n, q in zip(names, row))
+                for w, a in zip(weights, arms)
+            )
+        )
     return float(np.sqrt(np.mean((lengths - home + np.array(drawn)) ** 2)))
 
 
 @dataclass(frozen=True)
 class Plant:
-    """What a rig is in truth: a model with drives, series stiffness, friction along the path and pre-tension."""
+    """What a rig is in truth: a model with drives, series stiffness, friction along the path and
+    pre-tension.
+    """
 
     model: mujoco.MjModel
     tendons: list[int]
@@ -132,11 +163,15 @@ class Plant:
 def specification(folders: list[Path], name: str) -> mujoco.MjSpec:
     """Return one of `HANDS` as MuJoCo edits it."""
     file, _ = HANDS[name]
-    return mujoco.MjSpec.from_file(str(next(each for folder in folders for each in folder.rglob(file))))
+    return mujoco.MjSpec.from_file(
+        str(next(each for folder in folders for each in folder.rglob(file)))
+    )
 
 
 def plant(spec: mujoco.MjSpec, rig: Rig, seed: int) -> Plant:
-    """Return a drawn plant: stiffness within a factor of 2.5, friction along the path 2 to 15 %, joint friction ±20 %."""
+    """Return a drawn plant: stiffness within a factor of 2.5, friction along the path 2 to 15 %,
+    joint friction ±20 %.
+    """
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
             spec.delete(geom)
@@ -150,7 +185,10 @@ def plant(spec: mujoco.MjSpec, rig: Rig, seed: int) -> Plant:
     for tendon in rig.tendons:
         body = spec.worldbody.add_body(name=f"drive_{tendon.name}", pos=[0, 0, -1])
         body.add_joint(
-            name=f"drive_{tendon.name}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0], damping=[5.0, 0, 0]
+            name=f"drive_{tendon.name}",
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[1, 0, 0],
+            damping=[5.0, 0, 0],
         )
         body.mass, body.inertia, body.explicitinertial = 0.02, [1e-6] * 3, True
     for geom in spec.geoms:
@@ -170,8 +208,12 @@ def plant(spec: mujoco.MjSpec, rig: Rig, seed: int) -> Plant:
     )
 
 
-def wandering(draw: np.random.Generator, n: int, least: float, most: float) -> tuple[Floats, Floats]:
-    """Return times and the forces of n tendons at them: they wander from the least on, held for a second now and then."""
+def wandering(
+    draw: np.random.Generator, n: int, least: float, most: float
+) -> tuple[Floats, Floats]:
+    """Return times and the forces of n tendons at them: they wander from the least on, held for a
+    second now and then.
+    """
     knots = np.arange(0.0, SECONDS + 1.0, 1.0)
     forces = draw.uniform(least, most, (len(knots), n))
     forces[0] = least
@@ -193,13 +235,22 @@ def recorded(of: Plant, rig: Rig, seed: int, least: float = 2.0, most: float = 1
         u = np.array([np.interp(i * STEP, knots, forces[:, k]) for k in range(n)])
         slopes[:] = tendon_slopes(model, data)[of.tendons]
         x = data.qpos[[int(model.jnt_qposadr[model.dof_jntid[d]]) for d in of.drives]]
-        tension = np.maximum(of.pretension + of.stiffness * (x + data.ten_length[of.tendons] - zero), 0.0)
+        tension = np.maximum(
+            of.pretension + of.stiffness * (x + data.ten_length[of.tendons] - zero), 0.0
+        )
         data.qfrc_applied[:] = -slopes.T @ tension
         data.qfrc_applied[of.drives] += u - tension
         model.dof_frictionloss[of.drives] = of.load * tension
         if i % every == 0:
             read = x + 2e-5 * draw.normal(size=n)
-            rows.append([i * STEP, *read, *(u + 0.2 * draw.normal(size=n)), *data.qpos[model.jnt_qposadr[ends]]])
+            rows.append(
+                [
+                    i * STEP,
+                    *read,
+                    *(u + 0.2 * draw.normal(size=n)),
+                    *data.qpos[model.jnt_qposadr[ends]],
+                ]
+            )
         mujoco.mj_step(model, data)
     values = np.array(rows)
     positions = [sensor.name for sensor in rig.sensors_of("position")]
@@ -214,7 +265,9 @@ def recorded(of: Plant, rig: Rig, seed: int, least: float = 2.0, most: float = 1
 
 
 def estimates(folders: list[Path], plants: int) -> Iterator[list[str]]:
-    """Return a row for each plant: RMS error, mean over the joints [deg], and the share inside the band."""
+    """Return a row for each plant: RMS error, mean over the joints [deg], and the share inside the
+    band.
+    """
     for name in HANDS:
         rig = found(folders, name)[0].rig
         for seed in range(plants):
@@ -224,7 +277,12 @@ def estimates(folders: list[Path], plants: int) -> Iterator[list[str]]:
             fitted = fit(logs[:3], rig).rig
             seconds = time.process_time() - began
             row = [name, str(seed)]
-            for used, by in ((rig, "adaptive"), (rig, "elastic"), (rig, "inextensible"), (fitted, "adaptive")):
+            for used, by in (
+                (rig, "adaptive"),
+                (rig, "elastic"),
+                (rig, "inextensible"),
+                (fitted, "adaptive"),
+            ):
                 row.append(scored(logs[3:], used, by))
             yield [*row, f"{seconds:.0f}"]
 
@@ -242,7 +300,9 @@ def scored(logs: list[Log], rig: Rig, by: str) -> str:
 
 
 def hands() -> list[list[str]]:
-    """Return a row for one finger and for five in one rig: microseconds of a compiled step, and of one live from Python."""
+    """Return a row for one finger and for five in one rig: microseconds of a compiled step, and of
+    one live from Python.
+    """
     rows = []
     for count in (1, 5):
         rig = hand(["finger-underactuated"] * count)
@@ -275,7 +335,12 @@ def main() -> None:
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     if given.hands:
-        table("models-hands", "fingers side by side", ["fingers", "compiled step [µs]", "live step [µs]"], hands())
+        table(
+            "models-hands",
+            "fingers side by side",
+            ["fingers", "compiled step [µs]", "live step [µs]"],
+            hands(),
+        )
     elif given.tendons:
         columns = [
             "model",
@@ -286,14 +351,29 @@ def main() -> None:
             "its std [%]",
             "poses within it [%]",
         ]
-        table("models-tendons", "tendons on 1,000 fresh poses", columns, list(tendons(given.folders)))
+        table(
+            "models-tendons", "tendons on 1,000 fresh poses", columns, list(tendons(given.folders))
+        )
     elif given.estimates:
-        columns = ["model", "plant", "adaptive", "elastic", "inextensible", "adaptive, fitted", "s of fit"]
+        columns = [
+            "model",
+            "plant",
+            "adaptive",
+            "elastic",
+            "inextensible",
+            "adaptive, fitted",
+            "s of fit",
+        ]
         rows = []
         for row in estimates(given.folders, given.estimates):
             print(*row, flush=True)
             rows.append(row)
-        table("models-estimates", "RMS error [°], mean over joints (inside the band [%])", columns, rows)
+        table(
+            "models-estimates",
+            "RMS error [°], mean over joints (inside the band [%])",
+            columns,
+            rows,
+        )
     else:
         table("models", "models", ["files", "become"], imported(given.folders))
 

@@ -1,12 +1,13 @@
-"""Do the fast tests see a mistake? `python -m benchmarks.mutants N SEED` makes N of them in the adaptive filter and counts.
+"""Do the fast tests see a mistake? `python -m benchmarks.mutants N SEED` makes N of them in the
+adaptive filter and counts.
 
-`--part learning` makes them in what learns from logs: `fitting`, `regression`, `homing`; `--part all` in every package but
-drawings and the paper's.
+`--part learning` makes them in what learns from logs: `fitting`, `regression`, `homing`; `--part
+all` in every package but drawings and the paper's.
 
-Each mutant is one random change of one place (a sign, an operator, a constant, a bound of a slice, swapped branches) in
-one module, in a copy of the project. The fast tests run there until one fails; comparisons with stored estimates and
-golden files (marker `stored`) do not count. The exit code is 0 if at least 90 % were seen, else 1, and 2 if the unchanged
-copy fails.
+Each mutant is one random change of one place (a sign, an operator, a constant, a bound of a slice,
+swapped branches) in one module, in a copy of the project. The fast tests run there until one fails;
+comparisons with stored estimates and golden files (marker `stored`) do not count. The exit code is
+0 if at least 90 % were seen, else 1, and 2 if the unchanged copy fails.
 """
 
 from __future__ import annotations
@@ -37,13 +38,17 @@ MODULES = {
         f"{ESTIMATORS}/channels.py",
         "src/distal/run/smoothing.py",
     ),
-    "learning": tuple(f"src/distal/{folder}/*.py" for folder in ("fitting", "regression", "homing")),
+    "learning": tuple(
+        f"src/distal/{folder}/*.py" for folder in ("fitting", "regression", "homing")
+    ),
     "all": ("src/distal/**/*.py",),
 }
 """The modules of each part; of these patterns, those count that match a file."""
 
 NOT_ASKED = ("src/distal/paper", "src/distal/reports/drawing")
-"""Folders in which no mistakes are made: pictures are looked at, and what the paper says is no rule of the package."""
+"""Folders in which no mistakes are made: pictures are looked at, and what the paper says is no rule
+of the package.
+"""
 
 GOAL = 0.9
 """Least share of mutants that must be seen."""
@@ -64,7 +69,8 @@ def modules(root: Path, part: str = "filter") -> list[Path]:
 
 
 def drawn(root: Path, files: Sequence[Path], count: int, seed: int) -> list[Mutant]:
-    """Return random mutants, each of another place, all places alike likely; the same for the same seed.
+    """Return random mutants, each of another place, all places alike likely; the same for the same
+    seed.
 
     Args:
         root: folder of the project.
@@ -73,10 +79,14 @@ def drawn(root: Path, files: Sequence[Path], count: int, seed: int) -> list[Muta
         seed: of the choice.
     """
     sources = {file: (root / file).read_text(encoding="utf-8") for file in files}
-    every: list[tuple[Path, Place]] = [(file, place) for file in files for place in places(sources[file])]
+    every: list[tuple[Path, Place]] = [
+        (file, place) for file in files for place in places(sources[file])
+    ]
     choice = random.Random(seed)
     chosen = choice.sample(every, min(count, len(every)))
-    return [mutant(file, sources[file], place, choice.choice(place.after)) for file, place in chosen]
+    return [
+        mutant(file, sources[file], place, choice.choice(place.after)) for file, place in chosen
+    ]
 
 
 def baseline(copies: Sequence[Copy], pool: ThreadPoolExecutor) -> list[float]:
@@ -123,8 +133,11 @@ def judged(copy: Copy, each: Mutant, times: Sequence[float]) -> Outcome:
     return Outcome(False, "", seconds)
 
 
-def run(mutants: Sequence[Mutant], workers: int, root: Path = ROOT, part: str = "filter") -> list[Outcome]:
-    """Return what the fast tests say of mutants; a line is printed for each. Nothing is left behind, whatever happens.
+def run(
+    mutants: Sequence[Mutant], workers: int, root: Path = ROOT, part: str = "filter"
+) -> list[Outcome]:
+    """Return what the fast tests say of mutants; a line is printed for each. Nothing is left
+    behind, whatever happens.
 
     Args:
         mutants: what is tried.
@@ -164,8 +177,12 @@ def run(mutants: Sequence[Mutant], workers: int, root: Path = ROOT, part: str = 
                 each = mutants[i]
                 verdict = f"seen      by {outcome.by}" if outcome.seen else "SURVIVED"
                 passed = time.monotonic() - started
-                where = f"{each.file.relative_to(ESTIMATORS) if each.file.is_relative_to(ESTIMATORS) else each.file}"
-                head = f"[{len(outcomes)}/{len(mutants)}, {passed:.0f} s] {where}:{each.line} {each.kind}"
+                inside = each.file.is_relative_to(ESTIMATORS)
+                where = str(each.file.relative_to(ESTIMATORS) if inside else each.file)
+                head = (
+                    f"[{len(outcomes)}/{len(mutants)}, {passed:.0f} s] {where}:{each.line} "
+                    f"{each.kind}"
+                )
                 print(f"{head}: {verdict} ({outcome.seconds:.0f} s)", flush=True)
         except BaseException:
             processes.stop()
@@ -191,7 +208,11 @@ def report(mutants: Sequence[Mutant], outcomes: Sequence[Outcome]) -> str:
     if survivors:
         lines += ["", "survivors: test them, or explain in CONTRIBUTING why nothing changes"]
     for each in sorted(survivors, key=lambda each: (each.file, each.line)):
-        lines += [f"  {each.file.as_posix()}:{each.line} ({each.kind})", f"    - {each.before}", f"    + {each.after}"]
+        lines += [
+            f"  {each.file.as_posix()}:{each.line} ({each.kind})",
+            f"    - {each.before}",
+            f"    + {each.after}",
+        ]
     return "\n".join(lines)
 
 
@@ -204,12 +225,24 @@ def saved(mutants: Sequence[Mutant], outcomes: Sequence[Outcome], seed: int) -> 
         seed: of their choice.
     """
     rows = [
-        {"file": each.file.as_posix(), "line": each.line, "kind": each.kind, "before": each.before, "after": each.after}
+        {
+            "file": each.file.as_posix(),
+            "line": each.line,
+            "kind": each.kind,
+            "before": each.before,
+            "after": each.after,
+        }
         | asdict(outcome)
         for each, outcome in zip(mutants, outcomes)
     ]
     seen = sum(outcome.seen for outcome in outcomes)
-    held = {"seed": seed, "count": len(mutants), "seen": seen, "share": seen / len(mutants), "mutants": rows}
+    held = {
+        "seed": seed,
+        "count": len(mutants),
+        "seen": seen,
+        "share": seen / len(mutants),
+        "mutants": rows,
+    }
     return json.dumps(held, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -224,17 +257,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("seed", type=int, metavar="SEED", help="of their choice")
     parser.add_argument("--save", type=Path, metavar="FILE", help="write the outcome as JSON too")
     parser.add_argument("--workers", type=int, default=2, help="copies that are tested at once (2)")
-    parser.add_argument("--part", choices=sorted(MODULES), default="filter", help="where they are made (filter)")
+    parser.add_argument(
+        "--part", choices=sorted(MODULES), default="filter", help="where they are made (filter)"
+    )
     parser.add_argument("--list", action="store_true", help="only print the mutants")
     given = parser.parse_args(arguments)
     if given.count < 1 or given.workers < 1:
         parser.error("N and --workers must be 1 or more")
-    if given.save is not None and (given.save.is_dir() or not given.save.absolute().parent.is_dir()):
+    if given.save is not None and (
+        given.save.is_dir() or not given.save.absolute().parent.is_dir()
+    ):
         parser.error(f"{given.save} cannot be written: give a file in a folder that exists")
     mutants = drawn(ROOT, modules(ROOT, given.part), given.count, given.seed)
     if given.list:
         for each in mutants:
-            print(f"{each.file.as_posix()}:{each.line} ({each.kind})\n  - {each.before}\n  + {each.after}")
+            print(
+                f"{each.file.as_posix()}:{each.line} ({each.kind})\n  - {each.before}\n  + "
+                f"{each.after}"
+            )
         return 0
     signal.signal(signal.SIGTERM, _interrupt)
     try:

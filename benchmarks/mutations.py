@@ -1,8 +1,9 @@
-"""One-place changes of Python source text: where a sign, an operator, a constant or a slice bound can be changed.
+"""One-place changes of Python source text: where a sign, an operator, a constant or a slice bound
+can be changed.
 
-Places come from the syntax tree, changes are made in the text: exactly the characters of the place are replaced, the rest
-of the file stays as it is. Docstrings, annotations, imports, decorators, `raise`, `assert`, text and f-strings are left
-alone.
+Places come from the syntax tree, changes are made in the text: exactly the characters of the place
+are replaced, the rest of the file stays as it is. Docstrings, annotations, imports, decorators,
+`raise`, `assert`, text and f-strings are left alone.
 """
 
 from __future__ import annotations
@@ -40,13 +41,45 @@ BRANCHES = {"if_else", "where"}
 """Functions (condition, one, other)."""
 
 SCALES = (1.05, 0.95, 2.0)
-WHOLE = {"arange", "eye", "full", "ones", "range", "repmat", "reshape", "round", "split", "sym", "zeros", "enumerate"}
+WHOLE = {
+    "arange",
+    "eye",
+    "full",
+    "ones",
+    "range",
+    "repmat",
+    "reshape",
+    "round",
+    "split",
+    "sym",
+    "zeros",
+    "enumerate",
+}
 """Functions whose numbers are whole: shapes, counts, places."""
 
-TYPES = {"Annotated", "Callable", "Literal", "Mapping", "NDArray", "Sequence", "dict", "list", "set", "tuple"}
+TYPES = {
+    "Annotated",
+    "Callable",
+    "Literal",
+    "Mapping",
+    "NDArray",
+    "Sequence",
+    "dict",
+    "list",
+    "set",
+    "tuple",
+}
 """What has square brackets in a type, as in `cast(tuple[int, int], x)`."""
 
-LEFT_ALONE = (ast.Import, ast.ImportFrom, ast.Raise, ast.Assert, ast.JoinedStr, ast.Global, ast.Nonlocal)
+LEFT_ALONE = (
+    ast.Import,
+    ast.ImportFrom,
+    ast.Raise,
+    ast.Assert,
+    ast.JoinedStr,
+    ast.Global,
+    ast.Nonlocal,
+)
 
 
 @dataclass(frozen=True)
@@ -179,7 +212,10 @@ class _Finder(ast.NodeVisitor):
         super().generic_visit(node)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        for default in (*node.args.defaults, *(each for each in node.args.kw_defaults if each is not None)):
+        for default in (
+            *node.args.defaults,
+            *(each for each in node.args.kw_defaults if each is not None),
+        ):
             before, self.whole = self.whole, True
             self.visit(default)
             self.whole = before
@@ -230,15 +266,22 @@ class _Finder(ast.NodeVisitor):
             sign, after = FACTORS[operation]
             if not _is_number(node.right, 1):  # x * 1 is x / 1
                 self.add("operator", self.between(left, right, sign), sign, *after)
-        # a minus before the first of a sum or a product; in a sum, before each other operand is the sign itself
+        # a minus before the first of a sum or a product; in a sum, before each other operand is the
+        # sign itself
         additive = operation in SIGNS
-        first = isinstance(node.left, (ast.Name, ast.Attribute, ast.Call, ast.Subscript)) and not self.whole
+        first = (
+            isinstance(node.left, (ast.Name, ast.Attribute, ast.Call, ast.Subscript))
+            and not self.whole
+        )
         if numbers and first and (additive or (operation in FACTORS and not signed)):
-            self.add("sign", self.start(node.left), self.text(node.left), f"-{self.text(node.left)}")
+            self.add(
+                "sign", self.start(node.left), self.text(node.left), f"-{self.text(node.left)}"
+            )
         whole = self.whole
         for operand, told in ((node.left, signed and not additive), (node.right, True)):
             self.signed = told and isinstance(operand, ast.BinOp)
-            # a power with a fraction has no value for a negative base: seen at once, and no mistake that people make
+            # a power with a fraction has no value for a negative base: seen at once, and no mistake
+            # that people make
             self.whole = whole or (operation is ast.Pow and operand is node.right)
             self.visit(operand)
         self.signed, self.whole = False, whole
@@ -255,7 +298,9 @@ class _Finder(ast.NodeVisitor):
         for operation, right in zip(node.ops, node.comparators):
             if type(operation) in COMPARISONS and not (_is_text(left) or _is_text(right)):
                 sign, after = COMPARISONS[type(operation)]
-                self.add("operator", self.between(self.end(left), self.start(right), sign), sign, *after)
+                self.add(
+                    "operator", self.between(self.end(left), self.start(right), sign), sign, *after
+                )
             left = right
         self.generic_visit(node)
 
@@ -274,7 +319,12 @@ class _Finder(ast.NodeVisitor):
             middle = self.data[self.end(one) : self.start(other)].decode()
             before = f"{self.text(one)}{middle}{self.text(other)}"
             if self.text(one) != self.text(other) and "(" not in middle and ")" not in middle:
-                self.add("branches", self.start(one), before, f"{self.text(other)}{middle}{self.text(one)}")
+                self.add(
+                    "branches",
+                    self.start(one),
+                    before,
+                    f"{self.text(other)}{middle}{self.text(one)}",
+                )
         if name in ("warn", "cast"):
             return
         self.visit(node.func)
@@ -306,7 +356,9 @@ class _Finder(ast.NodeVisitor):
                 continue
             text = self.text(bound)
             if isinstance(bound, ast.Constant) and isinstance(bound.value, int):
-                self.add("bound", self.start(bound), text, *(str(bound.value + step) for step in (1, -1)))
+                self.add(
+                    "bound", self.start(bound), text, *(str(bound.value + step) for step in (1, -1))
+                )
                 continue
             held = text if isinstance(bound, SIMPLE) else f"({text})"
             self.add("bound", self.start(bound), text, f"{held} + 1", f"{held} - 1")
@@ -319,7 +371,10 @@ class _Finder(ast.NodeVisitor):
         value = node.value
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return
-        whole = [f"{number}" for number in ((1,) if value == 0 else (0, 2) if value == 1 else (int(value) + 1,))]
+        whole = [
+            f"{number}"
+            for number in ((1,) if value == 0 else (0, 2) if value == 1 else (int(value) + 1,))
+        ]
         scaled = [] if value == 0 else [f"{value * scale:.12g}" for scale in SCALES]
         if isinstance(value, float):
             after = [f"{each}.0" for each in whole] if value in (0.0, 1.0) else []
@@ -327,7 +382,9 @@ class _Finder(ast.NodeVisitor):
         else:
             after = whole if self.whole else whole + scaled
         text = self.text(node)
-        different = list({float(each): each for each in reversed(after) if float(each) != value}.values())[::-1]
+        different = list(
+            {float(each): each for each in reversed(after) if float(each) != value}.values()
+        )[::-1]
         if different:
             self.add("constant", self.start(node), text, *different)
 
@@ -347,7 +404,11 @@ def _is_text(node: ast.expr) -> bool:
 
 
 def _is_number(node: ast.expr, value: float) -> bool:
-    return isinstance(node, ast.Constant) and not isinstance(node.value, (str, bool)) and node.value == value
+    return (
+        isinstance(node, ast.Constant)
+        and not isinstance(node.value, (str, bool))
+        and node.value == value
+    )
 
 
 def every_mutant(file: Path, source: str) -> Iterator[Mutant]:

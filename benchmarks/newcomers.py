@@ -1,10 +1,11 @@
-"""Fits of rigs that newcomers wrote: time, work, convergence, and the angle on logs that no fit has seen.
+"""Fits of rigs that newcomers wrote: time, work, convergence, and the angle on logs that no fit has
+seen.
 
-`python -m benchmarks.newcomers` (part of `make accuracy`) prints a line for each rig and saves the table; each fit runs in
-a process of its own, with an empty cache of kernels, in the environment that a user has. Machines differ, so its time is
-also given in loops of ten million additions in Python. `--busy 8` fits beside eight busy processes, `--longer` with ten
-times the iterations. The joint and the finger of `newcomer` need the folder of logs in
-`DISTAL_DATA`.
+`python -m benchmarks.newcomers` (part of `make accuracy`) prints a line for each rig and saves the
+table; each fit runs in a process of its own, with an empty cache of kernels, in the environment
+that a user has. Machines differ, so its time is also given in loops of ten million additions in
+Python. `--busy 8` fits beside eight busy processes, `--longer` with ten times the iterations. The
+joint and the finger of `newcomer` need the folder of logs in `DISTAL_DATA`.
 """
 
 from __future__ import annotations
@@ -37,11 +38,15 @@ FIRST = 9000
 
 
 TWICE = 185
-"""At this angle the spring of the given joint pulls with twice its largest torque in calibration [°]."""
+"""At this angle the spring of the given joint pulls with twice its largest torque in calibration
+[°].
+"""
 
 
 def given(name: str, folder: Path) -> Logs:
-    """Return rig, calibration logs and other logs of one of the two rigs in `newcomer`, drawn by its plant."""
+    """Return rig, calibration logs and other logs of one of the two rigs in `newcomer`, drawn by
+    its plant.
+    """
     home = Path(os.environ["DISTAL_DATA"]) / "newcomer"
     spec = importlib.util.spec_from_file_location(name, home / f"{name}_plant.py")
     assert spec is not None
@@ -62,13 +67,23 @@ def given(name: str, folder: Path) -> Logs:
             plant.write(path("motion", others.setdefault("motion", [])), FIRST + 40 + k, noise=0)
     else:
         for k in range(5):
-            plant.write(path("calibration", calibration), *plant.traj_random(30, -5, 75, FIRST + k), FIRST + 50 + k)
+            plant.write(
+                path("calibration", calibration),
+                *plant.traj_random(30, -5, 75, FIRST + k),
+                FIRST + 50 + k,
+            )
         for k in range(2):
             plant.write(
-                path("ramps", others.setdefault("ramps", [])), *plant.traj_random(30, 0, 70, FIRST + 100 + k), k, 0
+                path("ramps", others.setdefault("ramps", [])),
+                *plant.traj_random(30, 0, 70, FIRST + 100 + k),
+                k,
+                0,
             )
         plant.write(path("sine", others.setdefault("sine", [])), *plant.traj_sine(30, FIRST), 60, 0)
-        for kind, high in {"ten times faster": 70, "twice the torque, ten times faster": TWICE}.items():
+        for kind, high in {
+            "ten times faster": 70,
+            "twice the torque, ten times faster": TWICE,
+        }.items():
             for k in range(2):
                 time_, wish = plant.traj_random(300, 0, high, FIRST + 200 + k)
                 fast = path(kind, others.setdefault(kind, []))
@@ -78,7 +93,9 @@ def given(name: str, folder: Path) -> Logs:
 
 
 def drawn(log_of: Callable[..., Log], rig_of: Callable[[], Rig], kinds: tuple[str, ...]) -> Logs:
-    """Return rig, three calibration logs and three others of each kind of a plant in these benchmarks."""
+    """Return rig, three calibration logs and three others of each kind of a plant in these
+    benchmarks.
+    """
     first = (("calibration",), kinds) if kinds else ((), ())
     others = {kind: [log_of(FIRST + s, kind) for s in range(3, 6)] for kind in kinds}
     if not kinds:
@@ -97,7 +114,9 @@ CASES: dict[str, Callable[[Path], Logs]] = {
 
 
 class Counted:
-    """Counts the rows that go through kernels: one that has a sample of one number is a play of a map, not a filter."""
+    """Counts the rows that go through kernels: one that has a sample of one number is a play of a
+    map, not a filter.
+    """
 
     def __init__(self) -> None:
         self.rows, lanes, alone = 0, LaneKernel.scan, Kernel.scan
@@ -114,7 +133,9 @@ class Counted:
 
 
 def judged(rig: Rig, logs: list[Log], estimator: str = "adaptive") -> dict[str, float]:
-    """Return RMS error over all joints, in the first second and after two [°], share inside the band, its half-width."""
+    """Return RMS error over all joints, in the first second and after two [°], share inside the
+    band, its half-width.
+    """
     errors, parts = (
         list[dict[str, float]](),
         {"rms": (0.0, np.inf), "first second": (0.0, 1.0), "after 2 s": (2.0, np.inf)},
@@ -125,13 +146,20 @@ def judged(rig: Rig, logs: list[Log], estimator: str = "adaptive") -> dict[str, 
         except DistalError:
             return {"rms": np.inf}
         since, error = log.time - log.time[0], np.rad2deg(found.errors()).reshape(len(log), -1)
-        own = {n: float(np.sqrt(np.nanmean(error[(since >= a) & (since < b)] ** 2))) for n, (a, b) in parts.items()}
-        errors.append({**own, "inside": found.inside_band(), "half": float(np.rad2deg(found.half_width()))})
+        own = {
+            n: float(np.sqrt(np.nanmean(error[(since >= a) & (since < b)] ** 2)))
+            for n, (a, b) in parts.items()
+        }
+        errors.append(
+            {**own, "inside": found.inside_band(), "half": float(np.rad2deg(found.half_width()))}
+        )
     return {name: float(np.mean([one[name] for one in errors])) for name in errors[0]}
 
 
 def loop() -> float:
-    """Return the processor time of ten million additions in Python [s]: machines differ by eight times."""
+    """Return the processor time of ten million additions in Python [s]: machines differ by eight
+    times.
+    """
     begun, total = time.process_time(), 0
     for i in range(10_000_000):
         total += i
@@ -147,7 +175,12 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         warnings.simplefilter("ignore")
         rig, logs, others = CASES[case](Path(folder))
         before = loop()
-        counted, begun, clock, first = Counted(), time.process_time(), time.perf_counter(), list[float]()
+        counted, begun, clock, first = (
+            Counted(),
+            time.process_time(),
+            time.perf_counter(),
+            list[float](),
+        )
         found = fit(logs, rig, early=lambda _: first.append(time.perf_counter() - clock))
         children = os.times()
         taken = time.process_time() - begun + children.children_user + children.children_system
@@ -160,7 +193,10 @@ def run(case: str, longer: bool) -> dict[str, Any]:
             "gradients": passes,
             "converged": found.converged,
             "chosen": found.candidates[0][0],
-            "far": max((abs(p.value - p.start) / p.prior_std for p in numbers if p.prior_std > 0), default=0.0),
+            "far": max(
+                (abs(p.value - p.start) / p.prior_std for p in numbers if p.prior_std > 0),
+                default=0.0,
+            ),
             "numbers": {p.name: (p.value, p.error) for p in numbers},
             "angles": {
                 kind: {
@@ -182,9 +218,20 @@ def busy(count: int) -> list[subprocess.Popen[bytes]]:
 def asked(case: str, longer: bool) -> dict[str, Any]:
     """Return `run` from a process of its own, with an empty cache of kernels."""
     with tempfile.TemporaryDirectory() as cache:
-        words = [sys.executable, "-m", "benchmarks.newcomers", "--case", case, *(["--longer"] if longer else [])]
+        words = [
+            sys.executable,
+            "-m",
+            "benchmarks.newcomers",
+            "--case",
+            case,
+            *(["--longer"] if longer else []),
+        ]
         done = subprocess.run(
-            words, capture_output=True, text=True, check=True, env={**os.environ, "DISTAL_CACHE": cache}
+            words,
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "DISTAL_CACHE": cache},
         )
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return found
@@ -204,12 +251,19 @@ def main() -> None:
     work, angles = list[list[str]](), list[list[str]]()
     for case in cases:
         alone = asked(case, False)
-        row = [case, f"{alone['seconds']:.1f}", f"{alone['loops']:.0f}", f"{alone['first answer']:.1f}"]
+        row = [
+            case,
+            f"{alone['seconds']:.1f}",
+            f"{alone['loops']:.0f}",
+            f"{alone['first answer']:.1f}",
+        ]
         row.append(f"{alone['gradients']:.0f}")
         row += ["yes" if alone["converged"] else "no", f"{alone['far']:.1f}", alone["chosen"]]
         if words.longer:
             other = asked(case, True)["numbers"]
-            both = [(v, e, other[name][0]) for name, (v, e) in alone["numbers"].items() if name in other]
+            both = [
+                (v, e, other[name][0]) for name, (v, e) in alone["numbers"].items() if name in other
+            ]
             row.append(f"{max((abs(v - w) / e for v, e, w in both if e > 0), default=0.0):.2f}")
         if words.busy:
             beside = busy(words.busy)
@@ -220,7 +274,10 @@ def main() -> None:
         work.append(row)
         for kind, own in alone["angles"].items():
             f, n, a, c = (own[name] for name in ("fitted", "numbers alone", "affine", "as it came"))
-            line = [f"{case}, {kind}", *(f"{f[name]:.3f}" for name in ("rms", "first second", "after 2 s"))]
+            line = [
+                f"{case}, {kind}",
+                *(f"{f[name]:.3f}" for name in ("rms", "first second", "after 2 s")),
+            ]
             line += [
                 f"{100 * f['inside']:.0f} %",
                 f"{f['half']:.2f}",
@@ -253,7 +310,12 @@ def main() -> None:
         "numbers alone",
         "affine",
     ]
-    table("newcomers-angles", "the angle, on logs that no fit has seen", [*columns, "as it came"], angles)
+    table(
+        "newcomers-angles",
+        "the angle, on logs that no fit has seen",
+        [*columns, "as it came"],
+        angles,
+    )
 
 
 if __name__ == "__main__":

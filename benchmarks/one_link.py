@@ -1,7 +1,9 @@
-"""A plant of one link between two position-controlled tendons, with one of the parts that real rigs have.
+"""A plant of one link between two position-controlled tendons, with one of the parts that real rigs
+have.
 
-It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a differential equation; a
-sheath as a cable of many points (`benchmarks/cable.py`); backlash by cases.
+It shares no code with `distal.model`: RK4 at 0.1 ms (0.5 ms with a cable) in NumPy; creep as a
+differential equation; a sheath as a cable of many points (`benchmarks/cable.py`); backlash by
+cases.
 """
 
 from __future__ import annotations
@@ -37,12 +39,18 @@ def springs_torque(values: Mapping[str, Any], angle: float) -> float:
     """Return the springs' torque on the joint [N m]."""
     spring, total = part_of(values, "joints.0.spring"), 0.0
     if spring:
-        total -= spring["stiffness"] * angle + spring.get("quadratic", 0) * angle**2 + spring.get("cubic", 0) * angle**3
+        total -= (
+            spring["stiffness"] * angle
+            + spring.get("quadratic", 0) * angle**2
+            + spring.get("cubic", 0) * angle**3
+        )
     between = part_of(values, "joints.0.extension_spring")
     if between:
         x, r, far = angle - between["line_angle"], between["radius"], between["distance"]
         length = sqrt((r * cos(x) - far) ** 2 + (r * sin(x)) ** 2)
-        force = max(between["preload"] + between["stiffness"] * (length - between["free_length"]), 0.0)
+        force = max(
+            between["preload"] + between["stiffness"] * (length - between["free_length"]), 0.0
+        )
         total -= force * r * far * sin(x) / length
     return total
 
@@ -61,8 +69,12 @@ class Link:
         self.cable = Cable(STIFFNESS, **sheath) if sheath else None
         self.far_side: float | None = None
 
-    def tensions(self, left: float, right: float, angle: float, crept: float) -> tuple[float, float, float]:
-        """Return the tensions at the left joint's end, the left drive's end, and of the right tendon."""
+    def tensions(
+        self, left: float, right: float, angle: float, crept: float
+    ) -> tuple[float, float, float]:
+        """Return the tensions at the left joint's end, the left drive's end, and of the right
+        tendon.
+        """
         pulley = self.pulley(left, right, angle)
         other = STIFFNESS * max(right + RADIUS * pulley, 0.0)
         if self.cable is not None:
@@ -79,7 +91,9 @@ class Link:
         return min(max(free, angle - self.joint_gap / 2), angle + self.joint_gap / 2)
 
     def settle(self, left: float, right: float, angle: float) -> float:
-        """Move what is inside to where the left drive and the joint are; return the left tendon's end."""
+        """Move what is inside to where the left drive and the joint are; return the left tendon's
+        end.
+        """
         if self.gap:
             half = self.gap["width"] / 2
             far = left if self.far_side is None else self.far_side
@@ -92,7 +106,11 @@ class Link:
 
 
 def link_log(
-    values: Mapping[str, Any], noise: Mapping[str, float], rng: np.random.Generator, duration: float, source: str
+    values: Mapping[str, Any],
+    noise: Mapping[str, float],
+    rng: np.random.Generator,
+    duration: float,
+    source: str,
 ) -> Log:
     """Return a log of the plant with sensors' noise and its true angle."""
     plant = Link(values)
@@ -101,7 +119,9 @@ def link_log(
     viscous = float(values.get("drives.0.damping", 0.0))
 
     def places(t: float) -> tuple[float, float]:
-        turn = RADIUS * (0.45 * sin(2 * pi * fast[0] * t + phase[0]) + 0.2 * sin(2 * pi * fast[1] * t + phase[1]))
+        turn = RADIUS * (
+            0.45 * sin(2 * pi * fast[0] * t + phase[0]) + 0.2 * sin(2 * pi * fast[1] * t + phase[1])
+        )
         both = middle * (1 + 0.5 * sin(2 * pi * 0.3 * t + phase[1]))
         return both + turn + plant.slack / 2, both - turn
 
@@ -130,7 +150,13 @@ def link_log(
             speed = (places(t + step)[0] - left) / step
             rows.append([t, left, right, at_drive + viscous * speed, other, y[0]])
         later = t + (step if k >= 0 else 0.0)
-        ends = [(end, right), *(((end if plant.gap else places(s)[0]), places(s)[1]) for s in ((t + later) / 2, later))]
+        ends = [
+            (end, right),
+            *(
+                ((end if plant.gap else places(s)[0]), places(s)[1])
+                for s in ((t + later) / 2, later)
+            ),
+        ]
         a = rates(*ends[0], y)
         b = rates(*ends[1], y + step / 2 * a)
         c = rates(*ends[1], y + step / 2 * b)
@@ -138,5 +164,7 @@ def link_log(
         y = y + step / 6 * (a + 2 * b + 2 * c + d)
     time, x1, x2, u1, u2, angle = np.array(rows).T
     clean = {"x1": x1, "x2": x2, "u1": u1, "u2": u2}
-    channels = {name: each + noise[name] * rng.normal(size=len(time)) for name, each in clean.items()}
+    channels = {
+        name: each + noise[name] * rng.normal(size=len(time)) for name, each in clean.items()
+    }
     return Log(time, channels, {"theta": angle}, source, "the plant")

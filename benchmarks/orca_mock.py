@@ -1,7 +1,9 @@
-"""`distal.hands.Hand` beside orca-core's own mock hand, in real time: `python -m benchmarks.orca_mock [SECONDS]`.
+"""`distal.hands.Hand` beside orca-core's own mock hand, in real time: `python -m
+benchmarks.orca_mock [SECONDS]`.
 
-orca-core is heavy and has a web server: it is for an environment of its own (`pip install orca-core`). Its mock motors are
-moved by a plant of `strangers.servo_hands`; some reads fail, and one motor restarts: it is silent and its encoder jumps.
+orca-core is heavy and has a web server: it is for an environment of its own (`pip install
+orca-core`). Its mock motors are moved by a plant of `strangers.servo_hands`; some reads fail, and
+one motor restarts: it is silent and its encoder jumps.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ class PlantClient:
             self.client._pos[number] = float(read["places"][0, j])
             self.client._cur[number] = 1e3 * float(read["currents"][0, j])
         silent = REBOOT < at < REBOOT + SILENT
-        self.client.last_read_ok = not (self.rng.random() < LOST or (silent and self.rng.random() < 0.5))
+        self.client.last_read_ok = not (
+            self.rng.random() < LOST or (silent and self.rng.random() < 0.5)
+        )
         self.fails += not self.client.last_read_ok
 
 
@@ -59,7 +63,8 @@ def main() -> None:
     made = time.perf_counter()
     hand = Hand(orca, imported.rig)
     print(
-        f"import {made - begun:.2f} s, first kernel {time.perf_counter() - made:.1f} s, {len(imported.missing)} guesses"
+        f"import {made - begun:.2f} s, first kernel {time.perf_counter() - made:.1f} s, "
+        f"{len(imported.missing)} guesses"
     )
     plant = PlantClient(orca, 5)
     spent, late, words = [], 0, dict[str, int]()
@@ -79,8 +84,11 @@ def main() -> None:
         late += time.perf_counter() > due + PERIOD
         time.sleep(max(0.0, due - time.perf_counter()))
     took = 1e3 * np.array(spent)
-    print(f"{len(spent)} steps at {1 / PERIOD:.0f} Hz, {late} late; in our code {np.median(took):.3f} ms, 99 %: "
-          f"{np.quantile(took, 0.99):.3f}, longest {took.max():.2f} ms")  # fmt: skip
+    print(
+        f"{len(spent)} steps at {1 / PERIOD:.0f} Hz, {late} late; in our code "
+        f"{np.median(took):.3f} ms, 99 %: "
+        f"{np.quantile(took, 0.99):.3f}, longest {took.max():.2f} ms"
+    )
     print(f"{plant.fails} reads failed; health {words}; {hand.health().sentence}")
     print(f"torque constant of the catalogue {TORQUE_CONSTANT} N m/A")
 

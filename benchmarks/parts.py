@@ -1,8 +1,10 @@
-"""Each part of the physics alone: simulated by a plant of its own, fitted from three logs, judged on a fourth.
+"""Each part of the physics alone: simulated by a plant of its own, fitted from three logs, judged
+on a fourth.
 
-`python -m benchmarks.parts [SEEDS] [PART …]` (default 20, all). The plant (`benchmarks/one_link.py`) shares no code with
-`distal.model`. Shown are how often a fitted number is within two standard errors of the plant's, and the angle's error
-beside that of the filter that is given it.
+`python -m benchmarks.parts [SEEDS] [PART …]` (default 20, all). The plant
+(`benchmarks/one_link.py`) shares no code with `distal.model`. Shown are how often a fitted number
+is within two standard errors of the plant's, and the angle's error beside that of the filter that
+is given it.
 """
 
 from __future__ import annotations
@@ -50,25 +52,56 @@ class Part:
 
 SPRING = {"stiffness": 0.05, "rest_angle": 0.0}
 BETWEEN = {
-    "stiffness": 250.0, "free_length": 0.018, "radius": 0.009, "distance": 0.026, "line_angle": -0.9, "preload": 0.4,
-}  # fmt: skip
+    "stiffness": 250.0,
+    "free_length": 0.018,
+    "radius": 0.009,
+    "distance": 0.026,
+    "line_angle": -0.9,
+    "preload": 0.4,
+}
 CREEP = {"share": 0.3, "time": 2.0, "settled": {"value": 0.0, "std": 0.3}}
 SHEATH = {"friction": 0.2, "wrap": 1.8, "nodes": 2}
 SPRUNG = {"joints.0.spring": SPRING}
 PARTS = (
     Part("slack at home", "tendons.0.slack", 0.5e-3, 0.2e-3, SPRUNG),
-    Part("cubic spring", "joints.0.spring.cubic", 0.2, 0.1, {"joints.0.spring": {**SPRING, "cubic": 0.2}}),
     Part(
-        "quadratic spring", "joints.0.spring.quadratic", 0.02, 0.008, {"joints.0.spring": {**SPRING, "quadratic": 0.02}}
+        "cubic spring",
+        "joints.0.spring.cubic",
+        0.2,
+        0.1,
+        {"joints.0.spring": {**SPRING, "cubic": 0.2}},
     ),
     Part(
-        "extension spring", "joints.0.extension_spring.stiffness", 250.0, 60.0, {"joints.0.extension_spring": BETWEEN}
+        "quadratic spring",
+        "joints.0.spring.quadratic",
+        0.02,
+        0.008,
+        {"joints.0.spring": {**SPRING, "quadratic": 0.02}},
     ),
-    Part("its line", "joints.0.extension_spring.line_angle", -0.9, 0.15, {"joints.0.extension_spring": BETWEEN}),
+    Part(
+        "extension spring",
+        "joints.0.extension_spring.stiffness",
+        250.0,
+        60.0,
+        {"joints.0.extension_spring": BETWEEN},
+    ),
+    Part(
+        "its line",
+        "joints.0.extension_spring.line_angle",
+        -0.9,
+        0.15,
+        {"joints.0.extension_spring": BETWEEN},
+    ),
     Part("creep", "tendons.0.creep.share", 0.3, 0.1, {**SPRUNG, "tendons.0.creep": CREEP}),
-    Part("its time constant", "tendons.0.creep.time", 2.0, 0.6, {**SPRUNG, "tendons.0.creep": CREEP}),
     Part(
-        "backlash of a drive", "drives.0.backlash.width", 0.4e-3, 0.15e-3, {**SPRUNG, "drives.0.backlash.width": 0.4e-3}
+        "its time constant", "tendons.0.creep.time", 2.0, 0.6, {**SPRUNG, "tendons.0.creep": CREEP}
+    ),
+    Part(
+        "backlash of a drive",
+        "drives.0.backlash.width",
+        0.4e-3,
+        0.15e-3,
+        {**SPRUNG, "drives.0.backlash.width": 0.4e-3},
     ),
     Part(
         "the same, moved by its tendon",
@@ -77,7 +110,13 @@ PARTS = (
         0.15e-3,
         {**SPRUNG, "drives.0.backlash": {"width": 0.4e-3, "held": False, "friction": 2.0}},
     ),
-    Part("backlash of the joint", "joints.0.backlash.width", 0.03, 0.01, {**SPRUNG, "joints.0.backlash.width": 0.03}),
+    Part(
+        "backlash of the joint",
+        "joints.0.backlash.width",
+        0.03,
+        0.01,
+        {**SPRUNG, "joints.0.backlash.width": 0.03},
+    ),
     Part("sheath", "tendons.0.path.friction", 0.2, 0.05, {**SPRUNG, "tendons.0.path": SHEATH}),
     Part(
         "let out otherwise",
@@ -102,7 +141,13 @@ def rig_of(part: Part, value: float | None = None) -> Rig:
         }
         for name, side in (("x1", "left"), ("u1", "left"), ("x2", "right"), ("u2", "right"))
     ]
-    encoder = {"name": "encoder", "measures": "angle", "of": "link", "noise": np.deg2rad(0.05), "rate": RATE}
+    encoder = {
+        "name": "encoder",
+        "measures": "angle",
+        "of": "link",
+        "noise": np.deg2rad(0.05),
+        "rate": RATE,
+    }
     tendons = [
         {
             "name": side,
@@ -114,13 +159,29 @@ def rig_of(part: Part, value: float | None = None) -> Rig:
         }
         for side, sign in (("left", 1), ("right", -1))
     ]
-    drives = [{"name": side, "kind": "slider", "mass": 0.05, "nominal_force": 2.0} for side in ("left", "right")]
-    joint = {"name": "link", "inertia": INERTIA, "damping": DAMPING, "initial": {"value": 0.0, "std": 0.1}}
+    drives = [
+        {"name": side, "kind": "slider", "mass": 0.05, "nominal_force": 2.0}
+        for side in ("left", "right")
+    ]
+    joint = {
+        "name": "link",
+        "inertia": INERTIA,
+        "damping": DAMPING,
+        "initial": {"value": 0.0, "std": 0.1},
+    }
     rig = build_rig(
-        {"name": part.name, "joints": [joint], "drives": drives, "tendons": tendons, "sensors": [*sensors, encoder]},
+        {
+            "name": part.name,
+            "joints": [joint],
+            "drives": drives,
+            "tendons": tendons,
+            "sensors": [*sensors, encoder],
+        },
         part.name,
     ).with_values(part.fixed)
-    known = {"value": part.value, "std": part.std} if value is None else {"value": value, "std": 0.0}
+    known = (
+        {"value": part.value, "std": part.std} if value is None else {"value": value, "std": 0.0}
+    )
     return rig.with_values({part.path: known})
 
 
@@ -131,7 +192,9 @@ def log_of(part: Part, number: float, rng: np.random.Generator) -> Log:
 
 
 def run(job: tuple[int, int]) -> tuple[int, float, float, float, float]:
-    """Return part, error of its number in standard errors, RMS errors of both filters [°], share inside."""
+    """Return part, error of its number in standard errors, RMS errors of both filters [°], share
+    inside.
+    """
     at, seed = job
     part, rng = PARTS[at], np.random.default_rng([seed, at, 11])
     number = part.value + part.std * float(np.clip(rng.normal(), -2, 2))
@@ -143,7 +206,9 @@ def run(job: tuple[int, int]) -> tuple[int, float, float, float, float]:
         after = estimate(judged, found.rig.bare(), compiled=False)
         known = estimate(judged, rig_of(part, number), compiled=False)
     settled = judged.time > 0.5
-    errors = [float(np.rad2deg(np.sqrt(np.mean(each.errors()[settled] ** 2)))) for each in (after, known)]
+    errors = [
+        float(np.rad2deg(np.sqrt(np.mean(each.errors()[settled] ** 2)))) for each in (after, known)
+    ]
     inside = float(np.mean(np.abs(after.errors()[settled]) <= 1.96 * after.theta_std[settled]))
     return at, (one.value - number) / one.error, *errors, inside
 
@@ -157,7 +222,9 @@ def main() -> None:
         found = list(pool.map(run, jobs))
     rows = []
     for at, part in ((at, PARTS[at]) for at in wanted):
-        away, after, known, inside = (np.array(each) for each in list(zip(*(one for one in found if one[0] == at)))[1:])
+        away, after, known, inside = (
+            np.array(each) for each in list(zip(*(one for one in found if one[0] == at)))[1:]
+        )
         ratio = np.sqrt(np.mean(after**2) / np.mean(known**2))
         rows.append(
             [
@@ -170,7 +237,10 @@ def main() -> None:
                 f"{np.mean(inside):.0%}",
             ]
         )
-    title = f"Each part alone: a plant of its own, fitted from three logs of {DURATION:g} s; {seeds} seeds"
+    title = (
+        f"Each part alone: a plant of its own, fitted from three logs of {DURATION:g} s; "
+        f"{seeds} seeds"
+    )
     columns = [
         "part",
         "number",

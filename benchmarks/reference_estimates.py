@@ -1,8 +1,9 @@
-"""Whether estimates are still what they were: full estimates of many logs, stored, and compared later.
+"""Whether estimates are still what they were: full estimates of many logs, stored, and compared
+later.
 
-`python -m benchmarks.reference_estimates --save FILE.npz` stores the logs and what the estimators make of them;
-`--check FILE.npz` runs the estimators again on the *stored* logs and prints the largest differences. With DISTAL_DATA the
-logs of MuJoCo and of the da Vinci grasper are among them.
+`python -m benchmarks.reference_estimates --save FILE.npz` stores the logs and what the estimators
+make of them; `--check FILE.npz` runs the estimators again on the *stored* logs and prints the
+largest differences. With DISTAL_DATA the logs of MuJoCo and of the da Vinci grasper are among them.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ SPOILED = (
     ("weights into stops", "as observed"),
 )
 RANDOM = 16
-"""Random rigs; they are run interpreted, which gives the same numbers, because each is used for two logs only."""
+"""Random rigs; they are run interpreted, which gives the same numbers, because each is used for two
+logs only.
+"""
 
 FIELDS = ("means", "variances", "innovations", "innovation_variances", "last_covariance")
 TOLERANCE = 1e-9
@@ -66,7 +69,9 @@ TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Case:
-    """A log, the rig it is read with, for how long its truth is known, and whether its kernels are worth compiling."""
+    """A log, the rig it is read with, for how long its truth is known, and whether its kernels are
+    worth compiling.
+    """
 
     name: str
     log: Log
@@ -76,7 +81,9 @@ class Case:
 
 
 def cases() -> Iterator[Case]:
-    """Yield the logs: shipped scenarios, spoiled ones, hands, a capstan, random rigs, MuJoCo, da Vinci."""
+    """Yield the logs: shipped scenarios, spoiled ones, hands, a capstan, random rigs, MuJoCo, da
+    Vinci.
+    """
     for name in shipped_scenarios():
         scenario = load_scenario(name)
         rig = scenario_rig(scenario)
@@ -100,10 +107,14 @@ def cases() -> Iterator[Case]:
         simulate("paper-2008-observed", "series-2", 0),
         load_rig("paper-2008-observed"),
     )
-    for seed in range(RANDOM):  # they have what the shipped rigs lack: one tendon, five, path friction, biases, gravity
+    for seed in range(
+        RANDOM
+    ):  # they have what the shipped rigs lack: one tendon, five, path friction, biases, gravity
         drawn = random_case(seed)
         yield Case(f"random rig {seed}", drawn.log, drawn.rig, once=True)
-        yield Case(f"random rig {seed}, spoiled", spoilt(drawn.log, drawn.rig, seed), drawn.rig, once=True)
+        yield Case(
+            f"random rig {seed}, spoiled", spoilt(drawn.log, drawn.rig, seed), drawn.rig, once=True
+        )
     yield from recorded()
 
 
@@ -112,7 +123,13 @@ def capstan_scenario() -> Any:
     points = [[0.0, 0.0], [1.0, 0.6], [2.0, 0.6], [3.5, -0.7], [4.5, 0.3], [6.0, 0.3]]
     servo = {"angle": {"points": points, "interpolation": "linear"}}
     return build_scenario(
-        {"rig": "capstan-joint", "duration": 6.0, "drives": {"motor": {"servo": servo}}, "name": "capstan"}, "capstan"
+        {
+            "rig": "capstan-joint",
+            "duration": 6.0,
+            "drives": {"motor": {"servo": servo}},
+            "name": "capstan",
+        },
+        "capstan",
     )
 
 
@@ -128,7 +145,10 @@ def recorded() -> Iterator[Case]:
     """Yield the logs that lie in the folder DISTAL_DATA, where it is set."""
     folder = os.environ.get("DISTAL_DATA")
     if not folder:
-        print("DISTAL_DATA is not set: the logs of MuJoCo and of the da Vinci grasper are left out", file=sys.stderr)
+        print(
+            "DISTAL_DATA is not set: the logs of MuJoCo and of the da Vinci grasper are left out",
+            file=sys.stderr,
+        )
         return
     rigs = {
         "servo": {"as shipped": load_rig("pulley-antagonist")},
@@ -149,7 +169,9 @@ def recorded() -> Iterator[Case]:
 def estimates_of(case: Case, name: str, compiled: bool) -> dict[str, Any]:
     """Return the arrays and names of an estimate, or the refusal."""
     try:
-        made = estimate(case.log, case.rig, name, compiled=compiled and not case.once, homing=case.homing)
+        made = estimate(
+            case.log, case.rig, name, compiled=compiled and not case.once, homing=case.homing
+        )
     except DistalError as problem:
         return {"refused": str(problem)}
     last = made.covariances[-1] if made.covariances is not None else np.zeros((0, 0))
@@ -196,7 +218,10 @@ def save(path: Path, compiled: bool) -> None:
     arrays["index"] = np.frombuffer(json.dumps(index).encode(), dtype=np.uint8)  # type: ignore[assignment]
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **arrays)
-    print(f"{len(index)} logs × {len(NAMES)} estimators in {path} ({path.stat().st_size / 1e6:.0f} MB)")
+    print(
+        f"{len(index)} logs × {len(NAMES)} estimators in {path} ({path.stat().st_size / 1e6:.0f} "
+        "MB)"
+    )
 
 
 def stored_log(held: Any, i: int, entry: dict[str, Any]) -> Log:
@@ -204,13 +229,17 @@ def stored_log(held: Any, i: int, entry: dict[str, Any]) -> Log:
     channels = {name: held[f"{i}/channels/{j}"] for j, name in enumerate(entry["channels"])}
     truth = {name: held[f"{i}/truth/{j}"] for j, name in enumerate(entry["truth"])}
     said = entry["truth_source"]
-    kind = entry.get("truth_kind", "sensor" if said.endswith("the reference sensor") else "unknown")  # older files
+    kind = entry.get(
+        "truth_kind", "sensor" if said.endswith("the reference sensor") else "unknown"
+    )  # older files
     source = TruthSource(TruthKind(kind), said)
     return Log(held[f"{i}/time"], channels, truth, entry["source"], source)
 
 
 def farthest(now: Floats, then: Floats) -> float:
-    """Return the largest difference; infinite where shapes differ, or one has a value where the other has none."""
+    """Return the largest difference; infinite where shapes differ, or one has a value where the
+    other has none.
+    """
     if now.shape != then.shape or not np.array_equal(np.isfinite(now), np.isfinite(then)):
         return float("inf")
     return float(np.max(np.abs(now - then), initial=0.0, where=np.isfinite(then)))
@@ -222,7 +251,9 @@ def log_difference(now: Log, then: Log) -> float:
         return float("inf")
     pairs = [(now.channels[name], then.channels[name]) for name in then.channels]
     pairs += [(now.truth[name], then.truth[name]) for name in then.truth if name in now.truth]
-    return max(farthest(a, b) / max(float(np.nanmax(np.abs(b), initial=0.0)), 1e-300) for a, b in pairs)
+    return max(
+        farthest(a, b) / max(float(np.nanmax(np.abs(b), initial=0.0)), 1e-300) for a, b in pairs
+    )
 
 
 @dataclass(frozen=True)
@@ -238,12 +269,18 @@ class Difference:
     note: str = ""
 
 
-def difference(name: str, now: dict[str, Any], held: Any, i: int, entry: dict[str, Any]) -> Difference:
-    """Return how far an estimate is from the stored one: by position where names may differ, else by name."""
+def difference(
+    name: str, now: dict[str, Any], held: Any, i: int, entry: dict[str, Any]
+) -> Difference:
+    """Return how far an estimate is from the stored one: by position where names may differ, else
+    by name.
+    """
     if "refused" in now or "refused" in entry:
         if "refused" in now and "refused" in entry:
             same = now["refused"] == entry["refused"]
-            return Difference(0, 0, 0, 0, 0, 0, "refused as before" if same else "refused, in other words")
+            return Difference(
+                0, 0, 0, 0, 0, 0, "refused as before" if same else "refused, in other words"
+            )
         inf = float("inf")
         what = f"refused now: {now['refused']}" if "refused" in now else "refused before, not now"
         return Difference(inf, inf, inf, inf, inf, inf, what)
@@ -259,13 +296,19 @@ def difference(name: str, now: dict[str, Any], held: Any, i: int, entry: dict[st
             note = f"states {now['states']} instead of {entry['states']}"
     compared = sorted(set(now["measured"]) | set(entry["measured"]))
     if sorted(now["measured"]) != compared or sorted(entry["measured"]) != compared:
-        note = f"{note}; innovations of {now['measured']} instead of {entry['measured']}".removeprefix("; ")
+        note = (
+            f"{note}; innovations of {now['measured']} instead of {entry['measured']}".removeprefix(
+                "; "
+            )
+        )
     columns = [now["measured"].index(m) for m in entry["measured"] if m in now["measured"]]
     moved = farthest(means, then["means"])
     std = np.sqrt(np.maximum(then["variances"], 1e-300))
     there = np.isfinite(then["means"]) & (then["variances"] > 0.0)
     scaled = (
-        float(np.max(np.abs(means - then["means"]) / std, initial=0.0, where=there)) if np.isfinite(moved) else moved
+        float(np.max(np.abs(means - then["means"]) / std, initial=0.0, where=there))
+        if np.isfinite(moved)
+        else moved
     )
     thetas = [np.sqrt(np.abs(v[:, 0])) for v in (variances, then["variances"])]
     return Difference(
@@ -274,13 +317,17 @@ def difference(name: str, now: dict[str, Any], held: Any, i: int, entry: dict[st
         moved,
         scaled,
         farthest(now["innovations"][:, columns], then["innovations"]),
-        farthest(np.sqrt(now["innovation_variances"][:, columns]), np.sqrt(then["innovation_variances"])),
+        farthest(
+            np.sqrt(now["innovation_variances"][:, columns]), np.sqrt(then["innovation_variances"])
+        ),
         note,
     )
 
 
 def check(path: Path, compiled: bool, names: tuple[str, ...], tolerance: float) -> bool:
-    """Run the estimators on the stored logs, print the differences, and return whether the angles are the same."""
+    """Run the estimators on the stored logs, print the differences, and return whether the angles
+    are the same.
+    """
     from distal.rig import build_rig
 
     fine = True
@@ -290,7 +337,8 @@ def check(path: Path, compiled: bool, names: tuple[str, ...], tolerance: float) 
         for i, entry in enumerate(index):
             log = stored_log(held, i, entry)
             today = made_now.get(entry["case"])
-            # a rig of an older release may have keys that this one does not know: then today's stands in
+            # a rig of an older release may have keys that this one does not know: then today's
+            # stands in
             try:
                 rig = build_rig(json.loads(entry["rig"]), entry["case"])
             except DistalError:
@@ -300,15 +348,37 @@ def check(path: Path, compiled: bool, names: tuple[str, ...], tolerance: float) 
             apart = log_difference(today.log, log) if today is not None else float("nan")
             for name in names:
                 case = Case(entry["case"], log, rig, entry["homing"], entry["once"])
-                found = difference(name, estimates_of(case, name, compiled), held, i, entry["estimates"][name])
+                found = difference(
+                    name, estimates_of(case, name, compiled), held, i, entry["estimates"][name]
+                )
                 same = found.theta <= tolerance and found.theta_std <= tolerance
                 fine = fine and same
-                numbers = (found.theta, found.theta_std, found.states, found.in_stds, found.innovations)
+                numbers = (
+                    found.theta,
+                    found.theta_std,
+                    found.states,
+                    found.in_stds,
+                    found.innovations,
+                )
                 numbers += (found.innovation_stds, apart)
                 rows.append(
-                    [entry["case"], name, *(f"{n:.1e}" for n in numbers), found.note, "" if same else "DIFFERS"]
+                    [
+                        entry["case"],
+                        name,
+                        *(f"{n:.1e}" for n in numbers),
+                        found.note,
+                        "" if same else "DIFFERS",
+                    ]
                 )
-    columns = ["log", "estimator", "θ [rad]", "std of θ [rad]", "states [SI]", "states / std", "innovations [SI]"]
+    columns = [
+        "log",
+        "estimator",
+        "θ [rad]",
+        "std of θ [rad]",
+        "states [SI]",
+        "states / std",
+        "innovations [SI]",
+    ]
     columns += ["their stds [SI]", "log itself, relative", "note", ""]
     table("reference-estimates", f"Largest differences from {path.name}", columns, rows)
     bad = sum(1 for row in rows if row[-1])
@@ -323,7 +393,9 @@ def main() -> None:
     action.add_argument("--save", type=Path, metavar="FILE.npz", help="run and store")
     action.add_argument("--check", type=Path, metavar="FILE.npz", help="run again and compare")
     parser.add_argument("--interpreted", action="store_true", help="without compiled kernels")
-    parser.add_argument("--estimators", nargs="+", choices=NAMES, default=NAMES, help="compare only these")
+    parser.add_argument(
+        "--estimators", nargs="+", choices=NAMES, default=NAMES, help="compare only these"
+    )
     parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="of the angle [rad]")
     arguments = parser.parse_args()
     started = time.perf_counter()
@@ -331,7 +403,12 @@ def main() -> None:
         save(arguments.save, not arguments.interpreted)
         fine = True
     else:
-        fine = check(arguments.check, not arguments.interpreted, tuple(arguments.estimators), arguments.tolerance)
+        fine = check(
+            arguments.check,
+            not arguments.interpreted,
+            tuple(arguments.estimators),
+            arguments.tolerance,
+        )
     print(f"{time.perf_counter() - started:.0f} s")
     sys.exit(0 if fine else 1)
 

@@ -1,7 +1,8 @@
 """Hostile rigs, logs and streams, 20,000 of each: what came of them, and the memory that it took.
 
-`python -m benchmarks.reliability [inputs] [--first-seed N]`; the table is saved in out/bench. A promise that does not
-hold is printed with its seed, and the exit code is 1. The fast part, with the same code, is tests/test_fuzzing.py.
+`python -m benchmarks.reliability [inputs] [--first-seed N]`; the table is saved in out/bench. A
+promise that does not hold is printed with its seed, and the exit code is 1. The fast part, with the
+same code, is tests/test_fuzzing.py.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def logs(folder: Path) -> Callable[[int], Outcome]:
 
 
 def streams(folder: Path) -> Callable[[int], Outcome]:
-    """Return what tries a stream's input of a seed: CSV and JSON, two estimators and `LiveEstimator.step`."""
+    """Return what tries a stream's input of a seed: CSV and JSON, two estimators and
+    `LiveEstimator.step`.
+    """
     rig = load_rig("paper-2008-printed")
     made = [Stream(rig, csv, name) for csv in (True, False) for name in ("adaptive", "ekf")]
     return lambda seed: made[seed % len(made)].attempt(seed)
@@ -54,7 +57,9 @@ KINDS = {"rig files": rigs, "logs": logs, "stream inputs": streams}
 
 
 def run(kind: str, first: int, count: int) -> tuple[Counter[str], list[str], float]:
-    """Try inputs of one kind, and return how many came to what, promises that did not hold, and the peak memory [GB]."""
+    """Try inputs of one kind, and return how many came to what, promises that did not hold, and the
+    peak memory [GB].
+    """
     warnings.simplefilter("ignore")
     came, failed = Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as folder:
@@ -70,7 +75,13 @@ def run(kind: str, first: int, count: int) -> tuple[Counter[str], list[str], flo
 def peak() -> float:
     """Return the largest memory of this process and of those that it started [GB]."""
     _Reader.current().end()  # what has not ended is not counted
-    return max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e6
+    return (
+        max(
+            resource.getrusage(who).ru_maxrss
+            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        )
+        / 1e6
+    )
 
 
 def main() -> None:
@@ -91,8 +102,24 @@ def main() -> None:
         if memory > MOST:
             failed.append(f"{kind}: a process had {memory:.1f} GB")
         numbers = [f"{came[word]:,}" for word in ("taken", "refused", "broken")]
-        rows.append((kind, f"{sum(came.values()):,}", *numbers, f"{memory:.2f}", f"{time.perf_counter() - began:.0f}"))
-    columns = ("input", "tried", "taken", "refused in one line", "promises broken", "most memory [GB]", "time [s]")
+        rows.append(
+            (
+                kind,
+                f"{sum(came.values()):,}",
+                *numbers,
+                f"{memory:.2f}",
+                f"{time.perf_counter() - began:.0f}",
+            )
+        )
+    columns = (
+        "input",
+        "tried",
+        "taken",
+        "refused in one line",
+        "promises broken",
+        "most memory [GB]",
+        "time [s]",
+    )
     table("reliability", f"Hostile inputs, seeds from {given.first_seed} on", columns, rows)
     for line in failed[:50]:
         print(line)

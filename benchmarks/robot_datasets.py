@@ -1,4 +1,6 @@
-"""A thousand episodes by a Dask cluster of two processes, beside our own two: `python -m benchmarks.robot_datasets`."""
+"""A thousand episodes by a Dask cluster of two processes, beside our own two: `python -m
+benchmarks.robot_datasets`.
+"""
 
 from __future__ import annotations
 
@@ -35,21 +37,42 @@ def written(folder: Path, episodes: int) -> Path:
             place = np.cumsum(rng.normal(0.0, 2e-3, ROWS))
             state = np.column_stack([place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32)
             parts.append(
-                pa.table({"observation.state": pa.FixedSizeListArray.from_arrays(pa.array(state.ravel()), 2),
-                          "timestamp": np.arange(ROWS) / 200.0, "episode_index": np.full(ROWS, episode)})
-            )  # fmt: skip
+                pa.table(
+                    {
+                        "observation.state": pa.FixedSizeListArray.from_arrays(
+                            pa.array(state.ravel()), 2
+                        ),
+                        "timestamp": np.arange(ROWS) / 200.0,
+                        "episode_index": np.full(ROWS, episode),
+                    }
+                )
+            )
         pq.write_table(pa.concat_tables(parts), data / f"file-{number // 50:03d}.parquet")
     return folder
 
 
-CHANGES = {"log.time.column": "timestamp", "sensors.motor_angle.column": "observation.state.place",
-           "sensors.motor_torque.column": "observation.state.torque"}  # fmt: skip
+CHANGES = {
+    "log.time.column": "timestamp",
+    "sensors.motor_angle.column": "observation.state.place",
+    "sensors.motor_torque.column": "observation.state.torque",
+}
 """Of `capstan-joint`, so that it reads the dataset."""
 
 
 def commanded(dataset: Path, rig: Path, out: Path, *more: str) -> float:
     """Return how long `distal estimate` takes for a dataset, with its start and its files [s]."""
-    command = [sys.executable, "-m", "distal", "estimate", str(dataset), "--rig", str(rig), "--out", str(out), *more]
+    command = [
+        sys.executable,
+        "-m",
+        "distal",
+        "estimate",
+        str(dataset),
+        "--rig",
+        str(rig),
+        "--out",
+        str(out),
+        *more,
+    ]
     begin = time.perf_counter()
     subprocess.run(command, check=True, capture_output=True)
     return time.perf_counter() - begin
@@ -64,7 +87,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         file, dataset = root / "rig.toml", written(root / "set", count)
-        file.write_text(edited_text("capstan-joint", [f'{path}="{column}"' for path, column in CHANGES.items()]))
+        file.write_text(
+            edited_text("capstan-joint", [f'{path}="{column}"' for path, column in CHANGES.items()])
+        )
         episodes = episodes_of(dataset)
         list(estimate_batch(episodes[:8], rig))
         begin = time.perf_counter()
@@ -76,13 +101,26 @@ def main() -> None:
             far = list(estimate_on_cluster(episodes, rig, cluster.scheduler_address))
             there = time.perf_counter() - begin
             scheduler = "--scheduler", cluster.scheduler_address
-            times = np.array([[commanded(dataset, file, root / f"{k}-{len(more)}", *more) for more in ((), scheduler)]
-                              for k in range(3)])  # fmt: skip
+            times = np.array(
+                [
+                    [
+                        commanded(dataset, file, root / f"{k}-{len(more)}", *more)
+                        for more in ((), scheduler)
+                    ]
+                    for k in range(3)
+                ]
+            )
     same = max(float(np.abs(a.angles - b.angles).max()) for a, b in zip(own, far))
-    print(f"{count} episodes: {here:.1f} s by two threads, {there:.1f} s by two Dask workers, {there / here:.2f} x; "
-          f"largest difference {same:.1e} rad")  # fmt: skip
+    print(
+        f"{count} episodes: {here:.1f} s by two threads, {there:.1f} s by two Dask workers, "
+        f"{there / here:.2f} x; "
+        f"largest difference {same:.1e} rad"
+    )
     here, there = np.median(times, axis=0)
-    print(f"as a command that writes its files, median of three: {here:.1f} s, {there:.1f} s, {there / here:.2f} x")
+    print(
+        f"as a command that writes its files, median of three: {here:.1f} s, {there:.1f} s, "
+        f"{there / here:.2f} x"
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
-"""How far and how fast searches come: steps of four fixed dampings, of dampings around the last one, and with bends.
+"""How far and how fast searches come: steps of four fixed dampings, of dampings around the last
+one, and with bends.
 
-`python -m benchmarks.searches` (part of `make accuracy`) catches what a fit of each rig of `benchmarks.newcomers`, and of
-some of `benchmarks.strangers.lacking`, searches with all logs by the equations, and searches each anew from the same start,
-200 iterations at most. Work is in gradients: runs over all logs / (coordinates + 1).
+`python -m benchmarks.searches` (part of `make accuracy`) catches what a fit of each rig of
+`benchmarks.newcomers`, and of some of `benchmarks.strangers.lacking`, searches with all logs by the
+equations, and searches each anew from the same start, 200 iterations at most. Work is in gradients:
+runs over all logs / (coordinates + 1).
 """
 
 from __future__ import annotations
@@ -45,9 +47,13 @@ def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dic
     real = search.search
 
     def spy(problem: Any, start: Any, progress: Any = None, **options: Any) -> Any:
-        whole = isinstance(problem, inverse_dynamics.InverseProblem) and len(problem.data) == len(logs)
+        whole = isinstance(problem, inverse_dynamics.InverseProblem) and len(problem.data) == len(
+            logs
+        )
         if whole and options.get("most") is None and len(found) < most:
-            found.append((problem, start, {k: v for k, v in options.items() if k in ("fixed", "near")}))
+            found.append(
+                (problem, start, {k: v for k, v in options.items() if k in ("fixed", "near")})
+            )
         return real(problem, start, progress, **options)
 
     with mock.patch.object(search, "search", spy), mock.patch.object(numbers, "search", spy):
@@ -69,13 +75,19 @@ def searched(problem: Any, start: Any, options: dict[str, Any]) -> tuple[float, 
 
 
 def rigs(folder: Path, lacking: int) -> Iterator[tuple[str, Rig, Sequence[Log]]]:
-    """Return name, rig and logs to fit of the newcomers' rigs and of drawn rigs that lack something."""
+    """Return name, rig and logs to fit of the newcomers' rigs and of drawn rigs that lack
+    something.
+    """
     for case in (case for case in CASES if "given" not in case or "DISTAL_DATA" in os.environ):
         rig, logs, _ = CASES[case](folder)
         yield case, rig, logs
     for seed in range(FIRST_LACKING, FIRST_LACKING + lacking):
         drawn = drawn_rig(2 * seed, False)
-        yield f"lacking {seed}", build_rig(drawn.raw, f"lacking {seed}"), logs_of(drawn, seed)[0][:FITTED]
+        yield (
+            f"lacking {seed}",
+            build_rig(drawn.raw, f"lacking {seed}"),
+            logs_of(drawn, seed)[0][:FITTED],
+        )
 
 
 def main() -> None:

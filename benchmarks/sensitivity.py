@@ -1,8 +1,9 @@
-"""What `adaptive` owes to its choices and to the rate of a log: `python -m benchmarks.sensitivity` prints tables.
+"""What `adaptive` owes to its choices and to the rate of a log: `python -m benchmarks.sensitivity`
+prints tables.
 
-The prior of friction that the rig does not know of, against mid-range accuracy and against plants that have some; what
-declaring that friction gives; logs with samples left out. Errors are of the joint angle, pooled over 5 seeds;
-`--seeds 1` is quicker.
+The prior of friction that the rig does not know of, against mid-range accuracy and against plants
+that have some; what declaring that friction gives; logs with samples left out. Errors are of the
+joint angle, pooled over 5 seeds; `--seeds 1` is quicker.
 """
 
 from __future__ import annotations
@@ -16,7 +17,16 @@ from functools import lru_cache
 import numpy as np
 from rich.progress import track
 
-from benchmarks.cases import HARD, INTO_STOPS, MID_RANGE, SCENARIOS, WITHIN, paper_log, paper_rig, spoiled
+from benchmarks.cases import (
+    HARD,
+    INTO_STOPS,
+    MID_RANGE,
+    SCENARIOS,
+    WITHIN,
+    paper_log,
+    paper_rig,
+    spoiled,
+)
 from benchmarks.report import table
 from distal import Estimate, Log, estimate
 from distal.confidence import BAND
@@ -34,11 +44,16 @@ SPOILED = tuple((kind, plant) for kind in (*MID_RANGE, *INTO_STOPS) for plant in
 @lru_cache(maxsize=16)
 def _filter(prior: tuple[float, float], followed: float) -> AdaptiveFilter:
     std, walk = prior
-    guards = Robustness(unknown_friction=std, unknown_friction_walk=walk, followed_variance=followed)
+    guards = Robustness(
+        unknown_friction=std, unknown_friction_walk=walk, followed_variance=followed
+    )
     return AdaptiveFilter(paper_rig("as the rig"), robustness=guards)
 
 
-USUAL = (Robustness().unknown_friction, Robustness().unknown_friction_walk), Robustness().followed_variance
+USUAL = (
+    (Robustness().unknown_friction, Robustness().unknown_friction_walk),
+    Robustness().followed_variance,
+)
 
 
 def every(log: Log, n: int) -> Log:
@@ -63,8 +78,12 @@ def _declared() -> AdaptiveFilter:
     return AdaptiveFilter(paper_rig("as the rig").with_values(values))
 
 
-def run(job: tuple[str, str, str, int, tuple[float, float], float, int]) -> tuple[float, float, float, float]:
-    """Return mean square error, the same after 1 s, share inside the band, median std of one log."""
+def run(
+    job: tuple[str, str, str, int, tuple[float, float], float, int],
+) -> tuple[float, float, float, float]:
+    """Return mean square error, the same after 1 s, share inside the band, median std of one
+    log.
+    """
     what, kind, plant, seed, prior, followed, n = job
     log = paper_log(kind, plant, seed)
     if what in ("every", "x2"):
@@ -77,7 +96,9 @@ def run(job: tuple[str, str, str, int, tuple[float, float], float, int]) -> tupl
 
 
 def said(scores: Sequence[tuple[float, float, float, float]]) -> list[str]:
-    """Return the cells of pooled scores: RMS error, after 1 s, inside the band, half-width over RMS."""
+    """Return the cells of pooled scores: RMS error, after 1 s, inside the band, half-width over
+    RMS.
+    """
     square, late, inside, std = np.mean(np.array(scores), axis=0)
     rms = np.sqrt(square)
     return [
@@ -101,7 +122,12 @@ def main() -> None:
         for plant in (*WITHIN, *HARD)
         for seed in seeds
     ]
-    jobs += [("spoiled", *case, seed, prior, a, 1) for a in FOLLOWED for case in SPOILED for seed in seeds]
+    jobs += [
+        ("spoiled", *case, seed, prior, a, 1)
+        for a in FOLLOWED
+        for case in SPOILED
+        for seed in seeds
+    ]
     jobs += [
         (what, kind, "as the rig", seed, prior, followed, n)
         for what in ("every", "x2")
@@ -110,10 +136,15 @@ def main() -> None:
         for seed in seeds
     ]
     jobs += [
-        ("declared", kind, plant, seed, prior, followed, 1) for kind in MID_RANGE for plant in HARD for seed in seeds
+        ("declared", kind, plant, seed, prior, followed, 1)
+        for kind in MID_RANGE
+        for plant in HARD
+        for seed in seeds
     ]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        results = list(track(pool.map(run, jobs, chunksize=25), "logs", total=len(jobs), transient=True))
+        results = list(
+            track(pool.map(run, jobs, chunksize=25), "logs", total=len(jobs), transient=True)
+        )
     scores = dict(zip(jobs, results))
 
     def chosen(**wanted: object) -> list[tuple[float, float, float, float]]:
@@ -122,7 +153,9 @@ def main() -> None:
             score
             for job, score in scores.items()
             if all(
-                value in wanted[name] if isinstance(wanted.get(name), list) else wanted.get(name, value) == value
+                value in wanted[name]
+                if isinstance(wanted.get(name), list)
+                else wanted.get(name, value) == value
                 for name, value in zip(names, job)
             )
         ]
@@ -135,10 +168,16 @@ def main() -> None:
     )
     table(
         "sensitivity-priors",
-        "Friction that the rig does not know of: its prior and its random walk [σ, σ/√s of the force sensor]",
+        "Friction that the rig does not know of: its prior and its random walk [σ, σ/√s of the "
+        "force sensor]",
         ["prior", "walk", "case", *cells],
         [
-            [f"{pair[0]}", f"{pair[1]}", name, *said(chosen(what="whole", prior=pair, kind=kinds, plant=plants))]
+            [
+                f"{pair[0]}",
+                f"{pair[1]}",
+                name,
+                *said(chosen(what="whole", prior=pair, kind=kinds, plant=plants)),
+            ]
             for pair in PRIORS
             for name, kinds, plants in cases
         ],

@@ -1,7 +1,8 @@
 """How many points of friction a cable in its sheath needs, in the model and in the filter.
 
-`python -m benchmarks.sheaths`: against a cable of 16 points (`benchmarks/cable.py`), the error of the tension at the joint
-with both ends given, and that of the filter's angle on logs of `benchmarks/one_link.py`, with the time beside one without.
+`python -m benchmarks.sheaths`: against a cable of 16 points (`benchmarks/cable.py`), the error of
+the tension at the joint with both ends given, and that of the filter's angle on logs of
+`benchmarks/one_link.py`, with the time beside one without.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def main() -> None:
     """Measure, print."""
     part = next(each for each in PARTS if each.name == "sheath")
     logs = [
-        link_log({**part.fixed, part.path: 0.24}, NOISE, np.random.default_rng([seed, 83]), 8.0, "sheath")
+        link_log(
+            {**part.fixed, part.path: 0.24}, NOISE, np.random.default_rng([seed, 83]), 8.0, "sheath"
+        )
         for seed in SEEDS
     ]
     plain = rig_of(part, 0.24).with_values({"tendons.0.path": None})
@@ -67,11 +70,25 @@ def main() -> None:
         rms, inside, alone = judged(plain)
         rows = [["none: friction not known of", "–", f"{rms:.3f}", f"{inside:.0%}", "1.0"]]
         for count in COUNTS:
-            rms, inside, spent = judged(rig_of(part, 0.24).with_values({"tendons.0.path.nodes": count}))
-            rows.append(
-                [str(count), f"{tension_error(count):.1%}", f"{rms:.3f}", f"{inside:.0%}", f"{spent / alone:.1f}"]
+            rms, inside, spent = judged(
+                rig_of(part, 0.24).with_values({"tendons.0.path.nodes": count})
             )
-    columns = ["points", "error of the tension", "angle, RMS [°]", "inside", "time of a run / without"]
+            rows.append(
+                [
+                    str(count),
+                    f"{tension_error(count):.1%}",
+                    f"{rms:.3f}",
+                    f"{inside:.0%}",
+                    f"{spent / alone:.1f}",
+                ]
+            )
+    columns = [
+        "points",
+        "error of the tension",
+        "angle, RMS [°]",
+        "inside",
+        "time of a run / without",
+    ]
     table("sheaths", "A cable of 16 points, as few points", columns, rows)
 
 

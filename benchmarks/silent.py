@@ -1,7 +1,8 @@
 """A place that is read no more, and homing while a filter runs: what is said of the angle then.
 
-`python -m benchmarks.silent`: seeds and logs on which no number of (4b) was chosen, with DISTAL_DATA those of the real da
-Vinci grasper too. `python -m benchmarks.silent homing` compares `homing_filter` with homing over the log.
+`python -m benchmarks.silent`: seeds and logs on which no number of (4b) was chosen, with
+DISTAL_DATA those of the real da Vinci grasper too. `python -m benchmarks.silent homing` compares
+`homing_filter` with homing over the log.
 """
 
 from __future__ import annotations
@@ -43,11 +44,18 @@ def silent(log: Log, channel: str, since: int) -> Log:
 
 
 def cases() -> Iterator[tuple[str, Rig, Log, float | None]]:
-    """Return what is simulated, logs of other simulators and real ones: name, rig, log, homing [s]."""
+    """Return what is simulated, logs of other simulators and real ones: name, rig, log, homing
+    [s].
+    """
     for name in ("lab-bench", "series-2", "template", "finger", "wrist"):
         scenario = load_scenario(name)
         for seed in SEEDS:
-            yield name, scenario_rig(scenario), simulate(scenario_rig(scenario), scenario, seed), None
+            yield (
+                name,
+                scenario_rig(scenario),
+                simulate(scenario_rig(scenario), scenario, seed),
+                None,
+            )
     folder = os.environ.get("DISTAL_DATA")
     if folder:
         rig = load_rig("da-vinci-grasper")
@@ -82,7 +90,9 @@ def drives() -> None:
 
 
 def homing(until: float = 3.0) -> None:
-    """Compare homing over the log with homing while the filter runs, without the map and with it."""
+    """Compare homing over the log with homing while the filter runs, without the map and with
+    it.
+    """
     folder = Path(os.environ["DISTAL_DATA"]) / "da_vinci_grasper"
     rig, rows = load_rig("da-vinci-grasper"), []
     for path in sorted(folder.glob("run_*.csv")):
@@ -92,7 +102,9 @@ def homing(until: float = 3.0) -> None:
         since, truths = log.time - log.time[0], over.truths
         late, errors = since >= until, [over.theta - truths[:, 0]]
         live, said = (
-            LiveEstimator(rig, homing_filter(rig.model_copy(update={"discrepancy": None, "contact": None}))),
+            LiveEstimator(
+                rig, homing_filter(rig.model_copy(update={"discrepancy": None, "contact": None}))
+            ),
             [],
         )
         for k, time in enumerate(log.time):
@@ -110,11 +122,20 @@ def homing(until: float = 3.0) -> None:
         assert runner.discrepancy is not None
         learned, _ = calibrate_window(runner.discrepancy, plain, (since >= until / 2) & ~late)
         mapped = runner.with_map(learned)
-        means = mapped.scan(mapped.initial(log.time[0], first_values(samples)), log.time, samples)[0]
+        means = mapped.scan(mapped.initial(log.time[0], first_values(samples)), log.time, samples)[
+            0
+        ]
         errors.append(means[:, 0] - truths[:, 0])
-        rows.append([path.stem, *(f"{np.rad2deg(np.sqrt(np.mean(e[late] ** 2))):.2f}" for e in errors)])
+        rows.append(
+            [path.stem, *(f"{np.rad2deg(np.sqrt(np.mean(e[late] ** 2))):.2f}" for e in errors)]
+        )
     rows.append(["mean", *(f"{np.mean([float(row[k]) for row in rows]):.2f}" for k in (1, 2, 3))])
-    columns = ["log", "over the log [°]", "while it runs, no map [°]", "map from the second half of the move [°]"]
+    columns = [
+        "log",
+        "over the log [°]",
+        "while it runs, no map [°]",
+        "map from the second half of the move [°]",
+    ]
     table("homing-live", "Homing a da Vinci grasper for 3 s: RMS error afterwards", columns, rows)
 
 

@@ -1,4 +1,6 @@
-"""The smoother against the filter: `python -m benchmarks.smoothing` prints RMS error and share inside the band of both."""
+"""The smoother against the filter: `python -m benchmarks.smoothing` prints RMS error and share
+inside the band of both.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,26 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from benchmarks.cases import INTO_STOPS, MID_RANGE, hand_log, hand_rig, paper_log, paper_rig, spoiled
+from benchmarks.cases import (
+    INTO_STOPS,
+    MID_RANGE,
+    hand_log,
+    hand_rig,
+    paper_log,
+    paper_rig,
+    spoiled,
+)
 from benchmarks.report import table
-from distal import Log, Rig, estimate, load_scenario, scenario_rig, shipped_scenarios, simulate, smooth
+from distal import (
+    Log,
+    Rig,
+    estimate,
+    load_scenario,
+    scenario_rig,
+    shipped_scenarios,
+    simulate,
+    smooth,
+)
 
 SEEDS = 20
 
@@ -27,14 +46,25 @@ def logs_of(name: str, seed: int) -> tuple[Log, Rig]:
     return (spoiled(log, seed), rig) if "spoiled" in name else (log, rig)
 
 
-ROWS = (*shipped_scenarios(), "mid-range", "mid-range, spoiled", "into stops", "into stops, spoiled", "hand")
+ROWS = (
+    *shipped_scenarios(),
+    "mid-range",
+    "mid-range, spoiled",
+    "into stops",
+    "into stops, spoiled",
+    "hand",
+)
 
 
 def run(job: tuple[str, int]) -> list[float]:
     """Return mean square error and share inside of the filter, then of the smoother."""
     log, rig = logs_of(*job)
     results = (estimate(log, rig), smooth(log, rig))
-    return [part for result in results for part in (float(np.mean(result.errors() ** 2)), result.inside_band())]
+    return [
+        part
+        for result in results
+        for part in (float(np.mean(result.errors() ** 2)), result.inside_band())
+    ]
 
 
 def main() -> None:
@@ -45,7 +75,13 @@ def main() -> None:
     rows = []
     for name, each in zip(ROWS, found.mean(axis=1)):
         one, other = np.rad2deg(np.sqrt(each[[0, 2]]))
-        cells = [f"{one:.3f}", f"{other:.3f}", f"{other / one:.3f}", f"{100 * each[1]:.0f} %", f"{100 * each[3]:.0f} %"]
+        cells = [
+            f"{one:.3f}",
+            f"{other:.3f}",
+            f"{other / one:.3f}",
+            f"{100 * each[1]:.0f} %",
+            f"{100 * each[3]:.0f} %",
+        ]
         rows.append([name, *cells])
     heads = ["logs", "filter [°]", "smoother [°]", "ratio", "inside, filter", "inside, smoother"]
     table("smoothing", f"RMS error over {SEEDS} seeds", heads, rows)

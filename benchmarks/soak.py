@@ -26,7 +26,9 @@ def memory() -> float:
 
 
 def main() -> None:
-    """Stream lines of JSON through reader, estimator and monitor; compare each chunk with the offline loop."""
+    """Stream lines of JSON through reader, estimator and monitor; compare each chunk with the
+    offline loop.
+    """
     total = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000_000
     scenario = load_scenario("series-2")
     rig = scenario_rig(scenario)
@@ -42,7 +44,9 @@ def main() -> None:
         count = min(CHUNK, total - done)
         stamps = 0.01 * np.arange(done, done + count)
         block = samples[np.arange(done, done + count) % len(samples)]
-        lines = [json.dumps(reader.message(stamp, row)) for stamp, row in zip(stamps.tolist(), block)]
+        lines = [
+            json.dumps(reader.message(stamp, row)) for stamp, row in zip(stamps.tolist(), block)
+        ]
         angles = np.empty(count)
         start = time.perf_counter()
         for i, line in enumerate(lines):
@@ -63,7 +67,10 @@ def main() -> None:
         del carries, rows, lines
         memories.append(memory())
         if done % (10 * CHUNK) == 0:
-            print(f"{done:,} samples, {time.perf_counter() - started:.0f} s, {memories[-1]:.0f} MB", flush=True)
+            print(
+                f"{done:,} samples, {time.perf_counter() - started:.0f} s, {memories[-1]:.0f} MB",
+                flush=True,
+            )
     first, last = memories[min(4, len(memories) - 1)], memories[-1]
     rows_ = [
         ["samples", f"{done:,}"],

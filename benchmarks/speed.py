@@ -1,7 +1,9 @@
-"""How fast: simulation and one filter step, compiled and interpreted, and the same job as a user would do it today.
+"""How fast: simulation and one filter step, compiled and interpreted, and the same job as a user
+would do it today.
 
-`python -m benchmarks.speed` (part of `make bench`). Times are medians within one run; compare the ratios, not the µs.
-`python -m benchmarks.speed emitters` compares only the C of the emitter with that of CasADi's generator.
+`python -m benchmarks.speed` (part of `make bench`). Times are medians within one run; compare the
+ratios, not the µs. `python -m benchmarks.speed emitters` compares only the C of the emitter with
+that of CasADi's generator.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ SAMPLES = 800
 ROUNDS = 5
 
 
-def step_times(kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12) -> np.ndarray:
+def step_times(
+    kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12
+) -> np.ndarray:
     """Return the times of single steps over a log [µs]; the first pass warms up."""
     buffer_carry, buffer_x, following = kernel._carry, kernel._x, kernel._next
     kernel._p[:] = p
@@ -56,7 +60,9 @@ def step_times(kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarra
 
 
 def filterpy_solve_ivp(rig_samples: np.ndarray, times: np.ndarray, count: int) -> np.ndarray:
-    """Return the times per step [µs] of FilterPy's EKF on the paper's equations with solve_ivp(RK23), as a user would."""
+    """Return the times per step [µs] of FilterPy's EKF on the paper's equations with
+    solve_ivp(RK23), as a user would.
+    """
     from filterpy.kalman import ExtendedKalmanFilter
     from scipy.integrate import solve_ivp
     from tests.helpers import NaiveRig
@@ -70,7 +76,12 @@ def filterpy_solve_ivp(rig_samples: np.ndarray, times: np.ndarray, count: int) -
 
     def flow(state: np.ndarray, effort: np.ndarray, dt: float) -> np.ndarray:
         done = solve_ivp(
-            lambda t, y: naive.derivative(y, effort, width), (0, dt), state, method="RK23", rtol=1e-3, atol=1e-6
+            lambda t, y: naive.derivative(y, effort, width),
+            (0, dt),
+            state,
+            method="RK23",
+            rtol=1e-3,
+            atol=1e-6,
         )
         return np.asarray(done.y[:, -1])
 
@@ -80,7 +91,9 @@ def filterpy_solve_ivp(rig_samples: np.ndarray, times: np.ndarray, count: int) -
         effort = np.array([0.0, *rig_samples[k, 2:]])
         dt = times[k] - times[k - 1]
         center = flow(peer.x, effort, dt)
-        peer.F = np.column_stack([(flow(peer.x + 1e-6 * e, effort, dt) - center) / 1e-6 for e in np.eye(6)])
+        peer.F = np.column_stack(
+            [(flow(peer.x + 1e-6 * e, effort, dt) - center) / 1e-6 for e in np.eye(6)]
+        )
         peer.P = peer.F @ peer.P @ peer.F.T + peer.Q
         peer.x = center
         peer.update(rig_samples[k, :2], lambda x: jacobian, lambda x: x[1:3])
@@ -89,14 +102,20 @@ def filterpy_solve_ivp(rig_samples: np.ndarray, times: np.ndarray, count: int) -
 
 
 def emitters() -> None:
-    """Measure the same kernels in the emitter's C, one by one and in lanes, and in the C of CasADi's generator."""
+    """Measure the same kernels in the emitter's C, one by one and in lanes, and in the C of
+    CasADi's generator.
+    """
     scenario = load_scenario("series-2")
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario)
     rows = []
     for name in ("adaptive", "ekf", "ekf-2008"):
         runner = make_estimator(name, rig)
-        ways = {"CasADi's C": casadi_time, "own C": scan_time, f"own C, {lanes_here()} lanes": lane_time}
+        ways = {
+            "CasADi's C": casadi_time,
+            "own C": scan_time,
+            f"own C, {lanes_here()} lanes": lane_time,
+        }
         rounds = [[way(runner, log, np.min) for way in ways.values()] for _ in range(ROUNDS)]
         least = np.min(rounds, axis=0)  # others on the machine only ever make it slower
         for what, taken in zip(ways, least):
@@ -128,20 +147,26 @@ def everything() -> None:
         for name in ("ekf", "adaptive"):
             estimator = make_estimator(name, rig)
             found.append((f"{name}, compiled, whole log", scan_time(estimator, log), None))
-            found.append((f"{name}, in CasADi's own C, whole log", casadi_time(estimator, log), None))
+            found.append(
+                (f"{name}, in CasADi's own C, whole log", casadi_time(estimator, log), None)
+            )
     for name in ("ekf", "ekf-2008", "adaptive", "inextensible"):
         for compiled in (True, False) if compiles else (False,):
             estimator = make_estimator(name, rig, compiled)
             samples = samples_of(log, estimator.channels)
             rows, _ = estimator.rows(np.diff(log.time, prepend=0.0), samples)
-            times = step_times(estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator.numbers)
+            times = step_times(
+                estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator.numbers
+            )
             found.append((f"{name}, {estimator.kernel.backend}, one step", *_both(times)))
     found.append(("adaptive, LiveEstimator.step in Python", *_both(live_times(rig, log))))
     logs = list(simulate_batch(rig, ((scenario, seed) for seed in range(8))))
     batch_time(rig, logs, 16, 1)  # builds the kernel
     for workers in (1, 2):
         taken = batch_time(rig, logs, 1000, workers)
-        found.append((f"adaptive, batch of 1000 logs, {workers} worker{'s'[: workers - 1]}", taken, None))
+        found.append(
+            (f"adaptive, batch of 1000 logs, {workers} worker{'s'[: workers - 1]}", taken, None)
+        )
     mechanism = Mechanism(load_rig("paper-2008-printed"))
     count = substeps(mechanism, 0.01)
     for compiled in (True, False) if compiles else (False,):
@@ -154,7 +179,9 @@ def everything() -> None:
     estimator = make_estimator("ekf", rig)
     order = [estimator.channels.index(name) for name in ("x1", "x2", "u1", "u2")]
     samples = samples_of(log, estimator.channels)[:, order]
-    found.append(("FilterPy EKF, sub-steps in NumPy", *_both(filterpy_numpy(samples, log.time, 400))))
+    found.append(
+        ("FilterPy EKF, sub-steps in NumPy", *_both(filterpy_numpy(samples, log.time, 400)))
+    )
     peer = filterpy_solve_ivp(samples, log.time, 200)
     found.append(("FilterPy EKF, solve_ivp(RK23), numerical Jacobian", *_both(peer)))
     found.append(("of that, one solve_ivp(RK23)", *_both(peer / 7)))
@@ -174,7 +201,9 @@ def _both(times: np.ndarray) -> tuple[float, float]:
 
 
 def processes() -> None:
-    """Measure whole processes: `distal estimate` of a log of 12 s, with a warm cache and without a compiler."""
+    """Measure whole processes: `distal estimate` of a log of 12 s, with a warm cache and without a
+    compiler.
+    """
     scenario = load_scenario("series-2").model_copy(update={"duration": 12.0})
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -183,18 +212,32 @@ def processes() -> None:
         write_log(simulate(rig, scenario), rig, path)
         settings = [f"--set={key}={json.dumps(value)}" for key, value in scenario.set.items()]
         plain = path.with_name("plain.csv")  # without truth: one estimator, as in use
-        plain.write_text("\n".join(",".join(line.split(",")[:5]) for line in path.read_text().splitlines()) + "\n")
+        plain.write_text(
+            "\n".join(",".join(line.split(",")[:5]) for line in path.read_text().splitlines())
+            + "\n"
+        )
         for what, file, extra in (
             ("adaptive, warm cache", plain, {}),
             ("adaptive, without a compiler", plain, {"DISTAL_COMPILE": "0"}),
             ("compared with the truth, five estimators, warm cache", path, {}),
             ("the same, without a compiler", path, {"DISTAL_COMPILE": "0"}),
         ):
-            command = [sys.executable, "-m", "distal", "estimate", str(file), "--rig", "paper-2008-printed", *settings]
+            command = [
+                sys.executable,
+                "-m",
+                "distal",
+                "estimate",
+                str(file),
+                "--rig",
+                "paper-2008-printed",
+                *settings,
+            ]
             taken = []
             for _ in range(6):
                 start = time.perf_counter()
-                subprocess.run(command, check=True, capture_output=True, env={**os.environ, **extra})
+                subprocess.run(
+                    command, check=True, capture_output=True, env={**os.environ, **extra}
+                )
                 taken.append(time.perf_counter() - start)
             rows.append([what, f"{np.median(taken[1:]):.2f}", f"{max(taken[1:]):.2f}"])
     table(
@@ -217,7 +260,11 @@ def picture(found: list[tuple[str, float]]) -> None:
         names, medians = [name for name, _ in found], [median for _, median in found]
         peers = ("solve_ivp", "FilterPy")
         colours = [
-            COLOURS[1] if any(peer in name for peer in peers) else COLOURS[2] if "by hand" in name else COLOURS[0]
+            COLOURS[1]
+            if any(peer in name for peer in peers)
+            else COLOURS[2]
+            if "by hand" in name
+            else COLOURS[0]
             for name in names
         ]
         axes.barh(names[::-1], medians[::-1], color=colours[::-1], height=0.6)

@@ -1,7 +1,9 @@
-"""Which time step: free-run error of the joint angle against a tight reference, and cost, by scheme and sub-steps.
+"""Which time step: free-run error of the joint angle against a tight reference, and cost, by scheme
+and sub-steps.
 
-`python -m benchmarks.stepping` (part of `make bench`). The rig is `paper-2008-printed`, 3 s with steps of the load,
-sampled every 10 ms. The reference is the same friction and stop law with a step of 0.2 µs.
+`python -m benchmarks.stepping` (part of `make bench`). The rig is `paper-2008-printed`, 3 s with
+steps of the load, sampled every 10 ms. The reference is the same friction and stop law with a step
+of 0.2 µs.
 """
 
 from __future__ import annotations
@@ -42,16 +44,24 @@ def leapfrog(mechanism: Mechanism, count: int, rebounds: bool = True) -> Step:
 
 
 def euler(mechanism: Mechanism, count: int, implicit: bool) -> Step:
-    """Return semi-implicit Euler with the same projection: kick, drift; `implicit` takes own stiffness implicitly."""
+    """Return semi-implicit Euler with the same projection: kick, drift; `implicit` takes own
+    stiffness implicitly.
+    """
     n, p = mechanism.n_bodies, mechanism.parameters.symbols
-    q, v, effort, h = (ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("effort", n), ("h", 1)))
+    q, v, effort, h = (
+        ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("effort", n), ("h", 1))
+    )
     response = ca.SX.sym("response", n, 4)
     own = None
     if implicit:
         jacobian = mechanism.length_jacobian(q)
         stiffness = sum(
             (
-                ca.if_else(mechanism.tensions(q, v)[i] > 0, mechanism.parameters[f"tendons.{i}.stiffness"], 0)
+                ca.if_else(
+                    mechanism.tensions(q, v)[i] > 0,
+                    mechanism.parameters[f"tendons.{i}.stiffness"],
+                    0,
+                )
                 * (jacobian[i, :] ** 2).T
                 for i in range(mechanism.n_tendons)
             ),
@@ -70,7 +80,9 @@ def euler(mechanism: Mechanism, count: int, implicit: bool) -> Step:
     return _loop("euler", mechanism, count, call)
 
 
-def stop_force(position: ca.SX, velocity: ca.SX, low: ca.SX, high: ca.SX, stiffness: ca.SX, damping: ca.SX) -> ca.SX:
+def stop_force(
+    position: ca.SX, velocity: ca.SX, low: ca.SX, high: ca.SX, stiffness: ca.SX, damping: ca.SX
+) -> ca.SX:
     """Return F_stop of equation (14), reconstructed; see `distal.model.stops`."""
     above = ca.fmax(stiffness * (position - high) + damping * velocity, 0)
     below = ca.fmin(stiffness * (position - low) + damping * velocity, 0)
@@ -78,20 +90,30 @@ def stop_force(position: ca.SX, velocity: ca.SX, low: ca.SX, high: ca.SX, stiffn
 
 
 def runge_kutta(mechanism: Mechanism, count: int, width: float = 0.01) -> Step:
-    """Return classical RK4 with sgn smoothed to tanh(v/ε), ε = `width` rad/s at the joint; stops as they are."""
+    """Return classical RK4 with sgn smoothed to tanh(v/ε), ε = `width` rad/s at the joint; stops as
+    they are.
+    """
     n, p = mechanism.n_bodies, mechanism.parameters
-    q, v, effort, h = (ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("effort", n), ("h", 1)))
+    q, v, effort, h = (
+        ca.SX.sym(name, size) for name, size in (("q", n), ("v", n), ("effort", n), ("h", 1))
+    )
     tensions = mechanism.tensions(q, v)
     widths = ca.DM([width, *(width * 9.53e-3 for _ in range(n - 1))])
     force = -ca.mtimes(mechanism.length_jacobian(q).T, tensions) + effort - mechanism.dampings() * v
-    force -= ca.vertcat(*(limit.mean for limit in mechanism.friction_limits(q, v, tensions))) * ca.tanh(v / widths)
+    force -= ca.vertcat(
+        *(limit.mean for limit in mechanism.friction_limits(q, v, tensions))
+    ) * ca.tanh(v / widths)
     for i, body in enumerate(mechanism.bodies):
         if body.has_stops:
             path = body.path
             low, high = p[f"{path}.stops.low"], p[f"{path}.stops.high"]
-            force[i] -= stop_force(q[i], v[i], low, high, p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"])
+            force[i] -= stop_force(
+                q[i], v[i], low, high, p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"]
+            )
     state = ca.vertcat(q, v)
-    slope = ca.Function("slope", [state, effort, p.symbols], [ca.vertcat(v, force / mechanism.inertias())])
+    slope = ca.Function(
+        "slope", [state, effort, p.symbols], [ca.vertcat(v, force / mechanism.inertias())]
+    )
     k1 = slope(state, effort, p.symbols)
     k2 = slope(state + h / 2 * k1, effort, p.symbols)
     k3 = slope(state + h / 2 * k2, effort, p.symbols)
@@ -139,7 +161,9 @@ SCHEMES = {
 
 def rig(stops: list[str]) -> Rig:
     """Return the paper's rig with other stops."""
-    return load_rig("paper-2008-printed").with_values({"drives.0.stops": stops, "drives.1.stops": stops})
+    return load_rig("paper-2008-printed").with_values(
+        {"drives.0.stops": stops, "drives.1.stops": stops}
+    )
 
 
 def main() -> None:
@@ -150,7 +174,10 @@ def main() -> None:
         mechanism = Mechanism(description)
         reference = run(leapfrog(mechanism, 1000, rebounds=False), mechanism, split=50)
         coarser = run(leapfrog(mechanism, 500, rebounds=False), mechanism, split=50)
-        print(f"{case}: the reference's own error, from a step twice as long: {rms(coarser - reference):.4f}°")
+        print(
+            f"{case}: the reference's own error, from a step twice as long: "
+            f"{rms(coarser - reference):.4f}°"
+        )
         for name, make in SCHEMES.items():
             values = [rms(run(make(mechanism, n), mechanism) - reference) for n in COUNTS]
             errors.setdefault(name, {})[case] = values
@@ -172,7 +199,13 @@ def costs(mechanism: Mechanism) -> None:
     for name, make in SCHEMES.items():
         step = make(mechanism, 15)
         buffer, trigger = step.buffer()
-        arrays = [START, np.zeros(3), np.array([0.0, 4.0, 2.0]), np.array([DT]), mechanism.parameters.values]
+        arrays = [
+            START,
+            np.zeros(3),
+            np.array([0.0, 4.0, 2.0]),
+            np.array([DT]),
+            mechanism.parameters.values,
+        ]
         results = [np.zeros(3), np.zeros(3)]
         for i, array in enumerate(arrays):
             buffer.set_arg(i, memoryview(array))
@@ -181,7 +214,12 @@ def costs(mechanism: Mechanism) -> None:
         time = microseconds(trigger)
         base = base or time
         rows.append([name, f"{time:.1f}", f"{time / base:.2f}"])
-    table("stepping-cost", "Cost of 10 ms with 15 sub-steps, interpreted", ["scheme", "µs", "ratio"], rows)
+    table(
+        "stepping-cost",
+        "Cost of 10 ms with 15 sub-steps, interpreted",
+        ["scheme", "µs", "ratio"],
+        rows,
+    )
 
 
 def picture(errors: dict[str, dict[str, list[float]]]) -> None:
@@ -189,10 +227,18 @@ def picture(errors: dict[str, dict[str, list[float]]]) -> None:
     from distal.results import COLOURS, figure, save_figure
 
     with figure(1, 2, (7.2, 3.4), sharey=True) as (made, axes):
-        for axis, case, title in zip(axes, ("free", "stops"), ("free motion", "driven into the stops")):
+        for axis, case, title in zip(
+            axes, ("free", "stops"), ("free motion", "driven into the stops")
+        ):
             for i, (name, by) in enumerate(errors.items()):
                 axis.loglog(
-                    COUNTS, by[case], marker="osD^v"[i], markersize=4, color=COLOURS[i], linewidth=1, label=name
+                    COUNTS,
+                    by[case],
+                    marker="osD^v"[i],
+                    markersize=4,
+                    color=COLOURS[i],
+                    linewidth=1,
+                    label=name,
                 )
             axis.set_title(title, loc="left", fontsize=9)
             axis.set_xlabel("sub-steps per 10 ms")
@@ -200,7 +246,9 @@ def picture(errors: dict[str, dict[str, list[float]]]) -> None:
             axis.minorticks_off()
             axis.set_ylim(1e-3, 30)
         axes[0].set_ylabel("RMS error of θ [°]")
-        made.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+        made.legend(
+            *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8
+        )
     save_figure(made, FOLDER / "stepping.svg")
     save_figure(made, FOLDER / "stepping.png")
 

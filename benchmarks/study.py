@@ -1,6 +1,8 @@
-"""What a design study costs and whether its answer holds: `python -m benchmarks.study [DESIGNS]`; tables in out/bench.
+"""What a design study costs and whether its answer holds: `python -m benchmarks.study [DESIGNS]`;
+tables in out/bench.
 
-The paper's rig, 3 rigs as built of each design, 10 s at 100 Hz with `adaptive`, from the command's start to the page.
+The paper's rig, 3 rigs as built of each design, 10 s at 100 Hz with `adaptive`, from the command's
+start to the page.
 """
 
 from __future__ import annotations
@@ -43,12 +45,23 @@ LARGE = 100_000
 """Rows of the study whose memory is measured."""
 
 
-def run(folder: Path, name: str, *options: str, designs: int, seeds: int = 3, draw: int = 1) -> dict[str, Any]:
+def run(
+    folder: Path, name: str, *options: str, designs: int, seeds: int = 3, draw: int = 1
+) -> dict[str, Any]:
     """Run a study as a command and return its answer, with wall time and processor time [s]."""
     file = folder / f"{name}.toml"
     file.write_text(STUDY.format(designs=designs, seeds=seeds, draw=draw), encoding="utf-8")
     before, begun = os.times(), time.perf_counter()
-    command = [sys.executable, "-m", "distal", "study", str(file), "--out", str(folder / name), *options]
+    command = [
+        sys.executable,
+        "-m",
+        "distal",
+        "study",
+        str(file),
+        "--out",
+        str(folder / name),
+        *options,
+    ]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     wall, after = time.perf_counter() - begun, os.times()
     answer = json.loads((folder / name / "answer.json").read_text(encoding="utf-8"))
@@ -59,7 +72,9 @@ def same(folder: Path, one: str, other: str) -> str:
     """Return whether two studies have the same rows but for their times."""
     import polars as pl
 
-    first, second = (pl.read_parquet(folder / name / "rows.parquet").drop("seconds") for name in (one, other))
+    first, second = (
+        pl.read_parquet(folder / name / "rows.parquet").drop("seconds") for name in (one, other)
+    )
     return "the same" if first.equals(second) else "OTHERS"
 
 
@@ -68,18 +83,40 @@ def by_dask(folder: Path, designs: int) -> dict[str, Any]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    address, quiet = f"tcp://127.0.0.1:{port}", {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    address, quiet = (
+        f"tcp://127.0.0.1:{port}",
+        {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL},
+    )
     module = [sys.executable, "-m"]
     with ExitStack() as stack:
-        scheduler = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
-        worker = ["distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        for command in (scheduler, *([*worker, "--local-directory", str(folder / f"w{i}")] for i in (0, 1))):
+        scheduler = [
+            "distributed.cli.dask_scheduler",
+            "--host",
+            "127.0.0.1",
+            "--port",
+            str(port),
+            "--no-dashboard",
+        ]
+        worker = [
+            "distributed.cli.dask_worker",
+            address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--no-dashboard",
+        ]
+        for command in (
+            scheduler,
+            *([*worker, "--local-directory", str(folder / f"w{i}")] for i in (0, 1)),
+        ):
             stack.callback(subprocess.Popen([*module, *command], **quiet).kill)  # type: ignore[call-overload]
         return run(folder, "dask", "--scheduler", address, designs=designs)
 
 
 def large(folder: Path) -> tuple[float, float]:
-    """Return peak memory [MB] and time [s] of the answer to a study of `LARGE` rows, made of those of a small one."""
+    """Return peak memory [MB] and time [s] of the answer to a study of `LARGE` rows, made of those
+    of a small one.
+    """
     import polars as pl
 
     each = LARGE // 3
@@ -91,12 +128,15 @@ def large(folder: Path) -> tuple[float, float]:
     rows = pl.read_parquet(folder / "two" / "rows.parquet")
     opened, chunks = open_folder(plan, folder / "large"), space_of(plan).chunks(3)
     for number, chunk in enumerate(chunks):
-        part = rows[: 3 * len(chunk)].with_columns(pl.Series("design", [i for i in chunk for _ in range(3)]))
+        part = rows[: 3 * len(chunk)].with_columns(
+            pl.Series("design", [i for i in chunk for _ in range(3)])
+        )
         opened.write(number, part.to_dict(as_series=False))  # type: ignore[arg-type]
     begun = time.perf_counter()
     code = (
         "import resource, sys; from distal.cli.app import app\n"
-        f"app(['study', {str(file)!r}, '--out', {str(folder / 'large')!r}], standalone_mode=False)\n"
+        f"app(['study', {str(file)!r}, '--out', {str(folder / 'large')!r}], "
+        "standalone_mode=False)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
@@ -105,7 +145,9 @@ def large(folder: Path) -> tuple[float, float]:
 
 def interval(one: dict[str, Any], other: dict[str, Any]) -> float:
     """Return the half-width of the 95 % interval of the difference of two shares."""
-    return 1.96 * sqrt(sum(a["share"] * (1 - a["share"]) / a["rigs"] for a in (one["overall"], other["overall"])))
+    return 1.96 * sqrt(
+        sum(a["share"] * (1 - a["share"]) / a["rigs"] for a in (one["overall"], other["overall"]))
+    )
 
 
 def main() -> None:
@@ -117,7 +159,9 @@ def main() -> None:
     with ExitStack() as stack:
         folder = options.folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
         folder.mkdir(parents=True, exist_ok=True)
-        run(folder, "first", "--workers", "1", designs=96)  # kernels are compiled here, once per computer
+        run(
+            folder, "first", "--workers", "1", designs=96
+        )  # kernels are compiled here, once per computer
         begun = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
         two = run(folder, "two", "--workers", "2", designs=options.designs)
         one = run(folder, "one", "--workers", "1", designs=options.designs)
@@ -127,8 +171,18 @@ def main() -> None:
         peak, seconds = large(folder)
         rows = [
             ("two processes", f"{two['wall']:.0f}", f"{two['cpu']:.0f}", ""),
-            ("one", f"{one['wall']:.0f}", f"{one['cpu']:.0f}", f"{one['wall'] / two['wall']:.2f} × two"),
-            ("Dask, two workers", f"{dask['wall']:.0f}", "", f"{dask['wall'] / two['wall']:.2f} × two processes"),
+            (
+                "one",
+                f"{one['wall']:.0f}",
+                f"{one['cpu']:.0f}",
+                f"{one['wall'] / two['wall']:.2f} × two",
+            ),
+            (
+                "Dask, two workers",
+                f"{dask['wall']:.0f}",
+                "",
+                f"{dask['wall'] / two['wall']:.2f} × two processes",
+            ),
         ]
         title = f"{options.designs} designs × 3 rigs × 10 s, the paper's rig, from start to page"
         table("study", title, ["", "wall [s]", "processor [s]", ""], rows)

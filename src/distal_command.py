@@ -1,4 +1,6 @@
-"""The command `distal`: a module of its own, so that Ctrl-C while the packages are imported is no traceback either."""
+"""The command `distal`: a module of its own, so that Ctrl-C while the packages are imported is no
+traceback either.
+"""
 
 import sys
 

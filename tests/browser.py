@@ -1,4 +1,6 @@
-"""A page in headless Chromium, asked through its debugging pipe: what it shows after time has passed or a key."""
+"""A page in headless Chromium, asked through its debugging pipe: what it shows after time has
+passed or a key.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+BROWSER = (
+    shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+)
 
 
 class Page:
@@ -51,15 +55,28 @@ class Page:
     def open(self, address: str, width: int, height: int) -> None:
         """Open an address in a window of a size and wait until it is loaded."""
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         self.ask("Page.enable")
-        self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         self.ask("Page.navigate", url=address)
-        self.value("new Promise(done => document.readyState === 'complete' ? done() : addEventListener('load', done))")
+        self.value(
+            "new Promise(done => document.readyState === 'complete' ? done() : "
+            "addEventListener('load', done))"
+        )
 
     def value(self, script: str) -> Any:
         """Return what a script gives; a promise is awaited."""
-        made = self.ask("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        made = self.ask(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
         assert "exceptionDetails" not in made, made["exceptionDetails"]
         return made["result"].get("value")
 
@@ -67,7 +84,9 @@ class Page:
         """Press a key and let it go."""
         for kind in ("keyDown", "keyUp"):
             text = {"text": "\r"} if key == "Enter" and kind == "keyDown" else {}
-            self.ask("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **text)
+            self.ask(
+                "Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code, **text
+            )
 
 
 @contextmanager
@@ -91,7 +110,9 @@ def opened(path: Path, mark: str = "", width: int = 1400, height: int = 900) -> 
             f"--user-data-dir={folder}",
         ]
         command = ["bash", "-c", f'exec "$@" 3<&{read} 4>&{write}', "-", str(BROWSER), *options]
-        with subprocess.Popen(command, pass_fds=(read, write), stderr=subprocess.DEVNULL) as process:
+        with subprocess.Popen(
+            command, pass_fds=(read, write), stderr=subprocess.DEVNULL
+        ) as process:
             os.close(read)
             os.close(write)
             page = Page(out, back)

@@ -1,4 +1,6 @@
-"""Shared fixtures: a kernel cache of the test run's own, shipped rigs, and the logs that another simulator made."""
+"""Shared fixtures: a kernel cache of the test run's own, shipped rigs, and the logs that another
+simulator made.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,16 @@ hypothesis.settings.load_profile("distal")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--update-golden", action="store_true", help="write the golden files anew, to look at in a diff")
+    parser.addoption(
+        "--update-golden",
+        action="store_true",
+        help="write the golden files anew, to look at in a diff",
+    )
 
 
-os.environ["DISTAL_TRACEBACK"] = "1"  # a fault of distal in a command is an error of the test, not a line
+os.environ["DISTAL_TRACEBACK"] = (
+    "1"  # a fault of distal in a command is an error of the test, not a line
+)
 
 
 WISH = os.environ.get("DISTAL_COMPILE")
@@ -28,9 +36,11 @@ WISH = os.environ.get("DISTAL_COMPILE")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Let the kernels of most fast tests be interpreted: the same numbers, without seconds of a compiler for each.
+    """Let the kernels of most fast tests be interpreted: the same numbers, without seconds of a
+    compiler for each.
 
-    A hook and not a fixture: it is in force before fixtures of any scope are made, and processes inherit it.
+    A hook and not a fixture: it is in force before fixtures of any scope are made, and processes
+    inherit it.
     """
     compiled = item.get_closest_marker("compiled") or item.get_closest_marker("slow")
     wish = WISH if compiled else "0"
@@ -63,5 +73,7 @@ def pulley_rig() -> Rig:
 def data() -> Path:
     folder = os.environ.get("DISTAL_DATA")
     if not folder:
-        pytest.skip("DISTAL_DATA is not set: the logs of another simulator are not part of the project")
+        pytest.skip(
+            "DISTAL_DATA is not set: the logs of another simulator are not part of the project"
+        )
     return Path(folder)

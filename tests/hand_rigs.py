@@ -19,7 +19,9 @@ def hand(fingers: Sequence[str], changes: Mapping[str, object] | None = None) ->
         fingers: names of shipped rigs.
         changes: path → value, in the hand.
     """
-    whole: dict[str, Any] = load_rig(fingers[0]).model_dump() | {kind: [] for kind in KINDS} | {"name": "hand"}
+    whole: dict[str, Any] = (
+        load_rig(fingers[0]).model_dump() | {kind: [] for kind in KINDS} | {"name": "hand"}
+    )
     for f, name in enumerate(fingers):
         raw = copy.deepcopy(load_rig(name).model_dump())
         _renamed(raw, f"f{f}_")
@@ -29,7 +31,9 @@ def hand(fingers: Sequence[str], changes: Mapping[str, object] | None = None) ->
 
 
 def _renamed(raw: Any, prefix: str) -> None:
-    """Put a prefix before all names of joints, drives, tendons and sensors, and of what they err by together."""
+    """Put a prefix before all names of joints, drives, tendons and sensors, and of what they err by
+    together.
+    """
     named = {part["name"] for kind in KINDS for part in raw[kind]}
     for kind in KINDS:
         for part in raw[kind]:

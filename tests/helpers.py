@@ -1,4 +1,6 @@
-"""Helpers of several tests: one finite difference for every Jacobian, and the paper's equations typed out naively."""
+"""Helpers of several tests: one finite difference for every Jacobian, and the paper's equations
+typed out naively.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from distal.rig import Rig
 Floats = NDArray[np.float64]
 
 
-def finite_difference(function: Callable[[Floats], Floats], at: Floats, steps: Floats | float = 1e-6) -> Floats:
+def finite_difference(
+    function: Callable[[Floats], Floats], at: Floats, steps: Floats | float = 1e-6
+) -> Floats:
     """Return the Jacobian of a function by central differences, (n_out, n_in)."""
     at = np.asarray(at, dtype=float)
     steps = np.broadcast_to(steps, at.shape)
@@ -21,13 +25,17 @@ def finite_difference(function: Callable[[Floats], Floats], at: Floats, steps: F
     for i, step in enumerate(steps):
         shift = np.zeros_like(at)
         shift[i] = step
-        columns.append((np.asarray(function(at + shift)) - np.asarray(function(at - shift))) / (2 * step))
+        columns.append(
+            (np.asarray(function(at + shift)) - np.asarray(function(at - shift))) / (2 * step)
+        )
     return np.column_stack(columns)
 
 
 @dataclass(frozen=True)
 class NaiveRig:
-    """The paper's rig as its equations stand (with the mends), in plain NumPy: what the model is checked against."""
+    """The paper's rig as its equations stand (with the mends), in plain NumPy: what the model is
+    checked against.
+    """
 
     inertia: float = 4.239e-4
     mass: float = 1e-3
@@ -44,8 +52,16 @@ class NaiveRig:
     def geometry(self, theta: float, x1: float, x2: float) -> tuple[float, ...]:
         """Equations (4) to (7)."""
         across = self.r * (1 - np.cos(theta))
-        a1, a2 = self.length + x1 - self.r * np.sin(theta), self.length + x2 + self.r * np.sin(theta)
-        return np.hypot(across, a1), np.hypot(across, a2), np.arctan2(across, a1), np.arctan2(across, a2)
+        a1, a2 = (
+            self.length + x1 - self.r * np.sin(theta),
+            self.length + x2 + self.r * np.sin(theta),
+        )
+        return (
+            np.hypot(across, a1),
+            np.hypot(across, a2),
+            np.arctan2(across, a1),
+            np.arctan2(across, a2),
+        )
 
     def tensions(self, theta: float, x1: float, x2: float) -> tuple[float, float]:
         """Equations (8) and (9)."""
@@ -63,7 +79,9 @@ class NaiveRig:
     def limits(self, theta: float, x1: float, x2: float) -> Floats:
         """Coulomb limits of (12) and (13)."""
         t1, t2 = self.tensions(theta, x1, x2)
-        return np.array([self.mu_theta * self.r_a * (self.t0 + t1 + t2), self.mu_x * t1, self.mu_x * t2])
+        return np.array(
+            [self.mu_theta * self.r_a * (self.t0 + t1 + t2), self.mu_x * t1, self.mu_x * t2]
+        )
 
     @property
     def inertias(self) -> Floats:
@@ -73,7 +91,9 @@ class NaiveRig:
     def dampings(self) -> Floats:
         return np.array([self.b_theta, self.b_x, self.b_x])
 
-    def interval(self, q: Floats, v: Floats, effort: Floats, dt: float, count: int) -> tuple[Floats, Floats]:
+    def interval(
+        self, q: Floats, v: Floats, effort: Floats, dt: float, count: int
+    ) -> tuple[Floats, Floats]:
         """Kick–drift–kick, written as it reads; no stops."""
         h = dt / count
 

@@ -1,4 +1,6 @@
-"""A plant in another simulator: the pulley rig in MuJoCo, its friction rewritten in every step from the tensions."""
+"""A plant in another simulator: the pulley rig in MuJoCo, its friction rewritten in every step from
+the tensions.
+"""
 
 from __future__ import annotations
 
@@ -38,10 +40,16 @@ KP, KD = 2000.0, 2.0
 
 
 def targets(seed: int, n: int = 1000) -> np.ndarray:
-    """Return where the sliders should be, (n, 2): they move against each other, pulled apart by 3 to 5 N."""
+    """Return where the sliders should be, (n, 2): they move against each other, pulled apart by 3
+    to 5 N.
+    """
     rng = np.random.default_rng(seed)
     time = 0.01 * np.arange(n)
-    frequency, amplitude, apart = rng.uniform(0.2, 0.5), rng.uniform(3e-3, 5e-3), rng.uniform(6e-3, 8e-3)
+    frequency, amplitude, apart = (
+        rng.uniform(0.2, 0.5),
+        rng.uniform(3e-3, 5e-3),
+        rng.uniform(6e-3, 8e-3),
+    )
     swing = amplitude * np.sin(2 * np.pi * frequency * time) * np.minimum(time / 0.5, 1.0)
     return np.column_stack([apart + swing, apart - swing])
 
@@ -65,16 +73,21 @@ def run(
             data.qfrc_applied[1:] = pull
             lengths = np.array([data.qpos[1] - R * data.qpos[0], data.qpos[2] + R * data.qpos[0]])
             tensions = np.maximum(K * lengths, 0.0)
-            model.dof_frictionloss[:] = [link_friction * tensions.sum(), *(slider_friction * tensions)]
+            model.dof_frictionloss[:] = [
+                link_friction * tensions.sum(),
+                *(slider_friction * tensions),
+            ]
             mujoco.mj_step(model, data)
     motion = np.array(rows).T
     return dict(zip(("theta", "x1", "x2", "u1", "u2"), motion))
 
 
 def log(seed: int, sensors: int | None = None, **plant: float) -> Log:
-    """Return a log of the plant with the sensors of the pulley rig (5 µm, linearity ±0.1 mm; 0.2 N).
+    """Return a log of the plant with the sensors of the pulley rig (5 µm, linearity ±0.1 mm; 0.2
+    N).
 
-    `sensors` is the seed of the sensors' curves, so that several logs are of the same ones; default `seed`.
+    `sensors` is the seed of the sensors' curves, so that several logs are of the same ones; default
+    `seed`.
     """
     motion = run(targets(seed), **plant)
     rig = load_rig("pulley-antagonist")
@@ -86,4 +99,9 @@ def log(seed: int, sensors: int | None = None, **plant: float) -> Log:
         random = sensor.model_copy(update={"linearity": 0.0})
         bent = measure(exact, motion[sensor.name], (-8e-3, 16e-3), curve)
         channels[sensor.name] = measure(random, bent, (-8e-3, 16e-3), noise)
-    return Log(0.01 * np.arange(len(motion["theta"])), channels, {"theta": motion["theta"]}, f"MuJoCo, seed {seed}")
+    return Log(
+        0.01 * np.arange(len(motion["theta"])),
+        channels,
+        {"theta": motion["theta"]},
+        f"MuJoCo, seed {seed}",
+    )

@@ -34,7 +34,9 @@ def test_learn_has_few_branches_and_hides_none() -> None:
     tree = ast.parse((FOLDER / "learn.py").read_text(encoding="utf-8"))
     learn = next(function for function in functions(tree) if function.name == "learn")
     called = {
-        node.func.id for node in ast.walk(learn) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        node.func.id
+        for node in ast.walk(learn)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
     counted = {name.partition(":")[2]: count for name, count in of_folder(FOLDER).items()}
     assert counted["learn"] <= MOST
@@ -42,7 +44,9 @@ def test_learn_has_few_branches_and_hides_none() -> None:
     assert len(helpers) >= 8
     assert max(helpers.values()) <= MOST, helpers
     chosen = {
-        name: n for name, n in of_folder(FOLDER).items() if name.startswith(("learn.py", "candidates.py", "lacking"))
+        name: n
+        for name, n in of_folder(FOLDER).items()
+        if name.startswith(("learn.py", "candidates.py", "lacking"))
     }
     assert len(chosen) > 20
     assert max(chosen.values()) <= MOST, chosen

@@ -1,4 +1,6 @@
-"""The worked example of CONTRIBUTING.md is what it says: it runs, finds its torque, and is short."""
+"""The worked example of CONTRIBUTING.md is what it says: it runs, finds its torque, and is
+short.
+"""
 
 from __future__ import annotations
 
@@ -49,9 +51,17 @@ def test_a_new_kind_of_state_finds_what_it_stands_for() -> None:
 
 
 def test_each_benchmark_is_run_by_make_or_used_by_another() -> None:
-    """What nobody runs is not kept; mutants and stored estimates are commands of CONTRIBUTING.md."""
-    commands = (ROOT / "Makefile").read_text("utf-8") + (ROOT / "CONTRIBUTING.md").read_text("utf-8")
-    sources = [path for folder in ("benchmarks", "tests", "tools") for path in (ROOT / folder).rglob("*.py")]
+    """What nobody runs is not kept; mutants and stored estimates are commands of
+    CONTRIBUTING.md.
+    """
+    commands = (ROOT / "Makefile").read_text("utf-8") + (ROOT / "CONTRIBUTING.md").read_text(
+        "utf-8"
+    )
+    sources = [
+        path
+        for folder in ("benchmarks", "tests", "tools")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
     code = {path: path.read_text("utf-8") for path in sources}
     for path in sorted((ROOT / "benchmarks").glob("*.py")):
         imported = re.compile(rf"benchmarks(\.{path.stem}| import .*\b{path.stem})\b")
@@ -60,7 +70,9 @@ def test_each_benchmark_is_run_by_make_or_used_by_another() -> None:
 
 
 def test_coverage_is_counted_by_package() -> None:
-    """The package with the smallest share comes first; a module without statements counts nothing."""
+    """The package with the smallest share comes first; a module without statements counts
+    nothing.
+    """
     files = {
         "src/distal/rig/rig.py": {"summary": {"covered_lines": 9, "num_statements": 10}},
         "/other/src/distal/rig/parts.py": {"summary": {"covered_lines": 0, "num_statements": 10}},
@@ -71,10 +83,14 @@ def test_coverage_is_counted_by_package() -> None:
 
 
 def test_each_module_says_in_a_sentence_what_it_has() -> None:
-    """The listing by which a change finds its file: no module without a sentence, none that two share."""
+    """The listing by which a change finds its file: no module without a sentence, none that two
+    share.
+    """
     lines = list(sentences())
     said = [line[46:].strip() for line in lines]
     assert len(lines) > 300
     assert all(len(sentence) > 20 for sentence in said)
     assert len(set(said)) == len(said)
-    assert [line.split()[0] for line in sentences("the weight of the terms at")] == ["regression/features.py"]
+    assert [line.split()[0] for line in sentences("the weight of the terms at")] == [
+        "regression/features.py"
+    ]

@@ -9,7 +9,8 @@ import pytest
 
 from distal import ESTIMATORS, estimate, load_rig, read_log
 
-# bounds: what is measured (see docs/results/accuracy.md) rounded up by a quarter; worse is a regression
+# bounds: what is measured (see docs/results/accuracy.md) rounded up by a quarter; worse is a
+# regression
 SERVO = {
     "adaptive": 0.35,
     "inextensible": 11.5,
@@ -27,26 +28,40 @@ HAND = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", tuple(name for name in ESTIMATORS if name != "affine"))  # no log of this rig before it
+@pytest.mark.parametrize(
+    "name", tuple(name for name in ESTIMATORS if name != "affine")
+)  # no log of this rig before it
 @pytest.mark.parametrize(("log", "bounds"), [("servo", SERVO), ("hand", HAND)])
-def test_every_estimator_runs_on_the_mujoco_logs(data: Path, name: str, log: str, bounds: dict[str, float]) -> None:
+def test_every_estimator_runs_on_the_mujoco_logs(
+    data: Path, name: str, log: str, bounds: dict[str, float]
+) -> None:
     folder = data / "mujoco_rig"
     rig = load_rig("pulley-antagonist")
-    read = read_log(folder / f"mujoco_tension_{log}.csv", rig, folder / f"mujoco_tension_{log}.truth.csv")
+    read = read_log(
+        folder / f"mujoco_tension_{log}.csv", rig, folder / f"mujoco_tension_{log}.truth.csv"
+    )
     result = estimate(read, rig, name)
     assert len(result) == 1200
     assert np.rad2deg(result.rms_error()) < bounds[name]
 
 
 @pytest.mark.parametrize(
-    ("friction", "bound"), [(0.15, 1.75), ({"value": 0.05, "std": 0.15}, 2.0)], ids=["given", "hardly known"]
+    ("friction", "bound"),
+    [(0.15, 1.75), ({"value": 0.05, "std": 0.15}, 2.0)],
+    ids=["given", "hardly known"],
 )
 def test_adaptive_follows_a_hand(data: Path, friction: object, bound: float) -> None:
-    """The project's goals, with a torque that nobody measures and sheath friction given or hardly known."""
+    """The project's goals, with a torque that nobody measures and sheath friction given or hardly
+    known.
+    """
     folder = data / "mujoco_rig"
     values = {"drives.0.friction.load": friction, "drives.1.friction.load": friction}
-    rig = load_rig("pulley-antagonist").with_values({**values, "joints.0.external_torque.std": "0.1 N m"})
-    read = read_log(folder / "mujoco_tension_hand.csv", rig, folder / "mujoco_tension_hand.truth.csv")
+    rig = load_rig("pulley-antagonist").with_values(
+        {**values, "joints.0.external_torque.std": "0.1 N m"}
+    )
+    read = read_log(
+        folder / "mujoco_tension_hand.csv", rig, folder / "mujoco_tension_hand.truth.csv"
+    )
     result = estimate(read, rig, "adaptive")
     assert np.rad2deg(result.rms_error()) < bound
     assert result.inside_band() >= 0.88
@@ -56,7 +71,9 @@ def test_adaptive_follows_a_hand(data: Path, friction: object, bound: float) -> 
 def test_adaptive_servo(data: Path) -> None:
     folder = data / "mujoco_rig"
     rig = load_rig("pulley-antagonist")
-    read = read_log(folder / "mujoco_tension_servo.csv", rig, folder / "mujoco_tension_servo.truth.csv")
+    read = read_log(
+        folder / "mujoco_tension_servo.csv", rig, folder / "mujoco_tension_servo.truth.csv"
+    )
     result = estimate(read, rig, "adaptive")
     assert np.rad2deg(result.rms_error()) < 0.35
     assert result.inside_band() >= 0.88
@@ -65,17 +82,29 @@ def test_adaptive_servo(data: Path) -> None:
 CHAINS = {
     "finger-2n": ("finger2N", "0.04 N m", {"servo": 0.69, "step": 1.0, "contact": 0.83}),
     "finger-n-plus-1": ("finger_n1", "0.04 N m", {"servo": 0.29, "step": 0.52, "contact": 0.78}),
-    "finger-underactuated": ("finger_under", "0.03 N m", {"servo": 0.52, "step": 1.77, "contact": 3.8}),
-    "wrist-instrument": ("wrist_instrument", "0.02 N m", {"servo": 0.24, "step": 0.41, "contact": 0.29}),
+    "finger-underactuated": (
+        "finger_under",
+        "0.03 N m",
+        {"servo": 0.52, "step": 1.77, "contact": 3.8},
+    ),
+    "wrist-instrument": (
+        "wrist_instrument",
+        "0.02 N m",
+        {"servo": 0.24, "step": 0.41, "contact": 0.29},
+    ),
 }
-"""Shipped rig → name of its logs, the torque that may occur in a contact, and bounds as above: mean RMS of the joints."""
+"""Shipped rig → name of its logs, the torque that may occur in a contact, and bounds as above: mean
+RMS of the joints.
+"""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["servo", "step", "contact"])
 @pytest.mark.parametrize("name", CHAINS)
 def test_chains_of_others(data: Path, name: str, kind: str) -> None:
-    """docs/results/chains.md has what is measured; the sum that one flexor tells, and the bands, are beside the mean."""
+    """docs/results/chains.md has what is measured; the sum that one flexor tells, and the bands,
+    are beside the mean.
+    """
     stem, torque, bounds = CHAINS[name]
     rig, folder = load_rig(name), data / "finger"
     log = read_log(folder / f"{stem}_{kind}.csv", rig, folder / f"{stem}_{kind}.truth.csv")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tools.size import sizes
 
 import distal
 from distal.study import Study
@@ -48,20 +49,27 @@ def public_callables(name: str) -> list[tuple[str, object]]:
 NUMBERS = re.compile(r"\b(Floats|Bools|NDArray|Scalar|Vector|Matrix|float)\b")
 """Types whose unit or shape a name does not say."""
 
-FILLER = re.compile(r"(?m)^\s+\w+: (the )?(rig|description|log|model|function|plant|states|options|its index)\.$")
+FILLER = re.compile(
+    r"(?m)^\s+\w+: (the )?(rig|description|log|model|function|plant|states|options|its index)\.$"
+)
 """What only repeats the name of an argument."""
 
 
 @pytest.mark.parametrize("name", [name for name in MODULES if ".cli" not in name])
 def test_arguments_are_documented_where_their_names_and_types_do_not_say_it(name: str) -> None:
-    """Numbers and arrays have a unit or a shape, so each has its line or is named in the sentence; others where there is
-    more to say. What is documented is an argument."""
+    """Numbers and arrays have a unit or a shape, so each has its line or is named in the sentence;
+    others where there is more to say. What is documented is an argument.
+    """
     missing, unknown = [], []
     for path, function in public_callables(name):
         doc = inspect.getdoc(function) or ""
         assert doc, f"{path} has no docstring"
         assert not FILLER.search(doc), f"{path}: {FILLER.search(doc)}"
-        arguments = {k: v for k, v in inspect.signature(function).parameters.items() if k not in ("self", "cls")}  # type: ignore[arg-type]
+        arguments = {
+            k: v
+            for k, v in inspect.signature(function).parameters.items()
+            if k not in ("self", "cls")
+        }  # type: ignore[arg-type]
         for argument, parameter in arguments.items():
             needs = len(arguments) > 1 and NUMBERS.search(str(parameter.annotation))
             if needs and not re.search(rf"(?m)(^\s+{argument}: |\b{argument}\b|`{argument}`)", doc):
@@ -74,7 +82,9 @@ def test_arguments_are_documented_where_their_names_and_types_do_not_say_it(name
 
 
 def test_package_files_only_re_export() -> None:
-    """But for distal's own, which re-exports when a name is first used: see `test_every_public_name_is_found`."""
+    """But for distal's own, which re-exports when a name is first used: see
+    `test_every_public_name_is_found`.
+    """
     for file in (ROOT / "src" / "distal").rglob("*/__init__.py"):
         for node in ast.parse(file.read_text(encoding="utf-8")).body:
             kind = type(node).__name__
@@ -83,8 +93,8 @@ def test_package_files_only_re_export() -> None:
 
 
 def test_modules_are_short() -> None:
-    for file in (ROOT / "src" / "distal").rglob("*.py"):
-        assert len(file.read_text(encoding="utf-8").splitlines()) <= 400, file
+    """No module is larger than the largest of today; the goal is 1,200 tokens."""
+    assert {name: size for name, size in sizes().items() if size > 3300} == {}
 
 
 def test_the_example_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +112,9 @@ def examples(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if examples(page)])
-def test_the_examples_of_the_docs_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_examples_of_the_docs_run(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "finger.xml").write_text(FINGER, encoding="utf-8")  # a model that a page reads
     for code in examples(page):
@@ -114,7 +126,9 @@ def test_pages_have_examples() -> None:
 
 
 def test_pictures_and_pages_that_are_named_exist() -> None:
-    others = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")]
+    others = [
+        ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
+    ]
     for page in [*others, *(DOCS / name for name in PAGES)]:
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             if not target.startswith("http"):
@@ -127,11 +141,17 @@ def test_the_readme_says_what_a_command_needs_beside_the_package() -> None:
 
 
 def test_what_the_page_on_security_says_of_the_code_is_so() -> None:
-    """No pickle is loaded and nothing is evaluated; what it names is there; other programs are started in four files."""
+    """No pickle is loaded and nothing is evaluated; what it names is there; other programs are
+    started in four files.
+    """
     said = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
-    sources = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "src/distal").rglob("*.py")}
+    sources = {
+        path.name: path.read_text(encoding="utf-8") for path in (ROOT / "src/distal").rglob("*.py")
+    }
     for name, text in sources.items():
-        assert not re.search(r"(?<![\w.])(eval|exec)\(|pickle\.loads?\(|allow_pickle=True|shell=True", text), name
+        assert not re.search(
+            r"(?<![\w.])(eval|exec)\(|pickle\.loads?\(|allow_pickle=True|shell=True", text
+        ), name
     starts = {name for name, text in sources.items() if re.search(r"subprocess\.(run|Popen)", text)}
     assert starts == {"compiler.py", "binaries.py", "webassembly.py", "reader_process.py"}
     for variable in ("DISTAL_COMPILE", "DISTAL_CACHE"):
@@ -154,7 +174,9 @@ def keys(model: type, seen: set[type]) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize(("page", "model"), list(zip(GENERATED, (distal.Rig, distal.Scenario, Study))))
+@pytest.mark.parametrize(
+    ("page", "model"), list(zip(GENERATED, (distal.Rig, distal.Scenario, Study)))
+)
 def test_every_key_is_in_the_reference(page: str, model: type) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
     missing = {key for key in keys(model, set()) if f"`{key}`" not in text}
@@ -173,7 +195,9 @@ def test_the_reference_is_up_to_date() -> None:
 
 def blocks(page: str, kind: str) -> list[str]:
     """Return the fenced blocks of a kind on a page, those within lists too."""
-    found = re.findall(rf"(?ms)^( *)```{kind}\n(.*?)^ *```", (DOCS / page).read_text(encoding="utf-8"))
+    found = re.findall(
+        rf"(?ms)^( *)```{kind}\n(.*?)^ *```", (DOCS / page).read_text(encoding="utf-8")
+    )
     return [textwrap.dedent(text) for _, text in found]
 
 
@@ -184,10 +208,14 @@ def test_toml_of_the_docs_is_valid(page: str) -> None:
 
 
 def commands(page: str) -> list[list[str]]:
-    """Return the calls of distal on a page, word by word, without comments and what stands behind a pipe."""
+    """Return the calls of distal on a page, word by word, without comments and what stands behind a
+    pipe.
+    """
     lines = [line for text in blocks(page, "sh") for line in text.replace("\\\n", " ").splitlines()]
     calls = [
-        re.split(r"[|<>]", line[line.index("distal ") :])[0] for line in lines if re.search(r"(^|\| )distal ", line)
+        re.split(r"[|<>]", line[line.index("distal ") :])[0]
+        for line in lines
+        if re.search(r"(^|\| )distal ", line)
     ]
     return [shlex.split(call, comments=True) for call in calls]
 
@@ -205,16 +233,27 @@ def test_commands_of_the_docs_exist() -> None:
             while rest and rest[0] in getattr(command, "commands", {}):
                 command = command.commands[rest.pop(0)]
             assert not hasattr(command, "commands"), f"{page}: {words_of_call}"
-            known = {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+            known = {
+                option
+                for parameter in command.params
+                for option in (*parameter.opts, *parameter.secondary_opts)
+            }
             for word in rest:
-                assert not re.match(r"--?[a-z]", word) or word in known, f"{page}: {word} of {words_of_call}"
+                assert not re.match(r"--?[a-z]", word) or word in known, (
+                    f"{page}: {word} of {words_of_call}"
+                )
             checked += 1
     assert checked > 30
 
 
 def test_pages_that_code_names_exist() -> None:
     folders = ("src", "tests", "tools", "benchmarks", "examples")
-    files = [path for folder in folders for kind in ("*.py", "*.toml") for path in (ROOT / folder).rglob(kind)]
+    files = [
+        path
+        for folder in folders
+        for kind in ("*.py", "*.toml")
+        for path in (ROOT / folder).rglob(kind)
+    ]
     for file in files:
         for page in re.findall(r"\bdocs/[\w/-]+\.md", file.read_text(encoding="utf-8")):
             assert (ROOT / page).exists(), f"{file.relative_to(ROOT)}: {page}"
@@ -222,7 +261,9 @@ def test_pages_that_code_names_exist() -> None:
 
 def words(page: str) -> int:
     """Return how many words a page has; bars of tables and other signs alone are none."""
-    return sum(bool(re.search(r"\w", word)) for word in (DOCS / page).read_text(encoding="utf-8").split())
+    return sum(
+        bool(re.search(r"\w", word)) for word in (DOCS / page).read_text(encoding="utf-8").split()
+    )
 
 
 def longest_table(text: str) -> int:
@@ -232,16 +273,24 @@ def longest_table(text: str) -> int:
 
 
 def test_rows_of_tables_are_counted() -> None:
-    assert longest_table("| a | b |\n|---|---|\n| 1 | 2 |\n| 3 | 4 |\n\nand\n\n| c |\n|---|\n| 5 |\n") == 2
+    assert (
+        longest_table("| a | b |\n|---|---|\n| 1 | 2 |\n| 3 | 4 |\n\nand\n\n| c |\n|---|\n| 5 |\n")
+        == 2
+    )
     assert longest_table("none") == 0
 
 
 def test_the_documentation_is_short() -> None:
-    """Said once, in few words: all of it below 28,000 words, a page below 3,000, a task below 800."""
-    counted = {page: words(page) for page in PAGES if page not in GENERATED}
-    assert sum(counted.values()) <= 28_000
+    """Said once, in few words: all of it but the glossary, which had 250, below 27,750 words, a
+    page below 3,000, a task below 800.
+    """
+    looked_up = (*GENERATED, "reference/glossary.md")
+    counted = {page: words(page) for page in PAGES if page not in looked_up}
+    assert sum(counted.values()) <= 27_750
     assert {page: count for page, count in counted.items() if count > 3000} == {}
-    assert {page: count for page, count in counted.items() if page.startswith("how-to/") and count > 800} == {}
+    assert {
+        page: count for page, count in counted.items() if page.startswith("how-to/") and count > 800
+    } == {}
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.startswith("how-to/")])

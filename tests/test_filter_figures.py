@@ -1,4 +1,6 @@
-"""The figures of the adaptive filter: each is drawn by the code of today, has units at its axes and stands on a page."""
+"""The figures of the adaptive filter: each is drawn by the code of today, has units at its axes and
+stands on a page.
+"""
 
 from __future__ import annotations
 

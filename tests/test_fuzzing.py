@@ -1,4 +1,6 @@
-"""The fast part of the fuzzers, with fixed seeds; `python -m benchmarks.reliability` is the long one."""
+"""The fast part of the fuzzers, with fixed seeds; `python -m benchmarks.reliability` is the long
+one.
+"""
 
 from __future__ import annotations
 

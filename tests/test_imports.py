@@ -1,4 +1,6 @@
-"""Imports: no circles, so that a module can be read with only those below it; and nothing heavy before it is needed."""
+"""Imports: no circles, so that a module can be read with only those below it; and nothing heavy
+before it is needed.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,12 @@ Graph = dict[str, set[str]]
 
 
 def import_graph(folder: Path) -> Graph:
-    """Return which modules each module of a package imports: at the top, inside functions and for types alike.
+    """Return which modules each module of a package imports: at the top, inside functions and for
+    types alike.
 
-    To import ``a.b.c`` is to run ``a``, ``a.b`` and ``a.b.c``, so it counts as an import of all three, but for the
-    packages that the importing module lies in: they are being imported already. A package that a module names itself
-    (``from a.b import name`` inside ``a.b``) does count.
+    To import ``a.b.c`` is to run ``a``, ``a.b`` and ``a.b.c``, so it counts as an import of all
+    three, but for the packages that the importing module lies in: they are being imported already.
+    A package that a module names itself (``from a.b import name`` inside ``a.b``) does count.
 
     Args:
         folder: of the package.
@@ -55,7 +58,9 @@ def names_bound(tree: ast.Module) -> Iterator[str]:
             yield from (alias.asname or alias.name for alias in node.names)
 
 
-def targets(tree: ast.Module, name: str, is_package: bool, bound: Mapping[str, set[str]]) -> Iterator[str]:
+def targets(
+    tree: ast.Module, name: str, is_package: bool, bound: Mapping[str, set[str]]
+) -> Iterator[str]:
     """Yield what a module imports.
 
     Args:
@@ -75,15 +80,20 @@ def targets(tree: ast.Module, name: str, is_package: bool, bound: Mapping[str, s
                 submodule = f"{base}.{alias.name}"
                 if submodule in bound:
                     yield submodule
-                # `from a import b` takes what a's own imports call b, and only otherwise the module a.b
+                # `from a import b` takes what a's own imports call b, and only otherwise the module
+                # a.b
                 if submodule not in bound or alias.name in bound.get(base, ()):
                     yield base
 
 
 def circles(graph: Graph) -> set[frozenset[str]]:
-    """Return the strongly connected components of more than one module, or of one that imports itself."""
+    """Return the strongly connected components of more than one module, or of one that imports
+    itself.
+    """
     reach = {module: reachable(graph, module) for module in graph}
-    found = (frozenset(other for other in reach[module] if module in reach[other]) for module in graph)
+    found = (
+        frozenset(other for other in reach[module] if module in reach[other]) for module in graph
+    )
     return {circle for circle in found if circle}
 
 
@@ -116,7 +126,10 @@ def package(folder: Path, sources: Mapping[str, str]) -> Path:
         path = folder / "made" / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(source, encoding="utf-8")
-    for inner in [folder / "made", *(path for path in (folder / "made").rglob("*") if path.is_dir())]:
+    for inner in [
+        folder / "made",
+        *(path for path in (folder / "made").rglob("*") if path.is_dir()),
+    ]:
         (inner / "__init__.py").touch()
     return folder / "made"
 
@@ -124,7 +137,11 @@ def package(folder: Path, sources: Mapping[str, str]) -> Path:
 @pytest.mark.parametrize(
     ("sources", "circle"),
     [
-        pytest.param({"a.py": "import made.b", "b.py": "from made.a import x"}, {"made.a", "made.b"}, id="at the top"),
+        pytest.param(
+            {"a.py": "import made.b", "b.py": "from made.a import x"},
+            {"made.a", "made.b"},
+            id="at the top",
+        ),
         pytest.param(
             {"a.py": "from made.b import y", "b.py": "def f():\n    from made.a import x"},
             {"made.a", "made.b"},
@@ -133,13 +150,18 @@ def package(folder: Path, sources: Mapping[str, str]) -> Path:
         pytest.param(
             {
                 "a.py": "from made.b import y",
-                "b.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from made.a import x",
+                "b.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from made.a "
+                "import x",
             },
             {"made.a", "made.b"},
             id="for types only",
         ),
         pytest.param(
-            {"a.py": "from made import b", "b.py": "from made import c", "c.py": "from .a import x"},
+            {
+                "a.py": "from made import b",
+                "b.py": "from made import c",
+                "c.py": "from .a import x",
+            },
             {"made.a", "made.b", "made.c"},
             id="of three, submodules and relative",
         ),
@@ -163,27 +185,47 @@ def package(folder: Path, sources: Mapping[str, str]) -> Path:
             id="through a package that runs first",
         ),
         pytest.param(
-            {"p/__init__.py": "from made.p.a import a", "p/a.py": "", "p/b.py": "from made.p import a"},
+            {
+                "p/__init__.py": "from made.p.a import a",
+                "p/a.py": "",
+                "p/b.py": "from made.p import a",
+            },
             set(),
             id="none: a package does not import all its modules",
         ),
         pytest.param(
-            {"p/__init__.py": "from .a import x\nfrom .b import y", "p/a.py": "", "p/b.py": "from . import x"},
+            {
+                "p/__init__.py": "from .a import x\nfrom .b import y",
+                "p/a.py": "",
+                "p/b.py": "from . import x",
+            },
             {"made.p", "made.p.b"},
             id="the own package",
         ),
         pytest.param(
-            {"p/__init__.py": "from .a import x\nfrom .b import y", "p/a.py": "", "p/b.py": "from made.p import a"},
+            {
+                "p/__init__.py": "from .a import x\nfrom .b import y",
+                "p/a.py": "",
+                "p/b.py": "from made.p import a",
+            },
             set(),
             id="none: a module of the own package",
         ),
         pytest.param(
-            {"p/__init__.py": "from .a import a\nfrom .b import y", "p/a.py": "", "p/b.py": "from made.p import a"},
+            {
+                "p/__init__.py": "from .a import a\nfrom .b import y",
+                "p/a.py": "",
+                "p/b.py": "from made.p import a",
+            },
             {"made.p", "made.p.b"},
             id="the own package, where a name hides a module",
         ),
         pytest.param(
-            {"a.py": "import json\nfrom made.b import y", "b.py": "import os", "c.py": "from made.a import x"},
+            {
+                "a.py": "import json\nfrom made.b import y",
+                "b.py": "import os",
+                "c.py": "from made.a import x",
+            },
             set(),
             id="none: a chain",
         ),
@@ -194,15 +236,31 @@ def test_circles_are_seen(tmp_path: Path, sources: dict[str, str], circle: set[s
     assert found == ({frozenset(circle)} if circle else set())
 
 
-HEAVY = ("numpy", "casadi", "scipy", "pydantic", "pint", "matplotlib", "pandas", "polars", "pyarrow")
+HEAVY = (
+    "numpy",
+    "casadi",
+    "scipy",
+    "pydantic",
+    "pint",
+    "matplotlib",
+    "pandas",
+    "polars",
+    "pyarrow",
+)
 
 
 @pytest.mark.parametrize("start", ["import distal", "import distal.cli"])
 def test_starting_is_light(start: str) -> None:
-    """What `import distal` and `distal --help` do not need is not imported; nobody needs typer for `import distal`."""
+    """What `import distal` and `distal --help` do not need is not imported; nobody needs typer for
+    `import distal`.
+    """
     heavy = (*HEAVY, "typer") if start == "import distal" else HEAVY
     ran = subprocess.run(
-        [sys.executable, "-c", f"{start}; import sys; print([name for name in {heavy} if name in sys.modules])"],
+        [
+            sys.executable,
+            "-c",
+            f"{start}; import sys; print([name for name in {heavy} if name in sys.modules])",
+        ],
         capture_output=True,
         text=True,
         check=True,
@@ -218,7 +276,9 @@ def test_every_public_name_is_found() -> None:
     for name in distal.__all__:
         assert getattr(distal, name) is getattr(import_module(packages[name]), name)
     code = "import distal; print(*dir(distal))"
-    listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    listed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert set(listed) >= set(distal.__all__)
     with pytest.raises(AttributeError, match="'distal' has no attribute 'estimat'"):
         distal.estimat  # noqa: B018

@@ -1,4 +1,6 @@
-"""Against another simulator, where it is installed: the plant itself, and the estimate of its angle."""
+"""Against another simulator, where it is installed: the plant itself, and the estimate of its
+angle.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +16,42 @@ mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip inst
 
 
 def test_both_simulators_turn_the_link_alike() -> None:
-    """Both sliders servoed, stick and slip: 0.2° RMS of 25° or more. MuJoCo's friction is stiff but soft, ours exact."""
+    """Both sliders servoed, stick and slip: 0.2° RMS of 25° or more. MuJoCo's friction is stiff but
+    soft, ours exact.
+    """
     target = mujoco_plant.targets(3, 600)
     theirs = mujoco_plant.run(target)["theta"]
     time = 0.01 * np.arange(len(target))
     gains = {"stiffness": mujoco_plant.KP, "damping": mujoco_plant.KD}
     drives = {
-        name: {"servo": {"position": [[float(t), float(x)] for t, x in zip(time, target[:, i])], **gains}}
+        name: {
+            "servo": {
+                "position": [[float(t), float(x)] for t, x in zip(time, target[:, i])],
+                **gains,
+            }
+        }
         for i, name in enumerate(("left", "right"))
     }
     rig = load_rig("pulley-antagonist")
-    ours = simulate(rig, build_scenario({"rig": "pulley-antagonist", "duration": "6 s", "drives": drives})).truth[
-        "theta"
-    ]
+    ours = simulate(
+        rig, build_scenario({"rig": "pulley-antagonist", "duration": "6 s", "drives": drives})
+    ).truth["theta"]
     assert np.rad2deg(np.ptp(theirs)) > 25.0
     assert rms_degrees(ours - theirs) < 0.2
 
 
 @pytest.mark.slow
 def test_adaptive_on_a_plant_that_nobody_here_wrote() -> None:
-    """Friction as the rig's and ±20 %, three seeds each: RMS at most 0.35°, 88 % inside the band or more."""
+    """Friction as the rig's and ±20 %, three seeds each: RMS at most 0.35°, 88 % inside the band or
+    more.
+    """
     rig = load_rig("pulley-antagonist")
     results = [
-        estimate(mujoco_plant.log(seed, link_friction=share * mujoco_plant.LINK_FRICTION), rig, "adaptive")
+        estimate(
+            mujoco_plant.log(seed, link_friction=share * mujoco_plant.LINK_FRICTION),
+            rig,
+            "adaptive",
+        )
         for share in (0.8, 1.0, 1.2)
         for seed in range(3)
     ]

@@ -1,4 +1,6 @@
-"""The tool that makes mistakes on purpose: where it makes them, and that it says truly whether the tests saw them."""
+"""The tool that makes mistakes on purpose: where it makes them, and that it says truly whether the
+tests saw them.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,10 @@ def changes(code: str) -> set[str]:
         ("x += a", {"x -= a"}),
         ("x *= a", {"x /= a"}),
         ("x = a < b", {"x = a <= b", "x = a > b"}),
-        ("x = a > b >= c", {"x = a >= b >= c", "x = a < b >= c", "x = a > b > c", "x = a > b <= c"}),
+        (
+            "x = a > b >= c",
+            {"x = a >= b >= c", "x = a < b >= c", "x = a > b > c", "x = a > b <= c"},
+        ),
         ("x = a == b", {"x = a != b"}),
         ("x = a and b", {"x = a or b"}),
         ("x = a or b or c", {"x = a and b or c", "x = a or b and c"}),
@@ -125,7 +130,9 @@ SMALL = text('''
 
 
 def test_exactly_the_place_is_replaced() -> None:
-    """Bytes before and after stay, also behind letters that take several; every change parses and differs."""
+    """Bytes before and after stay, also behind letters that take several; every change parses and
+    differs.
+    """
     tree = ast.dump(ast.parse(SMALL))
     data = SMALL.encode()
     found = places(SMALL)
@@ -134,7 +141,9 @@ def test_exactly_the_place_is_replaced() -> None:
         assert data[place.start : place.end].decode() == place.before
     for each in every_mutant(FILE, SMALL):
         assert ast.dump(ast.parse(each.text)) != tree
-        assert [a == b for a, b in zip(each.text.splitlines(), SMALL.splitlines())].count(False) == 1
+        assert [a == b for a, b in zip(each.text.splitlines(), SMALL.splitlines())].count(
+            False
+        ) == 1
         assert SMALL.splitlines()[each.line - 1].strip() == each.before
         assert each.text.splitlines()[each.line - 1].strip() == each.after
         assert ast.get_docstring(ast.parse(each.text)) == ast.get_docstring(ast.parse(SMALL))
@@ -181,14 +190,19 @@ def test_the_same_seed_gives_the_same_mutants() -> None:
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A small project: a module, a test that sees one of its functions, and one with a stored value."""
-    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # plugins take longer than these tests
+    """A small project: a module, a test that sees one of its functions, and one with a stored
+    value.
+    """
+    monkeypatch.setenv(
+        "PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1"
+    )  # plugins take longer than these tests
     root = tmp_path / "project"
     for folder in ("src/distal/estimators", "tests/estimators", ".git"):
         (root / folder).mkdir(parents=True)
     (root / "src/distal/__init__.py").write_text("")
     (root / "src/distal/estimators/kalman.py").write_text(
-        "def gain(p, r):\n    return p / (p + r)\n\n\ndef unused(a):\n    return a < 3\n\n\ndef down(n):\n"
+        "def gain(p, r):\n    return p / (p + r)\n\n\ndef unused(a):\n    return a < 3\n\n\ndef "
+        "down(n):\n"
         "    while n:\n        n -= 1\n"
     )
     (root / "tests/estimators/test_gain.py").write_text(
@@ -197,7 +211,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "@pytest.mark.stored\ndef test_stored():\n    assert unused(2)\n"
     )
     (root / "pyproject.toml").write_text(
-        "[tool.pytest.ini_options]\nmarkers = ['slow', 'stored']\naddopts = '-ra --strict-markers'\n"
+        "[tool.pytest.ini_options]\nmarkers = ['slow', 'stored']\naddopts = '-ra "
+        "--strict-markers'\n"
     )
     return root
 
@@ -205,18 +220,25 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def made(project: Path, before: str, after: str) -> Mutant:
     file = Path("src/distal/estimators/kalman.py")
     source = (project / file).read_text()
-    (found,) = (each for each in every_mutant(file, source) if (each.before, each.after) == (before, after))
+    (found,) = (
+        each for each in every_mutant(file, source) if (each.before, each.after) == (before, after)
+    )
     return found
 
 
 @pytest.mark.slow
 def test_in_every_package_its_own_tests_run_first(project: Path) -> None:
-    """Of a module in `estimators` those in tests/estimators; the tests of other packages come last."""
+    """Of a module in `estimators` those in tests/estimators; the tests of other packages come
+    last.
+    """
     (project / "tests/cli").mkdir()
     (project / "tests/cli/test_first.py").write_text(
-        "from distal.estimators.kalman import gain\n\n\ndef test_gain_too():\n    assert gain(1.0, 3.0) == 0.25\n"
+        "from distal.estimators.kalman import gain\n\n\ndef test_gain_too():\n    assert "
+        "gain(1.0, 3.0) == 0.25\n"
     )
-    (outcome,) = mutants.run([made(project, "return p / (p + r)", "return p / (p - r)")], 1, project, "all")
+    (outcome,) = mutants.run(
+        [made(project, "return p / (p + r)", "return p / (p - r)")], 1, project, "all"
+    )
     assert outcome.by == "tests/estimators/test_gain.py::test_gain"
 
 
@@ -235,7 +257,11 @@ def test_seen_and_survived(project: Path, capsys: pytest.CaptureFixture[str]) ->
     ]
     before = sorted(project.rglob("*"))
     outcomes = mutants.run(tried, 1, project)
-    assert [outcome.seen for outcome in outcomes] == [True, False, True]  # what only a stored value sees does not count
+    assert [outcome.seen for outcome in outcomes] == [
+        True,
+        False,
+        True,
+    ]  # what only a stored value sees does not count
     assert outcomes[0].by == "tests/estimators/test_gain.py::test_gain"
     said = mutants.report(tried, outcomes)
     assert "kalman.py" in said
@@ -248,13 +274,18 @@ def test_seen_and_survived(project: Path, capsys: pytest.CaptureFixture[str]) ->
 
 def test_a_copy_that_fails_is_said(project: Path) -> None:
     (project / "tests/estimators/test_gain.py").write_text("def test_wrong():\n    assert False\n")
-    with pytest.raises(copies.BaselineError, match=r"unchanged copy fails: .*test_gain.py::test_wrong"):
+    with pytest.raises(
+        copies.BaselineError, match=r"unchanged copy fails: .*test_gain.py::test_wrong"
+    ):
         mutants.run([], 1, project)
 
 
 def test_a_hang_is_seen_and_ended() -> None:
     processes = copies.Processes()
-    code = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import time; time.sleep(60)'])"
+    code = (
+        "import subprocess, sys; subprocess.run([sys.executable, '-c', 'import time; "
+        "time.sleep(60)'])"
+    )
     started = time.monotonic()
     said = processes.run([sys.executable, "-c", code], Path(), {}, 0.5)
     assert time.monotonic() - started < 20
@@ -262,7 +293,10 @@ def test_a_hang_is_seen_and_ended() -> None:
 
 
 def test_what_failed_first() -> None:
-    said = "....F\nFAILED tests/a/test_b.py::test_c[5 mm-rad - x] - AssertionError: a - b\n1 failed in 0.1s\n"
+    said = (
+        "....F\nFAILED tests/a/test_b.py::test_c[5 mm-rad - x] - AssertionError: a - b\n1 "
+        "failed in 0.1s\n"
+    )
     assert copies.first_failure(1, said).startswith("tests/a/test_b.py::test_c[5 mm-rad")
     assert copies.first_failure(1, "ERROR tests/a.py - NameError: x\n") == "tests/a.py"
     assert copies.first_failure(-11, "...\n") == "pytest ended with -11: ..."

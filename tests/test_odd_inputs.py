@@ -1,4 +1,6 @@
-"""What a hostile stranger tried: each is refused in one line, or does what it says, and never a traceback."""
+"""What a hostile stranger tried: each is refused in one line, or does what it says, and never a
+traceback.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,12 @@ def log(tmp_path: Path) -> Path:
 def cli(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
     settings = {**os.environ, "PYTHONUTF8": "1", **environment}
     return subprocess.run(
-        [*CLI, *map(str, words)], env=settings, capture_output=True, text=True, check=False, errors="replace"
+        [*CLI, *map(str, words)],
+        env=settings,
+        capture_output=True,
+        text=True,
+        check=False,
+        errors="replace",
     )
 
 
@@ -82,7 +89,9 @@ def test_powers_in_units_still_work() -> None:
 
 
 def test_numpy_numbers_are_numbers(paper_rig) -> None:
-    rig = paper_rig.with_values({"tendons.0.stiffness": np.float32(700), "drives.0.mass": np.int64(1)})
+    rig = paper_rig.with_values(
+        {"tendons.0.stiffness": np.float32(700), "drives.0.mass": np.int64(1)}
+    )
     assert rig.tendons[0].stiffness.value == 700.0
     for wrong in (None, [], {1: 2}, {"joints.0.inertia": 10**400}, {"joints.0.inertia": {}}):
         with pytest.raises(RigError):
@@ -97,19 +106,26 @@ def test_a_glitch_is_not_an_angle(log: Path, paper_rig) -> None:
             **{column: pl.when(pl.col("t") == 0.15).then(float(value)).otherwise(pl.col(column))}
         )
         with pytest.raises(EstimationError, match=r"left all bounds at 0\.1"):
-            estimate(read_log(frame, paper_rig.with_values({"drives.0.stops": None})), paper_rig, "ekf")
+            estimate(
+                read_log(frame, paper_rig.with_values({"drives.0.stops": None})), paper_rig, "ekf"
+            )
 
 
 @pytest.mark.parametrize("name", ["adaptive", "ekf", "ekf-2008", "inextensible", "elastic"])
 @pytest.mark.parametrize("value", [1e300, -1e300, 1e10])
 def test_a_wild_value_is_taken_as_missing(log: Path, paper_rig, name: str, value: float) -> None:
-    """Its square would be infinite: it says nothing, and the estimate is as if it were not there."""
+    """Its square would be infinite: it says nothing, and the estimate is as if it were not
+    there.
+    """
     frame, at = pl.read_csv(log), pl.col("t") == 0.15
     for column in ("x1", "u2"):
         wild, gone = (
-            frame.with_columns(pl.when(at).then(v).otherwise(pl.col(column)).alias(column)) for v in (value, None)
+            frame.with_columns(pl.when(at).then(v).otherwise(pl.col(column)).alias(column))
+            for v in (value, None)
         )
-        with pytest.warns(DistalWarning, match=f"sensor '{column}' has 1 wild value, the first at 0.15 s"):
+        with pytest.warns(
+            DistalWarning, match=f"sensor '{column}' has 1 wild value, the first at 0.15 s"
+        ):
             one = estimate(read_log(wild, paper_rig), paper_rig, name)
         other = estimate(read_log(gone, paper_rig), paper_rig, name)
         assert np.array_equal(one.means, other.means)
@@ -135,7 +151,13 @@ def test_step_never_returns_nonsense(paper_rig) -> None:
 
 def test_odd_calls(log: Path, paper_rig) -> None:
     read = read_log(log, paper_rig)
-    for words in ({"passes": 1.5}, {"passes": "a"}, {"estimator": None}, {"estimator": 3}, {"truth": "zz"}):
+    for words in (
+        {"passes": 1.5},
+        {"passes": "a"},
+        {"estimator": None},
+        {"estimator": 3},
+        {"truth": "zz"},
+    ):
         with pytest.raises(DistalError):
             estimate(read, paper_rig, **words)  # type: ignore[arg-type]
     for name, rig in (([], paper_rig), (None, paper_rig), ("ekf", "paper-2008-printed")):
@@ -149,14 +171,20 @@ def test_odd_stamps(log: Path, paper_rig) -> None:
         wide = frame.with_columns(t=pl.when(pl.col("t") > 0.28).then(last).otherwise(pl.col("t")))
         with pytest.raises(EstimationError, match=r"gap of .* too long"):
             estimate(wide, paper_rig)
-    slow = pl.DataFrame({"t": 900.0 * np.arange(30), **{c: frame[c] for c in ("x1", "u1", "x2", "u2")}})
+    slow = pl.DataFrame(
+        {"t": 900.0 * np.arange(30), **{c: frame[c] for c in ("x1", "u1", "x2", "u2")}}
+    )
     with (
         pytest.warns(DistalWarning, match=r"stamps are 900 s apart, .* every 0\.01 s"),
         pytest.raises(EstimationError, match="set the sensors' rate to the log's"),
     ):
         estimate(slow, paper_rig)
-    epoch = frame.with_columns(t=1.7e9 + pl.when(pl.col("t") == 0.05).then(0.01).otherwise(pl.col("t")))
-    with pytest.raises(LogError, match=r"row 5: time goes back \(0\.0(1|0999)\d* s after 0\.0(4|399)\d* s"):
+    epoch = frame.with_columns(
+        t=1.7e9 + pl.when(pl.col("t") == 0.05).then(0.01).otherwise(pl.col("t"))
+    )
+    with pytest.raises(
+        LogError, match=r"row 5: time goes back \(0\.0(1|0999)\d* s after 0\.0(4|399)\d* s"
+    ):
         read_log(epoch, paper_rig)
 
 
@@ -168,7 +196,9 @@ def test_parquet_types_are_not_numbers_by_accident(tmp_path: Path, paper_rig, lo
         with pytest.raises(LogError, match=f"column '{column}' holds"):
             read_log(path, paper_rig)
     frame.with_columns(pl.lit(date(2026, 1, 1)).alias("t")).write_parquet(path)
-    with pytest.raises(LogError, match="row 2: time repeats"):  # a date is a stamp, but not the same for all rows
+    with pytest.raises(
+        LogError, match="row 2: time repeats"
+    ):  # a date is a stamp, but not the same for all rows
         read_log(path, paper_rig)
     frame.with_columns(u1=pl.lit(float("inf"))).write_parquet(path)
     with pytest.raises(LogError, match="row 1, column 'u1': 'inf'"):
@@ -176,7 +206,9 @@ def test_parquet_types_are_not_numbers_by_accident(tmp_path: Path, paper_rig, lo
 
 
 def test_truth_without_a_value(tmp_path: Path, log: Path, paper_rig) -> None:
-    frame = pl.read_csv(log).with_columns(th=pl.lit(None, dtype=pl.Float64), encoder=pl.lit(None, dtype=pl.Float64))
+    frame = pl.read_csv(log).with_columns(
+        th=pl.lit(None, dtype=pl.Float64), encoder=pl.lit(None, dtype=pl.Float64)
+    )
     with pytest.raises(LogError, match=r"the truth \(column 'th'\) has no value at all"):
         read_log(frame, paper_rig, truth="th")
     assert "theta" not in read_log(frame, paper_rig).truth  # a reference that was never connected
@@ -204,17 +236,31 @@ def test_odd_csv(tmp_path: Path, paper_rig, text: str, said: str) -> None:
     assert len(str(caught.value)) < 1200
 
 
-def test_inputs_are_not_overwritten(run, log: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_inputs_are_not_overwritten(run, log: Path, tmp_path: Path) -> None:
     refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", log), "is an input")
     assert log.read_text() == GOOD
     both = tmp_path / "both.svg"
-    refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", both, "--plot", both), "asked for twice")
+    refused_here(
+        run("estimate", log, "--rig", "paper-2008-printed", "--out", both, "--plot", both),
+        "asked for twice",
+    )
 
 
-def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_nothing_is_written_by_a_command_that_fails(run, log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out.csv"
     for plot in ("p.xyz", "p", "none/p.png"):
-        refused_here(run("estimate", log, "--rig", "paper-2008-printed", "--out", out, "--plot", tmp_path / plot))
+        refused_here(
+            run(
+                "estimate",
+                log,
+                "--rig",
+                "paper-2008-printed",
+                "--out",
+                out,
+                "--plot",
+                tmp_path / plot,
+            )
+        )
         assert not out.exists()
 
 
@@ -234,10 +280,16 @@ def test_names_that_are_too_long(log: Path) -> None:
 
 @pytest.mark.slow  # processes of their own
 def test_odd_terminals(log: Path) -> None:
-    ascii_only = cli("estimate", log, "--rig", "paper-2008-printed", PYTHONUTF8="0", PYTHONIOENCODING="ascii")
+    ascii_only = cli(
+        "estimate", log, "--rig", "paper-2008-printed", PYTHONUTF8="0", PYTHONIOENCODING="ascii"
+    )
     assert ascii_only.returncode == 0, ascii_only.stderr
     full = subprocess.run(
-        ["bash", "-c", f"'{sys.executable}' -c 'from distal.cli import main; main()' rigs > /dev/full"],
+        [
+            "bash",
+            "-c",
+            f"'{sys.executable}' -c 'from distal.cli import main; main()' rigs > /dev/full",
+        ],
         capture_output=True,
         text=True,
         check=False,
@@ -248,7 +300,9 @@ def test_odd_terminals(log: Path) -> None:
 
 @pytest.mark.slow  # the same within this process: test_a_compiler_that_is_no_command
 def test_odd_compilers(log: Path, tmp_path: Path) -> None:
-    odd = cli("estimate", log, "--rig", "paper-2008-printed", CC='"x', DISTAL_CACHE=str(tmp_path / "c"))
+    odd = cli(
+        "estimate", log, "--rig", "paper-2008-printed", CC='"x', DISTAL_CACHE=str(tmp_path / "c")
+    )
     assert odd.returncode == 0
     assert odd.stderr.startswith("warning: kernels are interpreted")
 
@@ -257,7 +311,16 @@ def test_odd_compilers(log: Path, tmp_path: Path) -> None:
 def test_titles_are_plain_text(log: Path, tmp_path: Path) -> None:
     for i, name in enumerate(("cost $x^$", "日本語", "a" * 3000)):
         plot = tmp_path / f"{i}.png"
-        ran = cli("estimate", log, "--rig", "paper-2008-printed", "--plot", plot, "--set", f'name="{name}"')
+        ran = cli(
+            "estimate",
+            log,
+            "--rig",
+            "paper-2008-printed",
+            "--plot",
+            plot,
+            "--set",
+            f'name="{name}"',
+        )
         assert ran.returncode == 0
         assert "Traceback" not in ran.stderr
         assert "Glyph" not in ran.stderr
@@ -270,7 +333,11 @@ DISTAL = f"'{sys.executable}' -c 'from distal.cli import main; main()'"
 @pytest.mark.parametrize(
     ("source", "tail"),
     [
-        pytest.param("cat log.csv", "estimate /dev/stdin --rig paper-2008-printed --truth u1", marks=pytest.mark.slow),
+        pytest.param(
+            "cat log.csv",
+            "estimate /dev/stdin --rig paper-2008-printed --truth u1",
+            marks=pytest.mark.slow,
+        ),
         pytest.param("cat rig.toml", "rig show /dev/stdin --set joints.0.inertia=1"),
         pytest.param(
             f"{DISTAL} rig show paper-2008-printed",
@@ -295,7 +362,9 @@ def test_pipes(log: Path, source: str, tail: str) -> None:
 @pytest.mark.parametrize("size", [10.0, -1e3, 1e6, -1e300])
 @pytest.mark.parametrize("column", ["x1", "x2", "u1", "u2"])
 def test_a_wild_value_of_any_size_leaves_the_estimate(paper_rig, column: str, size: float) -> None:
-    """One sample of a stream: a displacement as if it were missing; a force by less than the band."""
+    """One sample of a stream: a displacement as if it were missing; a force by less than the
+    band.
+    """
     from distal import LiveEstimator, Monitor
 
     def angles(value: float) -> np.ndarray:
@@ -315,4 +384,6 @@ def test_a_wild_value_of_any_size_leaves_the_estimate(paper_rig, column: str, si
         return np.array(made)
 
     change = np.abs(angles(size) - angles(np.nan))
-    assert change.max() < (1e-12 if column.startswith("x") else np.deg2rad(0.15)), np.rad2deg(change.max())
+    assert change.max() < (1e-12 if column.startswith("x") else np.deg2rad(0.15)), np.rad2deg(
+        change.max()
+    )

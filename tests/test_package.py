@@ -14,7 +14,9 @@ def test_the_description_for_an_index_has_no_link_that_leads_nowhere() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     target = re.compile(r"\]\((?!https?:)")
     assert target.search(text)
-    for change in settings["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+    for change in settings["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"][
+        "substitutions"
+    ]:
         text = re.sub(change["pattern"], change["replacement"], text)
     assert not target.search(text)
     assert "![" not in text

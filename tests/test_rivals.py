@@ -52,7 +52,9 @@ def test_they_are_no_choices_of_the_package() -> None:
 
 @pytest.mark.parametrize("name", RIVALS)
 def test_the_contract(name: str, rig: Rig, log: Log) -> None:
-    """Step by step gives the numbers of the whole log, missing values and a gap included; inputs stay as they are."""
+    """Step by step gives the numbers of the whole log, missing values and a gap included; inputs
+    stay as they are.
+    """
     made = QUICK[name](rig)
     assert isinstance(made, Estimator)
     assert made.name == name
@@ -84,7 +86,9 @@ def test_the_contract(name: str, rig: Rig, log: Log) -> None:
 @pytest.mark.parametrize("which", ["pulley-antagonist", "capstan-joint", "da-vinci-grasper"])
 def test_they_run_on_other_rigs(name: str, which: str) -> None:
     made = QUICK[name](load_rig(which))
-    samples = np.column_stack([np.full(5, 5e-3 if c.startswith("x") else 1e-3) for c in made.channels])
+    samples = np.column_stack(
+        [np.full(5, 5e-3 if c.startswith("x") else 1e-3) for c in made.channels]
+    )
     means, *_ = made.scan(made.initial(0.0, samples[0]), 0.01 * np.arange(5), samples)
     assert np.all(np.isfinite(means))
 
@@ -128,9 +132,13 @@ def test_an_ensemble_is_for_logs(rig: Rig) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["unscented", "particle"])
 def test_they_see_what_adaptive_sees(name: str, rig: Rig, log: Log) -> None:
-    """With the model right, other treatments of one model differ by less than it is sure of: 2 of 3 of its stds."""
+    """With the model right, other treatments of one model differ by less than it is sure of: 2 of 3
+    of its stds.
+    """
     known, rival = estimate(log, rig), estimate(log, rig, RIVALS[name](rig))
-    assert rms_degrees(known.theta - rival.theta) < 0.67 * np.rad2deg(np.sqrt(np.mean(known.theta_std**2)))
+    assert rms_degrees(known.theta - rival.theta) < 0.67 * np.rad2deg(
+        np.sqrt(np.mean(known.theta_std**2))
+    )
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""The example node: what it reads, what it publishes, in messages of ROS 2's own definitions; `rclpy` has a stand-in."""
+"""The example node: what it reads, what it publishes, in messages of ROS 2's own definitions;
+`rclpy` has a stand-in.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ class Message:
 
 
 def wire(kind: str, message: Message) -> Any:
-    """Return a message after it was serialized and read again by its definition; what is not set is empty."""
+    """Return a message after it was serialized and read again by its definition; what is not set is
+    empty.
+    """
     return STORE.deserialize_cdr(STORE.serialize_cdr(typed(kind, message), kind), kind)
 
 
@@ -46,7 +50,9 @@ def typed(kind: str, message: Message) -> Any:
     fields = dict(STORE.get_msgdef(kind).fields)
     unknown = set(vars(message)) - set(fields) - {"__msgtype__"}
     assert not unknown, f"{kind} has no {unknown}"
-    return STORE.types[kind](**{name: filled(node, vars(message).get(name)) for name, node in fields.items()})
+    return STORE.types[kind](
+        **{name: filled(node, vars(message).get(name)) for name, node in fields.items()}
+    )
 
 
 def filled(node: Any, value: Any) -> Any:
@@ -81,7 +87,9 @@ class Node:
     def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
         return Message(publish=lambda message: self.sent.append((topic, wire(kind.kind, message))))
 
-    def create_subscription(self, kind: Any, topic: str, call: Callable[[Any], None], depth: int) -> None:
+    def create_subscription(
+        self, kind: Any, topic: str, call: Callable[[Any], None], depth: int
+    ) -> None:
         self.calls[topic] = call
 
     def get_logger(self) -> Any:
@@ -139,7 +147,9 @@ def states(time: float, names: list[str], position: list[float], effort: list[fl
 @pytest.fixture(scope="module")
 def log() -> Log:
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-    scenario = build_scenario({"rig": "capstan-joint", "duration": 1.0, "drives": {"motor": {"servo": servo}}}, "s")
+    scenario = build_scenario(
+        {"rig": "capstan-joint", "duration": 1.0, "drives": {"motor": {"servo": servo}}}, "s"
+    )
     return simulate(scenario_rig(scenario), scenario)
 
 
@@ -153,7 +163,11 @@ def test_it_publishes_what_estimate_gives(started: Callable[..., Any], log: Log)
     for topic, message in node.sent:
         if topic == "joint_health":
             words.add(message.status[0].message)
-            stds.append(float({pair.key: pair.value for pair in message.status[0].values}["std of jaw [rad]"]))
+            stds.append(
+                float(
+                    {pair.key: pair.value for pair in message.status[0].values}["std of jaw [rad]"]
+                )
+            )
     expected = estimate(log, load_rig("capstan-joint"))
     assert words == {"ok"}
     np.testing.assert_allclose(angles, expected.theta, atol=1e-5)
@@ -169,7 +183,9 @@ def test_a_hand_from_two_topics_is_one_message_of_all_joints(started: Callable[.
         # the second topic comes a millisecond later, at 100 Hz, and not at all with the last sample
         for topic, names, late in (("/thumb", drives[:2], 0.0), ("/fingers", drives[2:], 1e-3)):
             if k < 9 or topic == "/thumb":
-                node.calls[topic](states(k / 100 + late, names, [40.0 + k] * len(names), [60.0] * len(names)))
+                node.calls[topic](
+                    states(k / 100 + late, names, [40.0 + k] * len(names), [60.0] * len(names))
+                )
     node.calls["/thumb"](states(0.1, drives[:2], [50.0] * 2, [60.0] * 2))
     made = [message for topic, message in node.sent if topic == "joint_estimate"]
     words = [message.status[0].message for topic, message in node.sent if topic == "joint_health"]
@@ -180,9 +196,13 @@ def test_a_hand_from_two_topics_is_one_message_of_all_joints(started: Callable[.
     fed = {sensor.name: sensor for sensor in rig.sensors}
     live = LiveEstimator(rig)
     for k in range(10):
-        raw = np.array([40.0 + k if fed[name].measures == "position" else 60.0 for name in live.channels])
+        raw = np.array(
+            [40.0 + k if fed[name].measures == "position" else 60.0 for name in live.channels]
+        )
         factors = np.array([fed[name].sign * log_factor(fed[name]) for name in live.channels])
-        absent = np.array([k == 9 and not fed[name].of.startswith("thumb") for name in live.channels])
+        absent = np.array(
+            [k == 9 and not fed[name].of.startswith("thumb") for name in live.channels]
+        )
         angles = live.step(k / 100, np.where(absent, np.nan, raw * factors))
         np.testing.assert_allclose(made[k].position, angles, atol=1e-6)
 
@@ -194,5 +214,7 @@ def test_what_it_cannot_read_is_said_not_raised(started: Callable[..., Any]) -> 
     words = [message.status[0].message for topic, message in node.sent if topic == "joint_health"]
     assert words == ["bad"] * 3
     assert any("['motor'] expected in a message, ['nobody'] came" in text for text in node.messages)
-    with pytest.raises(ValueError, match=r"each is name:drive, and the rig has the drives \['motor'\]"):
+    with pytest.raises(
+        ValueError, match=r"each is name:drive, and the rig has the drives \['motor'\]"
+    ):
         started(rig="capstan-joint", names=["m1:nobody"])

@@ -28,7 +28,9 @@ TRAVEL = (-5e-3, 15e-3)
 
 def sensor(rig: Rig, **values: float) -> Sensor:
     clean = {"noise": 0.0, "linearity": 0.0, "resolution": 0.0, "bias": 0.0, **values}
-    return rig.with_values({f"sensors.x1.{name}": value for name, value in clean.items()}).sensors[0]
+    return rig.with_values({f"sensors.x1.{name}": value for name, value in clean.items()}).sensors[
+        0
+    ]
 
 
 def drawn(seed: int, largest: float, true: Floats) -> Floats:
@@ -55,7 +57,9 @@ def test_quantisation(paper_rig: Rig) -> None:
     read = measure(sensor(paper_rig, resolution=step), TRUE, TRAVEL, np.random.default_rng(0))
     assert np.abs(read - TRUE).max() <= step / 2 * (1 + 1e-9)
     np.testing.assert_allclose(read / step, np.round(read / step), atol=1e-9)
-    assert (read - TRUE).std() == pytest.approx(np.sqrt(variance(sensor(paper_rig, resolution=step))), rel=0.01)
+    assert (read - TRUE).std() == pytest.approx(
+        np.sqrt(variance(sensor(paper_rig, resolution=step))), rel=0.01
+    )
 
 
 def test_ties_round_up_in_numbers_and_in_symbols() -> None:
@@ -71,13 +75,16 @@ def test_ties_round_up_in_numbers_and_in_symbols() -> None:
 def test_linearity_is_bounded_reached_and_smooth(seed: int) -> None:
     curve = drawn(seed, 1e-4, TRUE)
     assert np.abs(curve).max() == pytest.approx(1e-4, rel=1e-3)
-    # three half waves at the most over the travel: the slope is at most π j/travel times the sum of the amplitudes
+    # three half waves at the most over the travel: the slope is at most π j/travel times the sum of
+    # the amplitudes
     assert np.abs(np.gradient(curve, TRUE)).max() < 3 * np.pi * 4e-4 / (TRAVEL[1] - TRAVEL[0])
 
 
 def test_linearity_is_the_same_at_the_same_place(paper_rig: Rig) -> None:
     there_and_back = np.concatenate([TRUE, TRUE[::-1]])
-    read = measure(sensor(paper_rig, linearity=1e-4), there_and_back, TRAVEL, np.random.default_rng(3))
+    read = measure(
+        sensor(paper_rig, linearity=1e-4), there_and_back, TRAVEL, np.random.default_rng(3)
+    )
     np.testing.assert_array_equal(read[: len(TRUE)], read[len(TRUE) :][::-1])
 
 
@@ -96,14 +103,18 @@ def test_bias(paper_rig: Rig) -> None:
 
 def test_switching_one_error_off_keeps_the_others(paper_rig: Rig) -> None:
     """Runs with and without linearity differ by the linearity alone."""
-    with_it = measure(sensor(paper_rig, noise=5e-6, linearity=1e-4), TRUE, TRAVEL, np.random.default_rng(5))
+    with_it = measure(
+        sensor(paper_rig, noise=5e-6, linearity=1e-4), TRUE, TRAVEL, np.random.default_rng(5)
+    )
     without = measure(sensor(paper_rig, noise=5e-6), TRUE, TRAVEL, np.random.default_rng(5))
     alone = measure(sensor(paper_rig, linearity=1e-4), TRUE, TRAVEL, np.random.default_rng(5))
     np.testing.assert_allclose(with_it - without, alone - TRUE, atol=1e-12)
 
 
 def test_samples_one_by_one_read_as_a_whole_run_does() -> None:
-    """A control loop gets what a log would hold: sample by sample, several sensors at once, beyond what is drawn ahead."""
+    """A control loop gets what a log would hold: sample by sample, several sensors at once, beyond
+    what is drawn ahead.
+    """
     sensors = load_rig("paper-2008").sensors
     travels = [(-2.5e-3, 7.5e-3)] * len(sensors)
     true = 4e-3 * np.sin(np.linspace(0, 9, 700))[:, None] * np.ones(len(sensors))

@@ -1,4 +1,6 @@
-"""`make docs`: every page is there, links lead somewhere, every public name is in the reference, nothing is fetched."""
+"""`make docs`: every page is there, links lead somewhere, every public name is in the reference,
+nothing is fetched.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_the_reference_names_everything() -> None:
-    named = re.findall(r"(?m)^::: distal\.(\w+)$", (ROOT / "docs" / "reference.md").read_text(encoding="utf-8"))
+    named = re.findall(
+        r"(?m)^::: distal\.(\w+)$", (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    )
     assert sorted(named) == sorted(distal.__all__)
 
 
@@ -55,10 +59,16 @@ def test_the_site(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     site = tmp_path / "site"
     pages = {
-        path.relative_to(site).as_posix(): Links(path.read_text(encoding="utf-8")) for path in site.rglob("*.html")
+        path.relative_to(site).as_posix(): Links(path.read_text(encoding="utf-8"))
+        for path in site.rglob("*.html")
     }
-    sources = {path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in (ROOT / "docs").rglob("*.md")}
-    assert {f"{name}.html" for name in sources | {"index", "contributing", "changelog", "ros2"}} <= set(pages)
+    sources = {
+        path.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        for path in (ROOT / "docs").rglob("*.md")
+    }
+    assert {
+        f"{name}.html" for name in sources | {"index", "contributing", "changelog", "ros2"}
+    } <= set(pages)
     for name, page in pages.items():
         for target in page.loaded:
             assert "://" not in target, f"{name} loads {target}"
@@ -79,7 +89,14 @@ def test_what_is_missing_fails(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="the extra 'docs' is not installed")
     for name in ("docs", "src", "tools", "examples"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("mkdocs.yml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "LICENSE"):
+    for name in (
+        "mkdocs.yml",
+        "README.md",
+        "CONTRIBUTING.md",
+        "CHANGELOG.md",
+        "SECURITY.md",
+        "LICENSE",
+    ):
         shutil.copyfile(ROOT / name, tmp_path / name)
     with (tmp_path / "docs" / "how-to" / "live.md").open("a", encoding="utf-8") as file:
         file.write("\n[dead](nowhere.md) [dead](../explanation/model.md#nowhere)\n")

@@ -1,9 +1,22 @@
-"""One symbol, one meaning, on the pages of the adaptive filter, in its twin and its docstrings; and a fault is found."""
+"""One symbol, one meaning, on the pages of the adaptive filter, in its twin and its docstrings; and
+a fault is found.
+"""
 
 from __future__ import annotations
 
 import pytest
-from tools.symbols import PAGES, TABLE, definitions_of, faults, is_marked, listed, plain, read, symbols_of, told_in
+from tools.symbols import (
+    PAGES,
+    TABLE,
+    definitions_of,
+    faults,
+    is_marked,
+    listed,
+    plain,
+    read,
+    symbols_of,
+    told_in,
+)
 
 HEAD = "|symbol|meaning|unit|where|\n|---|---|---|---|\n"
 GOOD_TABLE = HEAD + "|s|place|m|1|\n|κ|sticking|1|2|\n|T_s|time|s|2|\n|σ|std|m|1|\n"
@@ -51,10 +64,25 @@ def test_a_page_without_a_fault_has_none() -> None:
         (GOOD_TABLE, GOOD_PAGE + "\n|a row|s + η|\n", "", "page: η is not in"),
         (GOOD_TABLE + "|κ|share of the gain|1|3|\n", GOOD_PAGE, "", "κ stands 2 times"),
         (GOOD_TABLE + "|s, κ|two at once|1|3|\n", GOOD_PAGE, "", "κ stands 2 times"),
-        (GOOD_TABLE + "|σ_0|one|1|3|\n|σ₀|alike|1|3|\n", GOOD_PAGE + "σ_0\n", "", "σ₀ stands 2 times"),
+        (
+            GOOD_TABLE + "|σ_0|one|1|3|\n|σ₀|alike|1|3|\n",
+            GOOD_PAGE + "σ_0\n",
+            "",
+            "σ₀ stands 2 times",
+        ),
         (GOOD_TABLE + "|χ|unused|1|3|\n", GOOD_PAGE, "", "χ is used nowhere"),
-        (GOOD_TABLE, GOOD_PAGE + "\n    κ = 1 − s    (2)\n", "", "page: κ = 1−s, but s/T_s in page"),
-        (GOOD_TABLE, GOOD_PAGE + "\nFar away, with κ = T_s, it rests.\n", "", "page: κ = T_s, but s/T_s"),
+        (
+            GOOD_TABLE,
+            GOOD_PAGE + "\n    κ = 1 − s    (2)\n",
+            "",
+            "page: κ = 1−s, but s/T_s in page",
+        ),
+        (
+            GOOD_TABLE,
+            GOOD_PAGE + "\nFar away, with κ = T_s, it rests.\n",
+            "",
+            "page: κ = T_s, but s/T_s",
+        ),
         (GOOD_TABLE, GOOD_PAGE, '"""Return γ of it."""\n', "code: γ is not in"),
         (GOOD_TABLE, GOOD_PAGE, "x = 1  # the limit h₀\n", "code: h₀ is not in"),
         (GOOD_TABLE, GOOD_PAGE, 'def f():\n    """κ = 3 s"""\n', "code: κ = 3s, but s/T_s in page"),

@@ -17,7 +17,9 @@ assert np.eye(2).sum() == 2.0  # its BLAS is loaded
 
 
 def threads() -> list[int]:
-    return [one["num_threads"] for one in ThreadpoolController().info() if one["user_api"] == "blas"]
+    return [
+        one["num_threads"] for one in ThreadpoolController().info() if one["user_api"] == "blas"
+    ]
 
 
 @pytest.fixture(autouse=True)

@@ -1,4 +1,6 @@
-"""The tutorial's commands, run in their order as a reader would; what it shows of their output is what they print."""
+"""The tutorial's commands, run in their order as a reader would; what it shows of their output is
+what they print.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ NEAR = 0.3
 
 
 def alike(shown: str, printed: str) -> bool:
-    """Return whether a printed line is the shown one: words are the same, numbers near, and … stands for anything."""
+    """Return whether a printed line is the shown one: words are the same, numbers near, and …
+    stands for anything.
+    """
     shown, printed = (" ".join(text.split()) for text in (shown, printed))
     pattern = "".join(
         NUMBER.pattern if NUMBER.fullmatch(part) else ".*" if part == "…" else re.escape(part)
@@ -29,7 +33,10 @@ def alike(shown: str, printed: str) -> bool:
     if "…" in shown:
         return True
     pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed))
-    return all(abs(float(a) - float(b)) <= NEAR * max(abs(float(a)), abs(float(b))) + 1e-9 for a, b in pairs)
+    return all(
+        abs(float(a) - float(b)) <= NEAR * max(abs(float(a)), abs(float(b))) + 1e-9
+        for a, b in pairs
+    )
 
 
 def test_lines_are_compared_as_they_should() -> None:
@@ -51,7 +58,12 @@ def test_every_command_and_what_it_shows(tmp_path: Path) -> None:
     for kind, text in BLOCKS:
         if kind == "sh":
             done = subprocess.run(
-                ["bash", "-e", "-c", text], cwd=place, env=settings, capture_output=True, text=True, check=False
+                ["bash", "-e", "-c", text],
+                cwd=place,
+                env=settings,
+                capture_output=True,
+                text=True,
+                check=False,
             )
             assert done.returncode == 0, f"{text}: {done.stderr}"
             assert "warning" not in done.stderr, done.stderr
@@ -62,8 +74,17 @@ def test_every_command_and_what_it_shows(tmp_path: Path) -> None:
             assert printed.splitlines()[0] == text.splitlines()[0]
             continue
         for line in filter(None, text.splitlines()):
-            assert any(alike(line, other) for other in printed.splitlines()), f"{line!r} is not in:\n{printed}"
+            assert any(alike(line, other) for other in printed.splitlines()), (
+                f"{line!r} is not in:\n{printed}"
+            )
             compared += 1
     assert compared > 10
-    for name in ("first.png", "after.png", "angle.csv", "fitted.toml", "fit/index.html", "live.jsonl"):
+    for name in (
+        "first.png",
+        "after.png",
+        "angle.csv",
+        "fitted.toml",
+        "fit/index.html",
+        "live.jsonl",
+    ):
         assert (place / name).stat().st_size > 1000, name

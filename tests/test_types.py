@@ -1,4 +1,6 @@
-"""What type checkers see: no `Any` in public signatures, and a user's own code passes with all checks on."""
+"""What type checkers see: no `Any` in public signatures, and a user's own code passes with all
+checks on.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ README = Path(__file__).parents[1] / "README.md"
 
 
 def public_annotations(body: list[ast.stmt], path: str) -> Iterator[tuple[str, ast.expr]]:
-    """Yield path and annotation of all that is public: arguments, results, fields, of classes within too."""
+    """Yield path and annotation of all that is public: arguments, results, fields, of classes
+    within too.
+    """
     for node in body:
         name = getattr(node, "name", "")
         if name.startswith("_") and not name.endswith("__"):
@@ -30,10 +34,20 @@ def public_annotations(body: list[ast.stmt], path: str) -> Iterator[tuple[str, a
             yield from public_annotations(node.body, f"{path}.{name}")
         elif isinstance(node, ast.FunctionDef):
             arguments = node.args
-            every = [*arguments.posonlyargs, *arguments.args, arguments.vararg, *arguments.kwonlyargs, arguments.kwarg]
+            every = [
+                *arguments.posonlyargs,
+                *arguments.args,
+                arguments.vararg,
+                *arguments.kwonlyargs,
+                arguments.kwarg,
+            ]
             annotated = [each.annotation for each in every if each is not None] + [node.returns]
             yield from ((f"{path}.{name}", each) for each in annotated if each is not None)
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id[0] != "_":
+        elif (
+            isinstance(node, ast.AnnAssign)
+            and isinstance(node.target, ast.Name)
+            and node.target.id[0] != "_"
+        ):
             yield f"{path}.{node.target.id}", node.annotation
 
 
@@ -44,7 +58,9 @@ def test_no_public_signature_has_any() -> None:
         tree = ast.parse(file.read_text(encoding="utf-8"))
         for path, annotation in public_annotations(tree.body, str(file.relative_to(PACKAGE))):
             seen += 1
-            if any(isinstance(node, ast.Name) and node.id == "Any" for node in ast.walk(annotation)):
+            if any(
+                isinstance(node, ast.Name) and node.id == "Any" for node in ast.walk(annotation)
+            ):
                 found.append(f"{path}: {ast.unparse(annotation)}")
     assert seen > 1000
     assert not found
@@ -52,11 +68,15 @@ def test_no_public_signature_has_any() -> None:
 
 def test_a_plot_has_the_options_that_its_type_names() -> None:
     accepted = inspect.signature(distal.plot_estimates).parameters
-    assert list(PlotOptions.__annotations__) == [name for name in accepted if name not in ("estimates", "path")]
+    assert list(PlotOptions.__annotations__) == [
+        name for name in accepted if name not in ("estimates", "path")
+    ]
 
 
 def checked(code: str, folder: Path) -> str:
-    """Return what a user's mypy says of code that uses the package, in a folder with no settings."""
+    """Return what a user's mypy says of code that uses the package, in a folder with no
+    settings.
+    """
     pytest.importorskip("mypy", reason="the extra 'dev' is not installed")
     (folder / "user.py").write_text(code, encoding="utf-8")
     paths = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
@@ -90,4 +110,8 @@ def test_a_users_type_check_sees_mistakes(tmp_path: Path) -> None:
         'distal.estimate("log.csv", rig).angles.nonsense\n',
         tmp_path,
     )
-    assert {line.split(":")[1] for line in said.splitlines() if ": error:" in line} == {"4", "5", "6"}, said
+    assert {line.split(":")[1] for line in said.splitlines() if ": error:" in line} == {
+        "4",
+        "5",
+        "6",
+    }, said

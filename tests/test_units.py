@@ -72,7 +72,9 @@ def test_what_is_not_a_quantity_is_refused(text: object, si: str, said: str) -> 
 
 @given(st.floats(allow_nan=False, allow_infinity=False, width=32))
 def test_a_unit_scales_and_does_nothing_else(number: float) -> None:
-    assert to_si(f"{number!r} mm", "m") == pytest.approx(number * unit_factor("mm", "m"), rel=1e-15, abs=0)
+    assert to_si(f"{number!r} mm", "m") == pytest.approx(
+        number * unit_factor("mm", "m"), rel=1e-15, abs=0
+    )
     assert to_si(number, "m") == number
 
 

@@ -1,4 +1,6 @@
-"""Names of variables and arguments are nouns of the field; words that stand for any thing are counted."""
+"""Names of variables and arguments are nouns of the field; words that stand for any thing are
+counted.
+"""
 
 from pathlib import Path
 

@@ -1,7 +1,8 @@
 """How many branches each function has: ``python -m tools.branches [FOLDER] [--above N]``.
 
-Counted are if, for, while, try, conditional expressions, comprehensions and each of their conditions, and each further
-operand of ``and`` and ``or``. Functions within a function count for themselves.
+Counted are if, for, while, try, conditional expressions, comprehensions and each of their
+conditions, and each further operand of ``and`` and ``or``. Functions within a function count for
+themselves.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 def functions(tree: ast.AST) -> Iterator[Function]:
     """Yield all functions of a module."""
-    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+    return (
+        node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    )
 
 
 def branches(function: ast.AST) -> int:

@@ -1,6 +1,8 @@
-"""Lines that the fast tests run, by package: `python -m tools.coverage out/coverage.json`, which `make coverage` prints.
+"""Lines that the fast tests run, by package: `python -m tools.coverage out/coverage.json`, which
+`make coverage` prints.
 
-A place to look for what no test sees; a line that runs is not yet one whose mistake is seen (`benchmarks.mutants`).
+A place to look for what no test sees; a line that runs is not yet one whose mistake is seen
+(`benchmarks.mutants`).
 """
 
 from __future__ import annotations
@@ -11,8 +13,12 @@ from collections import defaultdict
 from pathlib import Path
 
 
-def by_package(report: dict[str, dict[str, dict[str, dict[str, int]]]]) -> list[tuple[str, int, int]]:
-    """Return package, lines that were run and all lines, the package with the smallest share first."""
+def by_package(
+    report: dict[str, dict[str, dict[str, dict[str, int]]]],
+) -> list[tuple[str, int, int]]:
+    """Return package, lines that were run and all lines, the package with the smallest share
+    first.
+    """
     lines: dict[str, list[int]] = defaultdict(lambda: [0, 0])
     for path, module in report["files"].items():
         parts = Path(path).parts
@@ -25,8 +31,13 @@ def by_package(report: dict[str, dict[str, dict[str, dict[str, int]]]]) -> list[
 
 def main() -> None:
     """Print the table."""
-    for package, covered, count in by_package(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))):
-        print(f"{package:20} {100 * covered / count:5.1f} %  {count - covered:5} of {count} statements not run")
+    for package, covered, count in by_package(
+        json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    ):
+        print(
+            f"{package:20} {100 * covered / count:5.1f} %  {count - covered:5} of {count} "
+            "statements not run"
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""Where is what: `python -m tools.files [WORD]` prints the modules of the package with the first sentence of each.
+"""Where is what: `python -m tools.files [WORD]` prints the modules of the package with the first
+sentence of each.
 
-With a word, only the modules whose name, sentence, functions, classes or constants have it, and below each of them which.
+With a word, only the modules whose name, sentence, functions, classes or constants have it, and
+below each of them which.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ SOURCE = Path(__file__).parents[1] / "src" / "distal"
 
 
 def sentences(word: str = "") -> Iterator[str]:
-    """Yield a line for each module, its path and its first sentence, and with a `word` what in it has the word."""
+    """Yield a line for each module, its path and its first sentence, and with a `word` what in it
+    has the word.
+    """
     for path in sorted(SOURCE.rglob("*.py")):
         if path.name != "__init__.py":
             tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -35,13 +39,15 @@ def _named(tree: ast.Module) -> Iterator[str]:
         elif isinstance(node, (ast.Assign, ast.AnnAssign)) and isinstance(after, ast.Expr):
             said = after.value.value if isinstance(after.value, ast.Constant) else ""
             names = [
-                each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+                each.id
+                for each in ast.walk(node)
+                if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
             ]
             yield f"{', '.join(names)}: {_first(str(said))}"
 
 
 def _first(text: str | None) -> str:
-    return (text or "").split("\n")[0]
+    return " ".join((text or "").split("\n\n")[0].split())
 
 
 def _has(text: str, word: str) -> bool:

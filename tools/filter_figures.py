@@ -1,6 +1,8 @@
-"""Figures of docs/explanation/adaptive.md: `python -m tools.filter_figures` writes filter-*.svg to docs/figures.
+"""Figures of docs/explanation/adaptive.md: `python -m tools.filter_figures` writes filter-*.svg to
+docs/figures.
 
-Each curve is what distal's simulation, its filter or a function of the filter gives. `--png FOLDER` writes PNG, to look at.
+Each curve is what distal's simulation, its filter or a function of the filter gives. `--png FOLDER`
+writes PNG, to look at.
 """
 
 from __future__ import annotations
@@ -24,7 +26,16 @@ from distal.estimators.adaptive.filter import adaptive_layout
 from distal.estimators.adaptive.measurement import ROW, Rows
 from distal.estimators.adaptive.stick_slip import SLOW_DECLARED, motion_of
 from distal.model import Kick, Mechanism, kick_and_drift, responses
-from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, figure, legend_above, save_figure
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    DASHES,
+    SOFT,
+    figure,
+    legend_above,
+    save_figure,
+)
 from distal.simulation import build_scenario
 
 FOLDER = Path("docs/figures")
@@ -68,17 +79,34 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
         before = belief.carry
         belief, innovation = runner.step(belief, time, sample)
         x = np.concatenate([[time - last], np.nan_to_num(sample), np.isfinite(sample)])
-        mean, memory = (np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives"))
+        mean, memory = (
+            np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives")
+        )
         vector = Tracks(track(mean, memory, x, runner.numbers), n_drives)
-        drives = [Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)]
+        drives = [
+            Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)
+        ]
         assert belief.output is not None
         predicted = belief.output[2 * m : 2 * m + n]
-        rates = [(d.place - old) / max(time - last, 1e-9) for d, old in zip(drives, memory[:: len(memory) // n_drives])]
+        rates = [
+            (d.place - old) / max(time - last, 1e-9)
+            for d, old in zip(drives, memory[:: len(memory) // n_drives])
+        ]
         found = rows.function(predicted, vector.vector, rates, x, runner.numbers)
         each = [np.array(found[4 * k]).ravel() for k in range(len(rows.rows))]
         values = [{part: float(row[i]) for i, part in enumerate(ROW.names)} for row in each]
         variances = np.diag(belief.covariance)
-        taken.append(Step(belief.mean, variances, predicted, drives, values, innovation.values, innovation.variances))
+        taken.append(
+            Step(
+                belief.mean,
+                variances,
+                predicted,
+                drives,
+                values,
+                innovation.values,
+                innovation.variances,
+            )
+        )
         last = time
     return taken
 
@@ -96,7 +124,9 @@ def to_and_fro() -> tuple[Scenario, Rig, Log]:
 
 
 def spoiled(log: Log, **readings: tuple[int, float]) -> Log:
-    """Return a log with something added to a reading of each of these sensors from an index on, for one sample."""
+    """Return a log with something added to a reading of each of these sensors from an index on, for
+    one sample.
+    """
     channels = {name: values.copy() for name, values in log.channels.items()}
     for name, (at, added) in readings.items():
         channels[name][at] += added
@@ -107,7 +137,9 @@ def band(axes: Axes, time: Floats, middle: Floats, half: Floats, colour: str, la
     """Shade a 95 % band, of a long log at every fifth sample."""
     if len(time) > 1000:
         time, middle, half = time[::5], middle[::5], half[::5]
-    axes.fill_between(time, middle - half, middle + half, color=colour, alpha=BAND_ALPHA, lw=0, label=label)
+    axes.fill_between(
+        time, middle - half, middle + half, color=colour, alpha=BAND_ALPHA, lw=0, label=label
+    )
 
 
 def idea() -> Figure:
@@ -120,7 +152,9 @@ def idea() -> Figure:
             look = {"color": COLOURS[i], "ls": DASHES[i], "lw": 1.3}
             axes[0].plot(t, 1e3 * log.channels[f"x{i + 1}"], label=f"{side} drive", **look)
         force, expected = log.channels["u1"], log.channels["u1"] - result.innovations[:, 0]
-        axes[1].plot(t[::4], force[::4], ".", color=SOFT, ms=2.5, label="measured, left drive (every fourth)")
+        axes[1].plot(
+            t[::4], force[::4], ".", color=SOFT, ms=2.5, label="measured, left drive (every fourth)"
+        )
         axes[1].plot(t, expected, color=BLUE, lw=1.1, label="expected from the predicted state")
         angle, half = np.rad2deg(result.angles[:, 0]), np.rad2deg(BAND * result.angle_stds[:, 0])
         axes[2].plot(t, true, color=BLACK, lw=1.6, label="true")
@@ -129,7 +163,12 @@ def idea() -> Figure:
         band(axes[3], t, 0 * t, half, RED, "95 % band")
         axes[3].set_ylim(-1.5, 1.5)
         axes[3].set_xlim(0, 20)
-        labels = ("input:\ndisplacement [mm]", "measurement:\nforce [N]", "result:\nangle [°]", "its error [°]")
+        labels = (
+            "input:\ndisplacement [mm]",
+            "measurement:\nforce [N]",
+            "result:\nangle [°]",
+            "its error [°]",
+        )
         for one, label in zip(axes, labels):
             one.set_ylabel(label)
             legend_above(one)
@@ -139,7 +178,9 @@ def idea() -> Figure:
 
 
 def jump() -> Figure:
-    """An outlier, a jump that is real, and a reading that is missing: reading, tracked place, its std."""
+    """An outlier, a jump that is real, and a reading that is missing: reading, tracked place, its
+    std.
+    """
     scenario = load_scenario("template")
     rig = scenario_rig(scenario)
     steady, moved = [["0 s", "2 mm"], ["1.3 s", "2 mm"]], [["1.302 s", "4 mm"], ["3 s", "4 mm"]]
@@ -155,12 +196,25 @@ def jump() -> Figure:
     place = 1e3 * np.array([step.tracks[0].place for step in taken])
     std = 1e3 * np.sqrt([step.tracks[0].variance for step in taken])
     with figure(2, 1, (6.5, 4.0), sharex=True, height_ratios=(2, 1)) as (made, axes):
-        axes[0].plot(t, 1e3 * log.channels["x1"], "o", ms=4, mfc="none", color=SOFT, label="reading")
+        axes[0].plot(
+            t, 1e3 * log.channels["x1"], "o", ms=4, mfc="none", color=SOFT, label="reading"
+        )
         axes[0].plot(t, 1e3 * log.truth["position_left"], color=BLACK, lw=1.0, label="true")
         axes[0].plot(t, place, color=BLUE, ls=DASHES[1], lw=1.5, label="tracked place")
         band(axes[0], t, place, BAND * std, BLUE, "95 % band")
-        for at, height, text in ((1.1, 3.64, "outlier"), (1.31, 2.5, "real jump"), (1.49, 2.65, "readings missing")):
-            axes[0].annotate(text, (at, height), xytext=(7, 0), textcoords="offset points", fontsize=8, va="center")
+        for at, height, text in (
+            (1.1, 3.64, "outlier"),
+            (1.31, 2.5, "real jump"),
+            (1.49, 2.65, "readings missing"),
+        ):
+            axes[0].annotate(
+                text,
+                (at, height),
+                xytext=(7, 0),
+                textcoords="offset points",
+                fontsize=8,
+                va="center",
+            )
         axes[1].semilogy(t, std, color=BLUE)
         axes[0].set_ylabel("place of the\nleft drive [mm]")
         axes[1].set_ylabel("its std [mm]")
@@ -171,17 +225,25 @@ def jump() -> Figure:
 
 
 def prediction() -> Figure:
-    """Between two samples: the joint by the model, with short and long sub-steps, each interval from the truth."""
+    """Between two samples: the joint by the model, with short and long sub-steps, each interval
+    from the truth.
+    """
     scenario = load_scenario("template")
     fine, n, per = scenario_rig(scenario, ["sensors.*.rate=1000", "sensors.*.noise=0.0"]), 1, 100
     servo = [["0 s", "2 mm"], ["1 s", "2 mm"], ["1.05 s", "6 mm"], ["3 s", "6 mm"]]
     other = [["0 s", "2 mm"], ["1 s", "2 mm"], ["1.05 s", "-2 mm"], ["3 s", "-2 mm"]]
     servos = {"left": {"servo": {"position": servo}}, "right": {"servo": {"position": other}}}
-    plain = {name: value for name, value in scenario.model_dump(exclude_defaults=True).items() if name != "plant"}
+    plain = {
+        name: value
+        for name, value in scenario.model_dump(exclude_defaults=True).items()
+        if name != "plant"
+    }
     log = simulate(fine, build_scenario({**plain, "drives": servos, "duration": "2 s"}))
     mechanism, h = Mechanism(fine), ca.SX.sym("h")
     q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies)
-    kick = Kick(q, v, ca.SX.zeros(mechanism.n_bodies, 1), responses(mechanism, h, h, rebounds=False), h, h)
+    kick = Kick(
+        q, v, ca.SX.zeros(mechanism.n_bodies, 1), responses(mechanism, h, h, rebounds=False), h, h
+    )
     moved = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(n))
     p = mechanism.parameters
     function = ca.Function("step", [q, v, h, p.symbols], list(moved))
@@ -204,13 +266,29 @@ def prediction() -> Figure:
 
     with figure(2, 1, (6.5, 4.4), sharex=True, height_ratios=(1, 2)) as (made, axes):
         axes[0].plot(t, 1e3 * places[:, 0], color=BLACK, lw=1.4, label="true")
-        axes[0].plot(t[::per], 1e3 * places[::per, 0], "o-", color=BLUE, ms=4, lw=1.0, label="samples, straight lines")
+        axes[0].plot(
+            t[::per],
+            1e3 * places[::per, 0],
+            "o-",
+            color=BLUE,
+            ms=4,
+            lw=1.0,
+            label="samples, straight lines",
+        )
         axes[1].plot(t, np.rad2deg(angle), color=BLACK, lw=1.6, label="true")
         for k, (count, text) in enumerate(((40, "sub-steps of 2.5 ms"), (2, "sub-steps of 50 ms"))):
             for start in range(900, 1600, per):
                 times, angles = led(start, count)
-                look = {"color": (BLUE, RED)[k], "ls": DASHES[k + 1], "lw": 1.4, "marker": ("", "s")[k], "ms": 3.5}
-                axes[1].plot(times, np.rad2deg(angles), label=text if start == 900 else None, **look)
+                look = {
+                    "color": (BLUE, RED)[k],
+                    "ls": DASHES[k + 1],
+                    "lw": 1.4,
+                    "marker": ("", "s")[k],
+                    "ms": 3.5,
+                }
+                axes[1].plot(
+                    times, np.rad2deg(angles), label=text if start == 900 else None, **look
+                )
         axes[1].plot(t[::per], np.rad2deg(angle[::per]), "o", color=BLACK, ms=4.5, label="samples")
         axes[0].set_ylabel("place of the\nleft drive [mm]")
         axes[1].set_ylabel("angle [°]")
@@ -223,10 +301,14 @@ def prediction() -> Figure:
 
 def play() -> Figure:
     """The effort of a grasper's motor and what its transmission passes on."""
-    wave = [[f"{k} s", f"{angle} deg"] for k, angle in enumerate((85.7, 85.7, 60, 78, 40, 65, 50, 85.7))]
+    wave = [
+        [f"{k} s", f"{angle} deg"] for k, angle in enumerate((85.7, 85.7, 60, 78, 40, 65, 50, 85.7))
+    ]
     hand = {"hand": {"angle": "78 deg", "stiffness": "0.5 N m/rad"}}
     raw = {"rig": "da-vinci-grasper", "name": "a jaw that is held", "duration": "7 s"}
-    scenario = build_scenario({**raw, "drives": {"motor": {"servo": {"angle": wave}}}, "joints": {"jaw": hand}})
+    scenario = build_scenario(
+        {**raw, "drives": {"motor": {"servo": {"angle": wave}}}, "joints": {"jaw": hand}}
+    )
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario)
     result, t = estimate(log, rig), log.time
@@ -235,7 +317,9 @@ def play() -> Figure:
     passed = result.means[:, at]
     with figure(1, 2, (6.5, 3.1), width_ratios=(1.6, 1)) as (made, axes):
         axes[0].plot(t, 1e3 * effort, color=SOFT, lw=1.0, label="effort, measured")
-        axes[0].plot(t, 1e3 * passed, color=BLUE, ls=DASHES[1], lw=1.5, label="passed on, estimated")
+        axes[0].plot(
+            t, 1e3 * passed, color=BLUE, ls=DASHES[1], lw=1.5, label="passed on, estimated"
+        )
         axes[0].set_xlabel("time [s]")
         axes[0].set_ylabel("torque [mN m]")
         axes[1].plot(1e3 * effort, 1e3 * passed, color=BLUE, lw=0.9)
@@ -249,13 +333,19 @@ def play() -> Figure:
 
 
 def friction() -> Figure:
-    """How a drive moves, and its force before friction is taken into account, against its direction."""
+    """How a drive moves, and its force before friction is taken into account, against its
+    direction.
+    """
     _, rig, log = to_and_fro()
     sensor = rig.sensors_of("position")[0]
     taken, t = steps(log, rig), log.time
     motions = [motion_of(step.tracks[0], sensor.noise**2, 0.01, SLOW_DECLARED) for step in taken]
-    d, kappa = (np.array([float(getattr(m, name)) for m in motions]) for name in ("direction", "stuck"))
-    residual, limit = (np.array([step.values[0][name] for step in taken]) for name in ("residual", "limit"))
+    d, kappa = (
+        np.array([float(getattr(m, name)) for m in motions]) for name in ("direction", "stuck")
+    )
+    residual, limit = (
+        np.array([step.values[0][name] for step in taken]) for name in ("residual", "limit")
+    )
     with figure(1, 2, (6.5, 3.4), width_ratios=(1.35, 1)) as (made, axes):
         axes[0].plot(t, d, color=BLUE, lw=1.2, label="direction d")
         axes[0].plot(t, kappa, color=RED, ls=DASHES[1], lw=1.1, label="sticking κ")
@@ -263,13 +353,19 @@ def friction() -> Figure:
         axes[0].set_ylabel("d, κ [1]")
         axes[0].set_xlim(0, 7)
         sticks, later = kappa > 0.5, (t > 1.0) & (np.arange(len(t)) % 2 == 0)
-        axes[1].plot(d[later & ~sticks], residual[later & ~sticks], ".", color=BLUE, ms=3, label="slips")
-        axes[1].plot(d[later & sticks], residual[later & sticks], "x", color=RED, ms=4, label="sticks")
+        axes[1].plot(
+            d[later & ~sticks], residual[later & ~sticks], ".", color=BLUE, ms=3, label="slips"
+        )
+        axes[1].plot(
+            d[later & sticks], residual[later & sticks], "x", color=RED, ms=4, label="sticks"
+        )
         size = float(np.median(limit[later]))
         ends = np.array([-1.0, 1.0])
         axes[1].plot(ends, size * ends, color=BLACK, lw=1.3, ls=DASHES[3], label="d · l")
         for side in (-size, size):
-            axes[1].axhline(side, color=SOFT, ls=DASHES[2], lw=1.1, label="±l" if side > 0 else None)
+            axes[1].axhline(
+                side, color=SOFT, ls=DASHES[2], lw=1.1, label="±l" if side > 0 else None
+            )
         axes[1].set_xlabel("direction d [1]")
         axes[1].set_ylabel("force less expected pull [N]")
         for one in axes:
@@ -278,16 +374,26 @@ def friction() -> Figure:
 
 
 def learning() -> Figure:
-    """A parameter with the whole gain and with a share of it; the plant has twice the constant friction of the rig."""
+    """A parameter with the whole gain and with a share of it; the plant has twice the constant
+    friction of the rig.
+    """
     scenario = load_scenario("template")
-    rig, constants = scenario_rig(scenario), {f"drives.{side}.friction.constant": "0.2 N" for side in ("left", "right")}
+    rig, constants = (
+        scenario_rig(scenario),
+        {f"drives.{side}.friction.constant": "0.2 N" for side in ("left", "right")},
+    )
     log = simulate(rig, scenario.model_copy(update={"plant": {**scenario.plant, **constants}}))
     at, t = AdaptiveFilter(rig).state_names.index("friction load of drive left"), log.time
     whole = replace(Robustness(), learning_time=0.0)
     with figure(1, 1, (6.5, 3.2)) as (made, (axes,)):
-        for k, (guards, text) in enumerate(((whole, "whole gain"), (Robustness(), "share of the gain"))):
+        for k, (guards, text) in enumerate(
+            ((whole, "whole gain"), (Robustness(), "share of the gain"))
+        ):
             taken = steps(log, rig, guards)
-            value, std = (np.array([getattr(step, name)[at] for step in taken]) for name in ("mean", "variances"))
+            value, std = (
+                np.array([getattr(step, name)[at] for step in taken])
+                for name in ("mean", "variances")
+            )
             axes.plot(t, value, color=(RED, BLUE)[k], ls=DASHES[1 - k], lw=1.4, label=text)
             band(axes, t, value, BAND * np.sqrt(std), (RED, BLUE)[k], "95 % band")
         axes.axhline(0.03, color=BLACK, ls=DASHES[2], lw=1.4, label="true")
@@ -299,7 +405,9 @@ def learning() -> Figure:
 
 
 def outlier() -> Figure:
-    """A wild force: its innovation against ±3 √S, and the angle with and without the capped gain."""
+    """A wild force: its innovation against ±3 √S, and the angle with and without the capped
+    gain.
+    """
     _, rig, log = to_and_fro()
     log, t = spoiled(log, u1=(650, 20.0)), log.time
     guarded, trusting = steps(log, rig), steps(log, rig, replace(Robustness(), wild_force=np.inf))
@@ -308,8 +416,12 @@ def outlier() -> Figure:
     with figure(2, 1, (6.5, 4.2), sharex=True) as (made, axes):
         innovation = np.array([step.innovations[0] for step in guarded])
         reach = 3 * np.sqrt([step.spreads[0] for step in guarded])
-        axes[0].plot(t[span], innovation[span], ".-", color=BLUE, lw=0.8, ms=3, label="innovation ν")
-        axes[0].fill_between(t[span], -reach[span], reach[span], color=SOFT, alpha=BAND_ALPHA, lw=0, label="±3 √S")
+        axes[0].plot(
+            t[span], innovation[span], ".-", color=BLUE, lw=0.8, ms=3, label="innovation ν"
+        )
+        axes[0].fill_between(
+            t[span], -reach[span], reach[span], color=SOFT, alpha=BAND_ALPHA, lw=0, label="±3 √S"
+        )
         for taken, colour, dash, text in (
             (trusting, RED, DASHES[1], "gain by S"),
             (guarded, BLUE, DASHES[0], "gain by S'"),
@@ -337,7 +449,10 @@ def smoother() -> Figure:
         for one, result, colour, text in zip(
             axes, (estimate(log, rig), smooth(log, rig)), (RED, BLUE), ("filtered", "smoothed")
         ):
-            error, half = np.rad2deg(result.angles[:, 0]) - truth, BAND * np.rad2deg(result.angle_stds[:, 0])
+            error, half = (
+                np.rad2deg(result.angles[:, 0]) - truth,
+                BAND * np.rad2deg(result.angle_stds[:, 0]),
+            )
             one.plot(t[shown], error[shown], color=colour, lw=1.2, label=text)
             band(one, t[shown], 0 * t[shown], half[shown], colour, "95 % band")
             one.axvspan(6, 6.2, color=SOFT, alpha=0.12, lw=0, label="no readings")
@@ -367,7 +482,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--png", type=Path, help="a folder for PNG instead of docs/figures")
     given = parser.parse_args(arguments)
     for name in given.names or FIGURES:
-        target = FOLDER / f"filter-{name}.svg" if given.png is None else given.png / f"filter-{name}.png"
+        target = (
+            FOLDER / f"filter-{name}.svg" if given.png is None else given.png / f"filter-{name}.png"
+        )
         save_figure(FIGURES[name](), target)
 
 

@@ -1,7 +1,9 @@
-"""Write what logs of a kind of instrument teach into a shipped rig: `python -m tools.kind RIG.toml HOMING LOG...`.
+"""Write what logs of a kind of instrument teach into a shipped rig: `python -m tools.kind RIG.toml
+HOMING LOG...`.
 
-The shipped da-vinci-grasper comes from `python -m tools.kind src/distal/rig/library/da-vinci-grasper.toml 3 LOGS`, with all
-logs of data/da_vinci_grasper and data/da_vinci_poses of the public repository that docs/how-to/da-vinci.md names.
+The shipped da-vinci-grasper comes from `python -m tools.kind
+src/distal/rig/library/da-vinci-grasper.toml 3 LOGS`, with all logs of data/da_vinci_grasper and
+data/da_vinci_poses of the public repository that docs/how-to/da-vinci.md names.
 """
 
 from __future__ import annotations

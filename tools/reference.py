@@ -1,4 +1,5 @@
-"""Write docs/reference/rig-keys.md, scenario-keys.md and study-keys.md from the descriptions themselves.
+"""Write docs/reference/rig-keys.md, scenario-keys.md and study-keys.md from the descriptions
+themselves.
 
 `python -m tools.reference` writes the pages; a test checks that they are up to date.
 """
@@ -51,8 +52,16 @@ def _unit(field: FieldInfo) -> str:
     for part in _annotations(field):
         if isinstance(part, (In, SignalIn)):
             unit = part.si or "–"
-            bound = {"positive": ", > 0", "nonnegative": ", ≥ 0"}.get(getattr(part, "bound", ""), "")
-            kind = ", std" if _holds(field, Parameter) else ", over time" if _holds(field, Signal) else ""
+            bound = {"positive": ", > 0", "nonnegative": ", ≥ 0"}.get(
+                getattr(part, "bound", ""), ""
+            )
+            kind = (
+                ", std"
+                if _holds(field, Parameter)
+                else ", over time"
+                if _holds(field, Signal)
+                else ""
+            )
             return f"{unit}{bound}{kind}"
     if _inner(field):
         return "table"
@@ -67,7 +76,9 @@ def _default(field: FieldInfo) -> str:
         return f"{value.value:g}"
     if isinstance(value, Description) or value in ((), {}):
         return "none" if value in ((), {}) else "its defaults"
-    return "none" if value in (None, "") else f"{value:g}" if isinstance(value, float) else str(value)
+    return (
+        "none" if value in (None, "") else f"{value:g}" if isinstance(value, float) else str(value)
+    )
 
 
 def _rows(model: type[Description]) -> list[str]:
@@ -75,7 +86,10 @@ def _rows(model: type[Description]) -> list[str]:
     for name, field in model.model_fields.items():
         if name == "si":
             continue
-        what = field.description or {"name": "its name: letters, digits, _ and -", "kind": "see above"}.get(name, "")
+        what = field.description or {
+            "name": "its name: letters, digits, _ and -",
+            "kind": "see above",
+        }.get(name, "")
         rows.append(f"| `{name}` | {_unit(field)} | {_default(field)} | {what} |")
     return rows
 
@@ -88,7 +102,7 @@ def tables(root: type[Description]) -> str:
         if model in seen:
             continue
         seen.add(model)
-        first = (model.__doc__ or "").strip().splitlines()[0]
+        first = " ".join((model.__doc__ or "").strip().split("\n\n")[0].split())
         lines += [f"## {title}", "", first, "", *_rows(model), ""]
         for name, field in model.model_fields.items():
             queue += [(inner, f"`{name}`: {inner.__name__}") for inner in _inner(field)]
@@ -101,7 +115,8 @@ NUMBER = {
     "factor": "in place of std: the value may be so many times as large or small",
     "drift": "its random walk per √s; default: 2 % of the std, of a bias none",
     "hold": "true: the std is a prior for fitting only",
-    "shared": "name and std of an error that all of this name have in common, as a share of the value",
+    "shared": "name and std of an error that all of this name have in common, as a share of the "
+    "value",
 }
 """What a number that has a std may be written with."""
 
@@ -112,14 +127,34 @@ def numbers() -> str:
         raise ValueError(f"NUMBER has to describe {', '.join(KEYS)}")
     rows = [f"| `{key}` | {NUMBER[key]} |" for key in KEYS]
     return "\n".join(
-        ["## A number with std", "", "Where a unit is followed by std.", "", "| key | what |", "|---|---|", *rows]
+        [
+            "## A number with std",
+            "",
+            "Where a unit is followed by std.",
+            "",
+            "| key | what |",
+            "|---|---|",
+            *rows,
+        ]
     )
 
 
 PAGES = {
-    "rig-keys.md": (Rig, "Keys of a rig file", "Every table and key of a [rig file](rig-files.md)."),
-    "scenario-keys.md": (Scenario, "Keys of a scenario", "Every table and key of a [scenario](../how-to/simulate.md)."),
-    "study-keys.md": (Study, "Keys of a study", "Every table and key of a [study](../how-to/design-study.md)."),
+    "rig-keys.md": (
+        Rig,
+        "Keys of a rig file",
+        "Every table and key of a [rig file](rig-files.md).",
+    ),
+    "scenario-keys.md": (
+        Scenario,
+        "Keys of a scenario",
+        "Every table and key of a [scenario](../how-to/simulate.md).",
+    ),
+    "study-keys.md": (
+        Study,
+        "Keys of a study",
+        "Every table and key of a [study](../how-to/design-study.md).",
+    ),
 }
 """Page → what is described, title, first sentence."""
 

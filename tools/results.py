@@ -1,7 +1,8 @@
 """Put measured tables into the documentation, each from the file that its command wrote.
 
-`python -m tools.results` after `make demo` and `make bench`: copies out/reproduce/results.json and out/bench/*.md between
-the markers in docs/, and the figures to docs/figures. Wide tables are shortened here: a page has one row for each case.
+`python -m tools.results` after `make demo` and `make bench`: copies out/reproduce/results.json and
+out/bench/*.md between the markers in docs/, and the figures to docs/figures. Wide tables are
+shortened here: a page has one row for each case.
 """
 
 from __future__ import annotations
@@ -42,14 +43,18 @@ def claims() -> str:
 
 def bench(name: str) -> str:
     """Return a table of `make bench`."""
-    text = (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
+    text = (
+        (ROOT / "out/bench" / f"{name}.md").read_text(encoding="utf-8").split("\n\n", 1)[1].strip()
+    )
     return re.sub(r" *\| *", "|", text)
 
 
 def cells(name: str) -> tuple[list[str], list[dict[str, str]]]:
     """Return the columns of a measured table and its rows by column."""
     lines = bench(name).splitlines()
-    head, *rows = ([cell.strip() for cell in line.strip()[1:-1].split("|")] for line in (lines[0], *lines[2:]))
+    head, *rows = (
+        [cell.strip() for cell in line.strip()[1:-1].split("|")] for line in (lines[0], *lines[2:])
+    )
     return head, [dict(zip(head, row, strict=True)) for row in rows]
 
 
@@ -58,7 +63,9 @@ def written(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"|{'|'.join(row)}|" for row in (head, ["---"] * len(head), *rows))
 
 
-def part(name: str, *columns: str, only: Callable[[dict[str, str]], bool] = lambda row: True) -> str:
+def part(
+    name: str, *columns: str, only: Callable[[dict[str, str]], bool] = lambda row: True
+) -> str:
     """Return some columns, and some rows, of a measured table.
 
     Args:
@@ -123,8 +130,12 @@ TABLES: dict[str, Callable[[], str]] = {
     "accuracy-goals": lambda: part(
         "accuracy-goals", "case", "RMS [°]", "worst seed [°]", "inside 95 % band", "half-width [°]"
     ),
-    "accuracy-rivals": lambda: accuracy("accuracy-rivals", keys=("plants",), names=(*RIVALS, "ekf-2008", "iterated")),
-    "accuracy-mujoco": lambda: accuracy("accuracy-mujoco", keys=("log",), names=(*RIVALS, "ekf-2008", "iterated")),
+    "accuracy-rivals": lambda: accuracy(
+        "accuracy-rivals", keys=("plants",), names=(*RIVALS, "ekf-2008", "iterated")
+    ),
+    "accuracy-mujoco": lambda: accuracy(
+        "accuracy-mujoco", keys=("log",), names=(*RIVALS, "ekf-2008", "iterated")
+    ),
     "smoothing": lambda: part(
         "smoothing",
         "logs",
@@ -143,7 +154,9 @@ TABLES: dict[str, Callable[[], str]] = {
         "fit-parameters", "", "within 2 errors", "RMS error / std. error", "RMS", "std. error"
     ),
     "fit-da-vinci": lambda: part("fit-da-vinci", only=lambda row: not row["run"].startswith("run")),
-    "microcontroller": lambda: part("microcontroller", only=lambda row: row["estimator"] == "adaptive"),
+    "microcontroller": lambda: part(
+        "microcontroller", only=lambda row: row["estimator"] == "adaptive"
+    ),
     "lab": lambda: part("lab", only=lambda row: row["width [pixels]"] == "1400"),
     "silent": lambda: part("silent"),
     "exports": lambda: part("exports"),
@@ -164,7 +177,9 @@ TABLES: dict[str, Callable[[], str]] = {
         names=("adaptive", "affine", "adaptive, nothing learned"),
         only=lambda row: "homed over half" not in row["case"],
     ),
-    "strangers-homing": lambda: strangers("strangers-homing", names=("adaptive", "affine", "inextensible")),
+    "strangers-homing": lambda: strangers(
+        "strangers-homing", names=("adaptive", "affine", "inextensible")
+    ),
     "strangers-hands": lambda: strangers("strangers-hands", names=("adaptive", "affine")),
     "strangers-foreign": lambda: strangers(
         "strangers-foreign", names=("adaptive", "affine", "adaptive, rig as it came")
@@ -201,9 +216,16 @@ def main() -> None:
                 try:
                     made = table()
                 except FileNotFoundError as missing:
-                    print(f"{page.name}: table {name} left as it is, {missing.filename} is not there")
+                    print(
+                        f"{page.name}: table {name} left as it is, {missing.filename} is not there"
+                    )
                     continue
-                text = re.sub(marker, lambda m, made=made: m[1] + made + "\n" + m[2].lstrip(), text, flags=re.S)  # type: ignore[misc]
+                text = re.sub(
+                    marker,
+                    lambda m, made=made: m[1] + made + "\n" + m[2].lstrip(),
+                    text,
+                    flags=re.S,
+                )  # type: ignore[misc]
         page.write_text(text, encoding="utf-8")
     for source, name in FIGURES.items():
         if (ROOT / source).exists():

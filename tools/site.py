@@ -1,4 +1,5 @@
-"""What mkdocs needs beside docs/: the README as the first page, and links to files of the repository that lead somewhere.
+"""What mkdocs needs beside docs/: the README as the first page, and links to files of the
+repository that lead somewhere.
 
 `make docs` calls the two functions at the end.
 """
@@ -82,7 +83,9 @@ def rewritten(text: str, folder: Path, page: str) -> str:
 def on_files(files: Files, config: Any) -> Files:
     """Add the README and its like, and the files of the repository that pages link to."""
     sources = [
-        (file.content_string, (ROOT / "docs" / file.src_uri).parent) for file in files if file.src_uri.endswith(".md")
+        (file.content_string, (ROOT / "docs" / file.src_uri).parent)
+        for file in files
+        if file.src_uri.endswith(".md")
     ]
     for page, source in PAGES.items():
         text = (ROOT / source).read_text(encoding="utf-8")
@@ -106,4 +109,6 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Let links of a page in docs/ lead to where the site has their targets."""
     where = page.file.src_uri
-    return markdown if where in PAGES else rewritten(markdown, (ROOT / "docs" / where).parent, where)
+    return (
+        markdown if where in PAGES else rewritten(markdown, (ROOT / "docs" / where).parent, where)
+    )

@@ -1,7 +1,9 @@
-"""Symbols of the adaptive filter: `python -m tools.symbols` lists what is wrong with docs/reference/symbols.md.
+"""Symbols of the adaptive filter: `python -m tools.symbols` lists what is wrong with
+docs/reference/symbols.md.
 
-Each symbol on the filter's pages, in its naive twin and in the docstrings of its package has one line in that table, and is
-defined in one way only. A symbol is a letter with its accents, primes and subscript; ⁺, ⁻ and powers are no part of it.
+Each symbol on the filter's pages, in its naive twin and in the docstrings of its package has one
+line in that table, and is defined in one way only. A symbol is a letter with its accents, primes
+and subscript; ⁺, ⁻ and powers are no part of it.
 """
 
 from __future__ import annotations
@@ -59,7 +61,9 @@ def name_of(match: re.Match[str]) -> str:
 
 
 def same(symbol: str) -> str:
-    """Return a symbol with figures below the line where it has them behind a _: σ_0 looks like σ₀."""
+    """Return a symbol with figures below the line where it has them behind a _: σ_0 looks like
+    σ₀.
+    """
     return re.sub(r"_(\d)$", lambda found: chr(ord("₀") + int(found[1])), symbol)
 
 
@@ -73,18 +77,24 @@ def symbols_of(text: str) -> set[str]:
 
 
 def is_marked(symbol: str) -> bool:
-    """Return whether a symbol can be told from a name in code: it is Greek, has an accent or a short subscript."""
+    """Return whether a symbol can be told from a name in code: it is Greek, has an accent or a
+    short subscript.
+    """
     letter, _, subscript = unicodedata.normalize("NFD", symbol).partition("_")
     signs = re.search(f"[{GREEK}ℓ{ACCENT}{SIGNS}]", letter) is not None
     return len(subscript) <= 3 and (signs or bool(subscript))
 
 
 def statements(text: str) -> Iterator[str]:
-    """Yield the lines of a text, an equation that goes on with what it goes on to; numbers of equations are left out."""
+    """Yield the lines of a text, an equation that goes on with what it goes on to; numbers of
+    equations are left out.
+    """
     lines: list[str] = []
     for line in text.splitlines():
         line = re.sub(r"\s+\(\d+[a-z]?\)$", "", line)
-        goes_on = line.startswith("     ") and (re.match(r"\s+[+−]", line) or line.strip().startswith("else"))
+        goes_on = line.startswith("     ") and (
+            re.match(r"\s+[+−]", line) or line.strip().startswith("else")
+        )
         if lines and goes_on:
             lines[-1] += " " + line.strip()
         else:
@@ -93,7 +103,8 @@ def statements(text: str) -> Iterator[str]:
 
 
 def definitions_of(text: str) -> Iterator[tuple[str, str]]:
-    """Yield each symbol that a text defines, "x = …", with the right side; updates, with ⁺ or ←, define nothing.
+    """Yield each symbol that a text defines, "x = …", with the right side; updates, with ⁺ or ←,
+    define nothing.
 
     Args:
         text: without code, see `plain`.
@@ -109,7 +120,11 @@ def definitions_of(text: str) -> Iterator[tuple[str, str]]:
                 depth += (sign in "([{") - (sign in ")]}")
                 if depth < 0 or (
                     depth == 0
-                    and (sign in ";:" or (sign == "|" and line.startswith("|")) or rest[at : at + 3] == "   ")
+                    and (
+                        sign in ";:"
+                        or (sign == "|" and line.startswith("|"))
+                        or rest[at : at + 3] == "   "
+                    )
                 ):
                     break
                 if (
@@ -132,7 +147,11 @@ def told_in(source: str) -> str:
         if token.type == tokenize.COMMENT
     ]
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
             texts.append(node.value.value)
     return plain("\n".join(texts))
 
@@ -141,11 +160,16 @@ def listed(table: str) -> list[str]:
     """Return the symbols of the table, as often as each stands in it."""
     rows = re.findall(r"(?m)^\|([^|]+)\|", table)
     cells = [cell for cell in rows if not re.fullmatch(r"\s*(symbol|[-: ]+)\s*", cell)]
-    return [same(unicodedata.normalize("NFC", symbol.strip())) for cell in cells for symbol in cell.split(", ")]
+    return [
+        same(unicodedata.normalize("NFC", symbol.strip()))
+        for cell in cells
+        for symbol in cell.split(", ")
+    ]
 
 
 def faults(table: str, pages: Mapping[str, str], code: Mapping[str, str]) -> list[str]:
-    """Return what is wrong: symbols that the table lacks, has twice or in vain, and those defined in two ways.
+    """Return what is wrong: symbols that the table lacks, has twice or in vain, and those defined
+    in two ways.
 
     Args:
         table: the page of symbols.
@@ -153,9 +177,13 @@ def faults(table: str, pages: Mapping[str, str], code: Mapping[str, str]) -> lis
         code: Python by name.
     """
     known, wrong, used = Counter(listed(table)), list[str](), set[str]()
-    wrong += [f"{TABLE}: {symbol} stands {count} times" for symbol, count in known.items() if count > 1]
+    wrong += [
+        f"{TABLE}: {symbol} stands {count} times" for symbol, count in known.items() if count > 1
+    ]
     defined = dict[str, tuple[str, str]]()
-    texts = {name: plain(text) for name, text in pages.items()} | {name: told_in(text) for name, text in code.items()}
+    texts = {name: plain(text) for name, text in pages.items()} | {
+        name: told_in(text) for name, text in code.items()
+    }
     for name, text in texts.items():
         found = {symbol for symbol in symbols_of(text) if name in pages or is_marked(symbol)}
         wrong += [f"{name}: {symbol} is not in {TABLE}" for symbol in sorted(found - set(known))]
@@ -174,7 +202,11 @@ def read() -> tuple[str, dict[str, str], dict[str, str]]:
     modules = [*(ROOT / CODE[0]).rglob("*.py"), *(ROOT / CODE[1]).glob(TWINS)]
     names = [path.relative_to(ROOT).as_posix() for path in sorted(modules)]
     texts = {name: (ROOT / name).read_text(encoding="utf-8") for name in (TABLE, *PAGES, *names)}
-    return texts[TABLE], {name: texts[name] for name in PAGES}, {name: texts[name] for name in names}
+    return (
+        texts[TABLE],
+        {name: texts[name] for name in PAGES},
+        {name: texts[name] for name in names},
+    )
 
 
 def main() -> None:

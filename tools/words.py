@@ -1,4 +1,6 @@
-"""Names that say nothing: `python -m tools.words` counts how often `src` binds each; `--where PACKAGE` lists the places."""
+"""Names that say nothing: `python -m tools.words` counts how often `src` binds each; `--where
+PACKAGE` lists the places.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,35 @@ SOURCE = Path(__file__).parent.parent / "src" / "distal"
 FILLERS = ("one", "own", "found", "known", "each", "there", "said", "rest", "made", "told", "whole")
 """Words that stand for any thing; a noun of the field says which."""
 OTHERS = (
-    *("item", "value", "thing", "single", "data", "result", "info", "entry", "element", "object", "stuff"),
-    *("other", "others", "given", "kept", "now", "here", "what", "this", "that", "ones", "both", "it", "many", "much"),
+    *(
+        "item",
+        "value",
+        "thing",
+        "single",
+        "data",
+        "result",
+        "info",
+        "entry",
+        "element",
+        "object",
+        "stuff",
+    ),
+    *(
+        "other",
+        "others",
+        "given",
+        "kept",
+        "now",
+        "here",
+        "what",
+        "this",
+        "that",
+        "ones",
+        "both",
+        "it",
+        "many",
+        "much",
+    ),
 )
 """Words that must not take their place."""
 
@@ -49,7 +78,12 @@ def main() -> None:
         return
     counts = counted()
     for words in (FILLERS, OTHERS):
-        print(", ".join(f"{word} {counts[word]}" for word in words), "–", sum(counts[word] for word in words), "in all")
+        print(
+            ", ".join(f"{word} {counts[word]}" for word in words),
+            "–",
+            sum(counts[word] for word in words),
+            "in all",
+        )
 
 
 if __name__ == "__main__":

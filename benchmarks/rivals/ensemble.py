@@ -39,8 +39,8 @@ def states_of(rig: Rig, name: str) -> StateVector:
 class EnsembleFilter(KernelEstimator, ABC):
     """A filter that carries many states (particles, sigma points) through the model of `adaptive`.
 
-    carry = (mean, covariance, memory of the drives, then what the filter itself remembers). The ensemble runs in CasADi's
-    interpreter.
+    carry = (mean, covariance, memory of the drives, then what the filter itself remembers). The
+    ensemble runs in CasADi's interpreter.
 
     Args:
         name: of the estimator.
@@ -85,11 +85,18 @@ class EnsembleFilter(KernelEstimator, ABC):
         carry, values, variances = np.array(belief.carry), np.zeros(0), np.zeros(0)
         for k, row in enumerate(rows):
             carry, values, variances = self._advance(carry, row, (belief.samples, k))
-        values, variances = self.innovations_of(np.concatenate([values, variances])[None, :], sample[None, :])
-        return Belief(time, frozen(carry), belief.size, belief.samples + 1), innovation(values[0], variances[0])
+        values, variances = self.innovations_of(
+            np.concatenate([values, variances])[None, :], sample[None, :]
+        )
+        return Belief(time, frozen(carry), belief.size, belief.samples + 1), innovation(
+            values[0], variances[0]
+        )
 
-    def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means, covariances, innovations and their variances of a whole log: `step` for each sample.
+    def scan(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means, covariances, innovations and their variances of a whole log: `step` for
+        each sample.
 
         Args:
             belief: before the first sample.
@@ -97,7 +104,9 @@ class EnsembleFilter(KernelEstimator, ABC):
             samples: values of `channels`, (k, n_channels).
         """
         means, covariances, values, variances = [], [], [], []
-        for time, sample in zip(np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)):
+        for time, sample in zip(
+            np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
+        ):
             belief, found = self.step(belief, float(time), sample)
             means.append(belief.mean)
             covariances.append(belief.covariance)
@@ -107,7 +116,9 @@ class EnsembleFilter(KernelEstimator, ABC):
 
     @property
     def bridged(self) -> int:
-        """Number of displacements, the first of the channels: they cross gaps in a straight line."""
+        """Number of displacements, the first of the channels: they cross gaps in a straight
+        line.
+        """
         return len(self._states.context.channels.positions)
 
     @property
@@ -121,8 +132,12 @@ class EnsembleFilter(KernelEstimator, ABC):
         return self._states.state_parts
 
     @abstractmethod
-    def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
-        """Return the carry after a row, its innovations and their variances; random draws are seeded by `key`."""
+    def _advance(
+        self, carry: Floats, row: Floats, key: tuple[int, int]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the carry after a row, its innovations and their variances; random draws are
+        seeded by `key`.
+        """
 
     def _process_stds(self, dt: float) -> Floats:
         """Return the standard deviation that each state gains over an interval, (n,)."""
@@ -135,7 +150,8 @@ class EnsembleFilter(KernelEstimator, ABC):
         return stds
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and memory before the first sample: the drives rest where it says.
+        """Return mean, covariance and memory before the first sample: the drives rest where it
+        says.
 
         Args:
             sample: the first values, NaN where missing, (n_channels,).
@@ -178,7 +194,8 @@ def torque_fadings(states: StateVector, dt: Any) -> list[tuple[int, Any, Any]]:
 
 
 def move_function(states: StateVector, count: int) -> ca.Function:
-    """Return (state, errors of the places, places before, tracks, dt, p) → state⁺: the joints moved exactly.
+    """Return (state, errors of the places, places before, tracks, dt, p) → state⁺: the joints moved
+    exactly.
 
     Args:
         states: the state vector.
@@ -195,11 +212,17 @@ def move_function(states: StateVector, count: int) -> ca.Function:
         first = states.place(i, before[i], state) + error
         last = states.place(i, tracks[i].place, state) + error
         starts.append(first)
-        speeds.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0) if measured else ca.SX(0))
+        speeds.append(
+            ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0)
+            if measured
+            else ca.SX(0)
+        )
     parameters = states.parameters(state)
     q, v, effort = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("effort", nb)
     response = ca.SX.sym("response", nb, 4)
-    stepped = kick_and_drift(mechanism, Kick(q, v, effort, response, h, h), rebounds=False, bodies=range(nj))
+    stepped = kick_and_drift(
+        mechanism, Kick(q, v, effort, response, h, h), rebounds=False, bodies=range(nj)
+    )
     substep = ca.Function("substep", [q, v, effort, response, h, p], list(stepped))
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h)])
     outputs = [
@@ -223,7 +246,8 @@ def move_function(states: StateVector, count: int) -> ca.Function:
 
 
 def compare_function(states: StateVector) -> ca.Function:
-    """Return (state, kept, tracks, places before, x, p) → (residuals, variances, masks, kept⁺) of all forces.
+    """Return (state, kept, tracks, places before, x, p) → (residuals, variances, masks, kept⁺) of
+    all forces.
 
     Args:
         states: the state vector.
@@ -232,7 +256,10 @@ def compare_function(states: StateVector) -> ca.Function:
     state, kept, before = ca.SX.sym("state", n), ca.SX.sym("kept", nd), ca.SX.sym("before", nd)
     vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", context.width)
     tracks, dt = Tracks(vector, nd), x[0]
-    rates = [ca.if_else(dt > 0, (tracks[i].place - before[i]) / ca.if_else(dt > 0, dt, 1), 0) for i in range(nd)]
+    rates = [
+        ca.if_else(dt > 0, (tracks[i].place - before[i]) / ca.if_else(dt > 0, dt, 1), 0)
+        for i in range(nd)
+    ]
     memory: list[Any] = [kept[i] for i in range(nd)]
     comparisons, rows = [], rows_of(states, state, tracks, ca.vertcat(*rates), x)
     for row in rows:
@@ -247,20 +274,35 @@ def compare_function(states: StateVector) -> ca.Function:
         memory,
     ]
     arguments = [state, kept, vector, before, x, context.mechanism.parameters.symbols]
-    return ca.Function("compare", arguments, ca.cse([ca.densify(ca.vertcat(*part)) for part in outputs]))
+    return ca.Function(
+        "compare", arguments, ca.cse([ca.densify(ca.vertcat(*part)) for part in outputs])
+    )
 
 
-def _compared(context: FilterContext, row: Row, tracks: Tracks, kept: Any, x: Any) -> tuple[Comparison, Any]:
-    """Return how a force is compared, and what to remember of its drive: a mean pull where the rig declares friction.
+def _compared(
+    context: FilterContext, row: Row, tracks: Tracks, kept: Any, x: Any
+) -> tuple[Comparison, Any]:
+    """Return how a force is compared, and what to remember of its drive: a mean pull where the rig
+    declares friction.
 
-    The pull is averaged, not the residual: each state has its own tension, which may just have changed.
+    The pull is averaged, not the residual: each state has its own tension, which may just have
+    changed.
     """
     if row.drive is None:
         return Comparison(row.residual, row.variance, None), None
     sensor, before = context.force_sensor(row.drive), kept[row.drive]
-    pull = context.value(x, sensor) if sensor is not None and context.declares_friction(row.drive) else None
+    pull = (
+        context.value(x, sensor)
+        if sensor is not None and context.declares_friction(row.drive)
+        else None
+    )
     if pull is not None:
         before = row.residual + ca.if_else(before == 0, pull, before) - pull
-    residual = Residual(row.residual, row.limit, row.asymmetry, row.variance, 0, 0, before, row.mask)
+    residual = Residual(
+        row.residual, row.limit, row.asymmetry, row.variance, 0, 0, before, row.mask
+    )
     comparison = compared(context, row.drive, tracks[row.drive], residual, x[0])
-    return comparison, comparison.memory if pull is None else comparison.memory - row.residual + pull
+    return (
+        comparison,
+        comparison.memory if pull is None else comparison.memory - row.residual + pull,
+    )

@@ -1,4 +1,6 @@
-"""The iterated filter: `adaptive`, but each row of the update is linearised again where the row has moved the state."""
+"""The iterated filter: `adaptive`, but each row of the update is linearised again where the row has
+moved the state.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ class IteratedFilter(AdaptiveFilter):
         name: of the estimator.
     """
 
-    def __init__(self, rig: Rig, compiled: bool = True, updates: int = UPDATES, name: str = "iterated") -> None:
+    def __init__(
+        self, rig: Rig, compiled: bool = True, updates: int = UPDATES, name: str = "iterated"
+    ) -> None:
         super().__init__(rig.bare(), compiled=False, name=name)
         self._kernel = Kernel(iterated_function(self._states, self.substeps, updates), compiled)
 
@@ -50,7 +54,10 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         updates: how often each row is linearised.
     """
     n, nd, context = len(states), states.context.n_drives, states.context
-    carry, x = ca.MX.sym("carry", n + n * n + nd * (MEMORY + FORCE.size)), ca.MX.sym("x", context.width)
+    carry, x = (
+        ca.MX.sym("carry", n + n * n + nd * (MEMORY + FORCE.size)),
+        ca.MX.sym("x", context.width),
+    )
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
     memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
@@ -58,7 +65,9 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))
     interval = Interval(tracks, memory, x, p)
     state, spread = predicted(states, mean, covariance, motion, interval)
-    transition = ca.MX(ca.DM.eye(n).full())  # asked for by `revert` and `play`; only smoothing reads it
+    transition = ca.MX(
+        ca.DM.eye(n).full()
+    )  # asked for by `revert` and `play`; only smoothing reads it
     prediction = Prediction(state, spread, transition)
     remembered = [FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)]
     revert(states, prediction, [force["opened"] for force in remembered], interval)
@@ -66,19 +75,31 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     for i in range(nd):
         if states.transmitted(i) is not None:
             kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)
-    after, spread, kept, y = iterated_update(states, prediction, motion.rates, kept, interval, updates)
+    after, spread, kept, y = iterated_update(
+        states, prediction, motion.rates, kept, interval, updates
+    )
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
-    told = [FORCE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)]
+    told = [
+        FORCE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)
+    ]
     following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *told)
-    return ca.Function("iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 def iterated_update(
-    states: StateVector, prediction: Prediction, rates: Any, memory: Sequence[Any], interval: Interval, updates: int
+    states: StateVector,
+    prediction: Prediction,
+    rates: Any,
+    memory: Sequence[Any],
+    interval: Interval,
+    updates: int,
 ) -> tuple[Any, Any, list[Any], Any]:
-    """Return what `adaptive`'s update returns; each row is linearised at the prior, then where it has moved the state.
+    """Return what `adaptive`'s update returns; each row is linearised at the prior, then where it
+    has moved the state.
 
     Args:
         states: the state vector.
@@ -93,13 +114,20 @@ def iterated_update(
     table = Rows.of(states)
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table.rows):
-        compare, weigh = comparison_function(states, row), weights(states.context.robustness, row.trusted)
-        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
+        compare, weigh = (
+            comparison_function(states, row),
+            weights(states.context.robustness, row.trusted),
+        )
+        followed = (
+            ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
+        )
         point = ca.MX(prior)
         for _ in range(updates):
             at = table.at(point, tracks, rates, x, p)[k]
             slopes, moved = at.slopes, mean - point
-            by_residual, by_limit, by_asymmetry = (covariance.times(getattr(slopes, part)) for part in SLOPED)
+            by_residual, by_limit, by_asymmetry = (
+                covariance.times(getattr(slopes, part)) for part in SLOPED
+            )
             since = SINCE.joined(
                 **{part: along(getattr(slopes, part), moved) for part in SLOPED},
                 residual_variance=along(slopes.residual, by_residual),
@@ -107,11 +135,15 @@ def iterated_update(
                 memory=ca.MX(0) if row.drive is None else kept[row.drive],
             )
             found = compare(values=at.values, since=since, track=followed, dt=x[0], p=p)
-            across = found["by_limit"] * by_limit + found["by_asymmetry"] * by_asymmetry - by_residual
+            across = (
+                found["by_limit"] * by_limit + found["by_asymmetry"] * by_asymmetry - by_residual
+            )
             spread = found["by_limit"] * along(slopes.limit, across)
             spread += found["by_asymmetry"] * along(slopes.asymmetry, across)
             spread += found["variance"] - along(slopes.residual, across)
-            weight, root, shown = weigh(spread, found["innovation"], ROW.part(at.values, "mask"), found["counts"])
+            weight, root, shown = weigh(
+                spread, found["innovation"], ROW.part(at.values, "mask"), found["counts"]
+            )
             change = (weight * found["innovation"]) * across
             point = mean + change
         shares = states.gain_shares(row.drive, row.trusted)

@@ -13,7 +13,8 @@ Floats = NDArray[np.float64]
 
 
 class UnscentedFilter(EnsembleFilter):
-    """A cubature filter (Arasaratnam and Haykin, 2009): 2n points at ±sqrt(n) standard deviations, equal weights.
+    """A cubature filter (Arasaratnam and Haykin, 2009): 2n points at ±sqrt(n) standard deviations,
+    equal weights.
 
     Args:
         rig: the description.
@@ -32,11 +33,16 @@ class UnscentedFilter(EnsembleFilter):
         points: Floats = mean[:, None] + np.sqrt(n) * np.hstack([root, -root])
         return points
 
-    def _advance(self, carry: Floats, row: Floats, key: tuple[int, int]) -> tuple[Floats, Floats, Floats]:
+    def _advance(
+        self, carry: Floats, row: Floats, key: tuple[int, int]
+    ) -> tuple[Floats, Floats, Floats]:
         n, nd = len(self._states), self._states.context.n_drives
         start = n + n * n
         mean, covariance = carry[:n], carry[n:start].reshape(n, n)
-        memory, kept = carry[start : start + nd * MEMORY], carry[start + nd * MEMORY : start + nd * (MEMORY + 1)]
+        memory, kept = (
+            carry[start : start + nd * MEMORY],
+            carry[start + nd * MEMORY : start + nd * (MEMORY + 1)],
+        )
         dt, before = row[0], memory[::MEMORY]
         tracks = np.array(self._track(carry[:n], memory, row, self._p)).ravel()
         points = self._lowest(self._points(mean, covariance))
@@ -57,7 +63,9 @@ class UnscentedFilter(EnsembleFilter):
         crosses = (points - prior[:, None]) @ (residuals - expected[:, None]).T / self._size
         there = np.flatnonzero(masks[:, 0] > 0)
         if len(there):
-            together = (residuals - expected[:, None]) @ (residuals - expected[:, None]).T / self._size
+            together = (
+                (residuals - expected[:, None]) @ (residuals - expected[:, None]).T / self._size
+            )
             wild = expected**2 / (self._states.context.robustness.wild_force * spreads)
             robust = variances.mean(axis=1) * np.maximum(1.0, wild)
             together = together[np.ix_(there, there)] + np.diag(robust[there])
@@ -65,12 +73,16 @@ class UnscentedFilter(EnsembleFilter):
             mean = prior - gain @ expected[there]
             covariance = covariance - gain @ together @ gain.T
         covariance = (covariance + covariance.T) / 2
-        following = np.concatenate([mean, covariance.ravel(), tracks[: nd * MEMORY], after.mean(axis=1)])
+        following = np.concatenate(
+            [mean, covariance.ravel(), tracks[: nd * MEMORY], after.mean(axis=1)]
+        )
         measured = len(self.measured)
         return following, np.where(masks[:, 0] > 0, expected, np.nan)[:measured], spreads[:measured]
 
     def _from_places(self, mean: Floats, before: Floats, tracks: Floats, dt: float) -> Floats:
-        """Return the covariance of (θ, ω) that comes from the noise of the places, by differences."""
+        """Return the covariance of (θ, ω) that comes from the noise of the places, by
+        differences.
+        """
         nd = len(before)
         noise = tracks[-nd:]
         shifts = np.zeros((nd, self._size))

@@ -1,13 +1,16 @@
-"""Tendon-driven chains simulated by MuJoCo: three fingers and a surgical wrist, with drawn plants, sensors and motions.
+"""Tendon-driven chains simulated by MuJoCo: three fingers and a surgical wrist, with drawn plants,
+sensors and motions.
 
-The tendons and all friction are worked out here from the equations below; MuJoCo integrates the links and the drives, each
-drive a body of its own, and solves the dry friction with its stick and slip.
+The tendons and all friction are worked out here from the equations below; MuJoCo integrates the
+links and the drives, each drive a body of its own, and solves the dry friction with its stick and
+slip.
 
-    stretch_i = pretension_i / k_i + sum_d E_id s_d - sum_j r_ij theta_j,    T_i = k_i max(stretch_i, 0)
-    limit of the friction in joint j: f0_j + mur_j * (sum of T_i over the tendons that cross it)
-    limit of the friction in drive d: dc + mus * sum_i |E_id| T_i
+    stretch_i = pretension_i / k_i + sum_d E_id s_d - sum_j r_ij theta_j,    T_i = k_i
+    max(stretch_i, 0) limit of the friction in joint j: f0_j + mur_j * (sum of T_i over the tendons
+    that cross it) limit of the friction in drive d: dc + mus * sum_i |E_id| T_i
 
-Lengths are in metres, angles in radians unless a name says degrees, everything else in SI units too.
+Lengths are in metres, angles in radians unless a name says degrees, everything else in SI units
+too.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ Row = tuple[float, ...]
 Rows = tuple[Row, ...]
 Commands = tuple[Floats, Floats, tuple[float, float]]
 
-# steps of the simulation [s], a sample of the log every so many of them, and steps before the log begins
+# steps of the simulation [s], a sample of the log every so many of them, and steps before the log
+# begins
 STEP, EVERY, SAMPLES, SETTLING = 1e-4, 50, 2400, 10000
 # one count of a motor's encoder [rad], and the lag with which a step is commanded [s]
 COUNT, LAG = 2 * np.pi / 4096, 0.03
@@ -77,8 +81,10 @@ class Plant:
     gains: tuple[float, float]
     """of the position controllers: effort per place and per speed of the drive"""
     sweeps_degrees: dict[str, tuple[float, float]]
-    """least and greatest motion wanted of a joint (with one flexor: of the first), from peak to peak; for `step` the ends
-    of the levels, from `init_degrees`; the last of three joints with tendons of their own moves 70 % of that"""
+    """least and greatest motion wanted of a joint (with one flexor: of the first), from peak to
+    peak; for `step` the ends of the levels, from `init_degrees`; the last of three joints with
+    tendons of their own moves 70 % of that
+    """
     torque: float
     """the greatest unmeasured torque on a joint but the last, which gets 60 % of it"""
 
@@ -102,7 +108,9 @@ PLANTS: dict[str, Plant] = {
         stiffness=2500.0,
         pretensions=(0.0,) * 4,
         arms=_pairs(((0.008, 0.0), (0.007, 0.006))),
-        drives=Drives("slider", ("mcp_f", "mcp_e", "pip_f", "pip_e"), _single(4), 0.02, 4.0, 0.1, 0.1),
+        drives=Drives(
+            "slider", ("mcp_f", "mcp_e", "pip_f", "pip_e"), _single(4), 0.02, 4.0, 0.1, 0.1
+        ),
         gains=(3000.0, 6.0),
         sweeps_degrees={"servo": (45, 65), "step": (-55, 45), "contact": (35, 58)},
         torque=0.07,
@@ -115,7 +123,12 @@ PLANTS: dict[str, Plant] = {
         ),
         stiffness=10000.0,
         pretensions=(0.0,) * 4,
-        arms=((0.008, 0.007, 0.006), (0.0075, -0.0065, -0.0055), (-0.008, 0.007, 0.0), (-0.0075, -0.007, 0.0)),
+        arms=(
+            (0.008, 0.007, 0.006),
+            (0.0075, -0.0065, -0.0055),
+            (-0.008, 0.007, 0.0),
+            (-0.0075, -0.007, 0.0),
+        ),
         drives=Drives("slider", ("t1", "t2", "t3", "t4"), _single(4), 0.02, 4.0, 0.1, 0.05),
         gains=(3000.0, 6.0),
         sweeps_degrees={"servo": (35, 55), "step": (-34, 30), "contact": (30, 50)},
@@ -144,7 +157,9 @@ PLANTS: dict[str, Plant] = {
         stiffness=18000.0,
         pretensions=(8.0,) * 6,
         arms=_pairs(((0.005, 0.0, 0.0), (0.0035, 0.0045, 0.0), (0.0035, 0.0032, 0.0045))),
-        drives=Drives("motor", ("pitch", "yaw", "jaw"), _pairs(_single(3, 0.006)), 5e-6, 0.001, 0.002, 0.05),
+        drives=Drives(
+            "motor", ("pitch", "yaw", "jaw"), _pairs(_single(3, 0.006)), 5e-6, 0.001, 0.002, 0.05
+        ),
         gains=(2.0, 0.002),
         sweeps_degrees={"servo": (75, 120), "step": (-46, 46), "contact": (25, 60)},
         torque=0.035,
@@ -178,7 +193,9 @@ def draw_truth(plant: Plant, rng: np.random.Generator) -> Truth:
 
 
 def build_model(plant: Plant, springs: Floats) -> mujoco.MjModel:
-    """Return the links, thin rods along x, and one body for each drive, with friction limits that are set at each step."""
+    """Return the links, thin rods along x, and one body for each drive, with friction limits that
+    are set at each step.
+    """
     dry = 'frictionloss="1" solreffriction="0.0002 1" solimpfriction="0.9999 0.9999 0.001"'
     chain, ends, base = "", "", 0.0
     for joint, spring in zip(plant.joints, springs):
@@ -186,9 +203,12 @@ def build_model(plant: Plant, springs: Floats) -> mujoco.MjModel:
         across = joint.mass * joint.length**2 / 12
         chain += (
             f'<body pos="{base} 0 0">'
-            f'<inertial pos="{joint.length / 2} 0 0" mass="{joint.mass}" diaginertia="{1e-3 * across} {across} {across}"/>'
-            f'<joint type="hinge" axis="{"0 1 0" if joint.axis == "y" else "0 0 1"}" damping="{joint.damping}"'
-            f' armature="{joint.armature}" stiffness="{spring}" springref="{np.radians(joint.rest_degrees)}" {dry}'
+            f'<inertial pos="{joint.length / 2} 0 0" mass="{joint.mass}" '
+            f'diaginertia="{1e-3 * across} {across} {across}"/>'
+            f'<joint type="hinge" axis="{"0 1 0" if joint.axis == "y" else "0 0 1"}" '
+            f'damping="{joint.damping}"'
+            f' armature="{joint.armature}" stiffness="{spring}" '
+            f'springref="{np.radians(joint.rest_degrees)}" {dry}'
             f' range="{low} {high}" solreflimit="0.002 1" solimplimit="0.95 0.99 0.001"/>'
         )
         ends, base = ends + "</body>", joint.length
@@ -199,7 +219,8 @@ def build_model(plant: Plant, springs: Floats) -> mujoco.MjModel:
     )
     return mujoco.MjModel.from_xml_string(
         '<mujoco><compiler angle="radian" autolimits="true"/>'
-        f'<option timestep="{STEP}" integrator="implicitfast" solver="Newton" iterations="50" tolerance="1e-12"'
+        f'<option timestep="{STEP}" integrator="implicitfast" solver="Newton" iterations="50" '
+        'tolerance="1e-12"'
         ' jacobian="dense"><flag contact="disable"/></option>'
         f"<worldbody>{chain}{ends}{drive * len(plant.drives.names)}</worldbody></mujoco>"
     )
@@ -212,7 +233,9 @@ def smooth_step(at: Floats) -> Floats:
 
 
 def draw_wave(rng: np.random.Generator, times: Floats, fastest: float) -> Floats:
-    """Return a sum of two to four sinusoids that starts at rest at 0 and spans 1 from peak to peak."""
+    """Return a sum of two to four sinusoids that starts at rest at 0 and spans 1 from peak to
+    peak.
+    """
     count = int(rng.integers(2, 5))
     rates, weights = rng.uniform(0.1, fastest, count), rng.uniform(0.4, 1.0, count)
     phases = rng.uniform(0, 2 * np.pi, count)
@@ -221,8 +244,12 @@ def draw_wave(rng: np.random.Generator, times: Floats, fastest: float) -> Floats
     return np.asarray(wave / np.ptp(wave))
 
 
-def draw_holds(rng: np.random.Generator, times: Floats, start: Floats, low: Floats, high: Floats) -> Floats:
-    """Return values (k, n) that step between drawn levels, held for 0.4 to 1.2 s and reached with a lag of 30 ms."""
+def draw_holds(
+    rng: np.random.Generator, times: Floats, start: Floats, low: Floats, high: Floats
+) -> Floats:
+    """Return values (k, n) that step between drawn levels, held for 0.4 to 1.2 s and reached with a
+    lag of 30 ms.
+    """
     values = np.tile(start, (len(times), 1))
     at = float(rng.uniform(0.4, 1.2))
     while at < times[-1]:
@@ -237,7 +264,9 @@ def draw_holds(rng: np.random.Generator, times: Floats, start: Floats, low: Floa
 def draw_wish(
     plant: Plant, kind: str, start: Floats, load: Floats, rng: np.random.Generator, times: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the angles wanted (k, n) and the tensions wanted with them (k, m) from a start with its load on the joints."""
+    """Return the angles wanted (k, n) and the tensions wanted with them (k, m) from a start with
+    its load on the joints.
+    """
     arms = np.array(plant.arms)
     least, greatest = plant.sweeps_degrees[kind]
     fastest = 1.0 if kind == "servo" else 0.5
@@ -251,7 +280,9 @@ def draw_wish(
         else:
             wave = draw_wave(rng, times, fastest)
             closing = (wave - wave.min() * smooth_step(times / 0.8))[:, np.newaxis]
-            tensions = np.maximum(first + closing * np.radians(rng.uniform(least, greatest)) / compliance[0], 1.5)
+            tensions = np.maximum(
+                first + closing * np.radians(rng.uniform(least, greatest)) / compliance[0], 1.5
+            )
         return start + (tensions - first) * compliance, tensions
     # tensions that turn no joint: equal ones, less what would turn them
     ones = np.ones(len(arms))
@@ -270,30 +301,46 @@ def draw_wish(
         wave = shares[j] * np.radians(rng.uniform(least, greatest)) * draw_wave(rng, times, fastest)
         low, high = np.radians(joint.stops_degrees) + np.radians([3.0, -3.0])
         ways = (start[j] + wave, start[j] - wave)
-        angles[:, j] = np.clip(min(ways, key=lambda way: float(np.abs(way - np.clip(way, low, high)).sum())), low, high)
+        angles[:, j] = np.clip(
+            min(ways, key=lambda way: float(np.abs(way - np.clip(way, low, high)).sum())), low, high
+        )
     return angles, np.tile(pull * balance / balance.mean(), (len(times), 1))
 
 
 def draw_torques(plant: Plant, rng: np.random.Generator, times: Floats) -> Floats:
-    """Return torques (k, n) that nobody measures, on one joint at a time for 0.6 to 1.6 s, with onsets of 20 to 50 ms."""
+    """Return torques (k, n) that nobody measures, on one joint at a time for 0.6 to 1.6 s, with
+    onsets of 20 to 50 ms.
+    """
     torques = np.zeros((len(times), len(plant.joints)))
     at = float(rng.uniform(0.6, 1.5))
     while at < times[-1]:
-        joint, length, onset = int(rng.integers(len(plant.joints))), rng.uniform(0.6, 1.6), rng.uniform(0.02, 0.05)
+        joint, length, onset = (
+            int(rng.integers(len(plant.joints))),
+            rng.uniform(0.6, 1.6),
+            rng.uniform(0.02, 0.05),
+        )
         share = 0.6 if joint == len(plant.joints) - 1 else 1.0
         size = share * plant.torque * rng.uniform(0.4, 1.0) * rng.choice((-1.0, 1.0))
-        torques[:, joint] += size * smooth_step((times - at) / onset) * smooth_step((at + length - times) / onset)
+        torques[:, joint] += (
+            size * smooth_step((times - at) / onset) * smooth_step((at + length - times) / onset)
+        )
         at += float(length + rng.uniform(0.4, 1.4))
     return torques
 
 
 def simulate(
-    plant: Plant, truth: Truth, model: mujoco.MjModel, data: mujoco.MjData, commands: Commands, torques: Floats
+    plant: Plant,
+    truth: Truth,
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    commands: Commands,
+    torques: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return angles and drives (samples, n + d) and the drives' efforts (samples, d), begun at rest after a settling.
+    """Return angles and drives (samples, n + d) and the drives' efforts (samples, d), begun at rest
+    after a settling.
 
-    The commands are places and efforts for the drives (k, d) and the gains that tie the drives to these places; `torques`
-    (k, n) act on the joints besides.
+    The commands are places and efforts for the drives (k, d) and the gains that tie the drives to
+    these places; `torques` (k, n) act on the joints besides.
     """
     n, winding = len(plant.joints), np.array(plant.drives.winding)
     stretching = np.hstack([-truth.arms, winding])
@@ -303,7 +350,10 @@ def simulate(
     drives = [plant.drives.friction_constant] * winding.shape[1]
     constant = factors * np.append([joint.friction_constant for joint in plant.joints], drives)
     per_joint = np.array([joint.friction_radius for joint in plant.joints]) * (truth.arms != 0)
-    per_tension = factors[:, np.newaxis] * np.hstack([per_joint, plant.drives.friction_share * np.abs(winding)]).T
+    per_tension = (
+        factors[:, np.newaxis]
+        * np.hstack([per_joint, plant.drives.friction_share * np.abs(winding)]).T
+    )
     goals, pulls, (gain, gain_damping) = commands
     data.qpos[n:] = goals[0]
     places, speeds, forces, limits = data.qpos, data.qvel, data.qfrc_applied, model.dof_frictionloss
@@ -323,14 +373,19 @@ def simulate(
     return states, efforts
 
 
-def sense(plant: Plant, drives: Floats, efforts: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def sense(
+    plant: Plant, drives: Floats, efforts: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
     """Return what the sensors of the drives' places and efforts (k, d) read."""
     if plant.drives.kind == "motor":
         return COUNT * np.round(drives / COUNT), efforts + rng.normal(0.0, 1.2e-3, efforts.shape)
     read = drives + rng.normal(0.0, 5e-6, drives.shape)
     for d in range(drives.shape[1]):
         # linearity: waves of 40, 20 and 10 mm, within 0.1 mm over the 20 mm around the motion
-        waves, weights = 2 * np.pi / np.array([0.04, 0.02, 0.01]), rng.uniform(0.3, 1.0, 3) / np.array([1.0, 1.5, 3.0])
+        waves, weights = (
+            2 * np.pi / np.array([0.04, 0.02, 0.01]),
+            rng.uniform(0.3, 1.0, 3) / np.array([1.0, 1.5, 3.0]),
+        )
         phases, middle = rng.uniform(0, 2 * np.pi, 3), (drives[:, d].min() + drives[:, d].max()) / 2
         travel = np.linspace(middle - 0.01, middle + 0.01, 201)
         height = np.abs(np.sin(np.outer(travel, waves) + phases) @ weights).max()
@@ -339,21 +394,33 @@ def sense(plant: Plant, drives: Floats, efforts: Floats, rng: np.random.Generato
     return read, efforts + rng.normal(0.0, 0.2, efforts.shape)
 
 
-def hung_load(plant: Plant, rng: np.random.Generator, times: Floats, start: float, end: float) -> Floats:
-    """Return torques (k, n) of a load on one drawn joint from `start` to `end` [s], half to all of the greatest."""
+def hung_load(
+    plant: Plant, rng: np.random.Generator, times: Floats, start: float, end: float
+) -> Floats:
+    """Return torques (k, n) of a load on one drawn joint from `start` to `end` [s], half to all of
+    the greatest.
+    """
     torques, joint = np.zeros((len(times), len(plant.joints))), int(rng.integers(len(plant.joints)))
     share = 0.6 if joint == len(plant.joints) - 1 else 1.0
     size = share * plant.torque * rng.uniform(0.5, 1.0) * rng.choice((-1.0, 1.0))
-    torques[:, joint] = size * smooth_step((times - start) / 0.03) * smooth_step((end - times) / 0.03 + 1.0)
+    torques[:, joint] = (
+        size * smooth_step((times - start) / 0.03) * smooth_step((end - times) / 0.03 + 1.0)
+    )
     return torques
 
 
 def make_log(
-    plant: str, kind: str, seed: int, samples: int = SAMPLES, hung: tuple[float, float] | None = None
+    plant: str,
+    kind: str,
+    seed: int,
+    samples: int = SAMPLES,
+    hung: tuple[float, float] | None = None,
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the columns of a log and those of its truth, of a plant and a motion that the seed draws.
+    """Return the columns of a log and those of its truth, of a plant and a motion that the seed
+    draws.
 
-    A log has so many samples; something is `hung` on one joint from its first to its second time [s].
+    A log has so many samples; something is `hung` on one joint from its first to its second time
+    [s].
     """
     of = PLANTS[plant]
     rng = np.random.default_rng([seed, list(PLANTS).index(plant), KINDS.index(kind)])
@@ -383,5 +450,8 @@ def make_log(
     log |= {f"{effort}_{name}": measured[:, d] for d, name in enumerate(of.drives.names)}
     true = {"t": at} | {f"theta_{joint.name}": states[:, j] for j, joint in enumerate(of.joints)}
     if kind == "contact":
-        true |= {f"external_torque_{joint.name}": torques[::EVERY, j] for j, joint in enumerate(of.joints)}
+        true |= {
+            f"external_torque_{joint.name}": torques[::EVERY, j]
+            for j, joint in enumerate(of.joints)
+        }
     return log, true

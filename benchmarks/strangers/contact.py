@@ -1,4 +1,6 @@
-"""The torque on a jaw from outside: a real instrument, other motions or poses; and a push on a simulated finger, seen."""
+"""The torque on a jaw from outside: a real instrument, other motions or poses; and a push on a
+simulated finger, seen.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.strangers.library import Log, Rig, build_rig, build_scenario, estimate, load_rig, read_log, simulate
+from benchmarks.strangers.library import (
+    Log,
+    Rig,
+    build_rig,
+    build_scenario,
+    estimate,
+    load_rig,
+    read_log,
+    simulate,
+)
 from benchmarks.strangers.poses import POSES
 from benchmarks.strangers.scoring import BAND, Job, Record, Table
 from distal import learn_contact
@@ -27,7 +38,11 @@ CLASSES = ("run_0", "run_2", "run_4")
 def torques(case: str, name: str, log: Log, rig: Rig) -> list[Record]:
     """Score the torque after homing [mN m], beside zero, which is the mean over the window."""
     result = estimate(log, rig, homing=HOMING)
-    errors, stds, true = result.torque_errors(), result.external_torque_std, log.truth["external_torque"]
+    errors, stds, true = (
+        result.torque_errors(),
+        result.external_torque_std,
+        log.truth["external_torque"],
+    )
     late = np.isfinite(errors)
     away = true[late] - np.mean(true[log.time - log.time[0] < HOMING])
     inside = float(np.mean(np.abs(errors[late]) <= BAND * stds[late]))
@@ -35,7 +50,14 @@ def torques(case: str, name: str, log: Log, rig: Rig) -> list[Record]:
     none = 1e3 * float(np.sqrt(np.mean(away**2)))
     return [
         Record(
-            NAME, case, name, "adaptive", round(rms, 4), round(inside, 4), 1e3 * BAND * float(stds[late].mean()), None
+            NAME,
+            case,
+            name,
+            "adaptive",
+            round(rms, 4),
+            round(inside, 4),
+            1e3 * BAND * float(stds[late].mean()),
+            None,
         ),
         Record(NAME, case, name, "zero", round(none, 4), 0.0, 0.0, None),
     ]
@@ -45,7 +67,9 @@ def jaw(case: str, learned_from: list[tuple[str, Path]], judged: list[Path]) -> 
     """Learn from some runs, each with its unit, judge on others."""
     rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for _, path in learned_from]
-    taught = learn_contact(logs, rig, homing=HOMING, groups=[unit for unit, _ in learned_from], scored=False).rig
+    taught = learn_contact(
+        logs, rig, homing=HOMING, groups=[unit for unit, _ in learned_from], scored=False
+    ).rig
     return [one for path in judged for one in torques(case, path.stem, read_log(path, rig), taught)]
 
 
@@ -54,13 +78,26 @@ def finger_rig() -> Rig:
     drives, tendons, sensors = [], [], []
     for name, side in (("flexor", 1), ("extensor", -1)):
         drives.append(
-            {"name": name, "kind": "slider", "mass": "50 g", "damping": "2 kg/s",
-             "nominal_force": {"value": 6.0, "std": 3.0}, "friction": {"load": {"value": 0.02, "std": 0.01}}}
-        )  # fmt: skip
+            {
+                "name": name,
+                "kind": "slider",
+                "mass": "50 g",
+                "damping": "2 kg/s",
+                "nominal_force": {"value": 6.0, "std": 3.0},
+                "friction": {"load": {"value": 0.02, "std": 0.01}},
+            }
+        )
         tendons.append(
-            {"name": name, "joint": "finger", "drive": name, "side": side, "damping": "0.5 N s/m",
-             "insertion": {"kind": "pulley", "radius": "9 mm"}, "stiffness": {"value": "5e3 N/m", "std": "10 %"}}
-        )  # fmt: skip
+            {
+                "name": name,
+                "joint": "finger",
+                "drive": name,
+                "side": side,
+                "damping": "0.5 N s/m",
+                "insertion": {"kind": "pulley", "radius": "9 mm"},
+                "stiffness": {"value": "5e3 N/m", "std": "10 %"},
+            }
+        )
         sensors += [
             {
                 "name": f"x_{name}",
@@ -80,7 +117,11 @@ def finger_rig() -> Rig:
                 "inertia": "3e-5 kg m^2",
                 "damping": "1e-3 N m s",
                 "initial": {"value": 0.0, "std": "5 deg"},
-                "friction": {"coefficient": {"value": 0.15, "std": 0.05}, "radius": "1.5 mm", "preload": "2 N"},
+                "friction": {
+                    "coefficient": {"value": 0.15, "std": 0.05},
+                    "radius": "1.5 mm",
+                    "preload": "2 N",
+                },
                 "external_torque": {"std": "0.03 N m", "correlation_time": "1 s"},
             }
         ],
@@ -92,11 +133,15 @@ def finger_rig() -> Rig:
 
 
 def finger(seed: int, duration: float, pushed: float | None) -> tuple[Log, Rig]:
-    """Return a log of a finger that is turned to and fro, pushed for 3 s from `pushed` on; and its rig."""
+    """Return a log of a finger that is turned to and fro, pushed for 3 s from `pushed` on; and its
+    rig.
+    """
     rng = np.random.default_rng([seed, 71])
     time, place, arm, rig = 0.0, 0.0, 9e-3, finger_rig()
     squeeze = 1.2e-3
-    turns: dict[str, list[list[str]]] = {name: [["0 s", f"{squeeze} m"]] for name in ("flexor", "extensor")}
+    turns: dict[str, list[list[str]]] = {
+        name: [["0 s", f"{squeeze} m"]] for name in ("flexor", "extensor")
+    }
     while time < duration:
         aim = float(rng.uniform(-0.6, 0.6))
         for wait in (abs(aim - place) / rng.uniform(0.3, 1.0) + 0.05, float(rng.uniform(0.3, 1.5))):
@@ -105,19 +150,29 @@ def finger(seed: int, duration: float, pushed: float | None) -> tuple[Log, Rig]:
                 turns[name].append([f"{time:.3f} s", f"{squeeze + side * arm * aim:.6f} m"])
         place = aim
     raw: dict[str, Any] = {"rig": "finger", "duration": f"{duration} s", "plant": {}}
-    raw["drives"] = {name: {"servo": {"position": turn, "stiffness": "5e4 N/m"}} for name, turn in turns.items()}
-    drawn = {"joints.0.friction.coefficient": (0.15, 0.05)} | {f"tendons.{i}.stiffness": (5e3, 500.0) for i in (0, 1)}
+    raw["drives"] = {
+        name: {"servo": {"position": turn, "stiffness": "5e4 N/m"}} for name, turn in turns.items()
+    }
+    drawn = {"joints.0.friction.coefficient": (0.15, 0.05)} | {
+        f"tendons.{i}.stiffness": (5e3, 500.0) for i in (0, 1)
+    }
     for path, (value, std) in drawn.items():
         raw["plant"][path] = value + std * float(np.clip(rng.normal(), -2, 2))
     if pushed is not None:
         sign = float(rng.choice([-1.0, 1.0]))
-        steps = [["0 s", "0 N m"], [f"{pushed} s", f"{sign * PUSH} N m"], [f"{pushed + 3.0} s", "0 N m"]]
+        steps = [
+            ["0 s", "0 N m"],
+            [f"{pushed} s", f"{sign * PUSH} N m"],
+            [f"{pushed + 3.0} s", "0 N m"],
+        ]
         raw["joints"] = {rig.joints[0].name: {"torque": steps}}
     return simulate(rig, build_scenario(raw), seed), rig
 
 
 def onset(seed: int) -> list[Record]:
-    """Return how long after a push its onset is seen [ms], or how many are seen where there is none."""
+    """Return how long after a push its onset is seen [ms], or how many are seen where there is
+    none.
+    """
     pushed = 3.0 + 0.37 * (seed % 7)
     log, rig = finger(seed, pushed + 3.5, pushed)
     result = estimate(log, rig)
@@ -125,7 +180,16 @@ def onset(seed: int) -> list[Record]:
     late = 1e3 * (seen[0] - pushed) if seen else float("inf")
     early = sum(0.5 < time < pushed for time in result.contacts())
     return [
-        Record(NAME, "push of 0.07 N m", str(seed), "adaptive", min(late, 9999.0), float(late <= 100.0), early, None)
+        Record(
+            NAME,
+            "push of 0.07 N m",
+            str(seed),
+            "adaptive",
+            min(late, 9999.0),
+            float(late <= 100.0),
+            early,
+            None,
+        )
     ]
 
 
@@ -134,7 +198,16 @@ def quiet(seed: int) -> list[Record]:
     log, rig = finger(seed, 60.0, None)
     seen = [time for time in estimate(log, rig).contacts() if time > 0.5]
     return [
-        Record(NAME, "a minute without a push", str(seed), "adaptive", float(len(seen)), float(not seen), 0.0, None)
+        Record(
+            NAME,
+            "a minute without a push",
+            str(seed),
+            "adaptive",
+            float(len(seen)),
+            float(not seen),
+            0.0,
+            None,
+        )
     ]
 
 
@@ -164,9 +237,14 @@ def tables(records: list[Record]) -> list[Table]:
     for case in dict.fromkeys(one.case for one in records if one.case.startswith("jaw")):
         for name in ("adaptive", "zero"):
             own = [one for one in records if one.case == case and one.estimator == name]
-            zero = {one.log: one.rms for one in records if one.case == case and one.estimator == "zero"}
+            zero = {
+                one.log: one.rms for one in records if one.case == case and one.estimator == "zero"
+            }
             better = 100.0 * float(np.mean([one.rms < zero[one.log] for one in own]))
-            rms, inside = [one.rms for one in own], 100.0 * float(np.mean([one.inside for one in own]))
+            rms, inside = (
+                [one.rms for one in own],
+                100.0 * float(np.mean([one.inside for one in own])),
+            )
             nan = float("nan")
             known = (inside, better) if name == "adaptive" else (nan, nan)
             rows[(case, name)] = (float(len(own)), float(np.mean(rms)), max(rms), *known)
@@ -199,6 +277,12 @@ def tables(records: list[Record]) -> list[Table]:
             ("false onsets", 0),
         )
         found.append(
-            Table(f"strangers-{NAME}-onset", "a push of 0.07 N m on a simulated finger", ("rig",), heads, onsets)
+            Table(
+                f"strangers-{NAME}-onset",
+                "a push of 0.07 N m on a simulated finger",
+                ("rig",),
+                heads,
+                onsets,
+            )
         )
     return found

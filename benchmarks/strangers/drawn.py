@@ -1,12 +1,14 @@
-"""Rigs drawn at random (`drawn_rigs`), fitted to three logs with a temporary encoder, judged on three others without.
+"""Rigs drawn at random (`drawn_rigs`), fitted to three logs with a temporary encoder, judged on
+three others without.
 
-Each plant (`drawn_plants`) has numbers drawn from its rig's own stds; half of the plants have no inertia. Judged are the
-fitted numbers beside the true ones, what of all that the logs tell is found, and the angle on logs that no fit has seen:
-two of the same kind of motion, one of a wider and faster one, marked "outside".
+Each plant (`drawn_plants`) has numbers drawn from its rig's own stds; half of the plants have no
+inertia. Judged are the fitted numbers beside the true ones, what of all that the logs tell is
+found, and the angle on logs that no fit has seen: two of the same kind of motion, one of a wider
+and faster one, marked "outside".
 
-`python -m benchmarks.strangers.drawn --rigs 40 --first-seed 0 --stops --save FILE.json` prints a line for each rig as it is
-done, then a summary. It uses public names of distal only, so that older releases can be asked too:
-`PYTHONPATH=/path/to/older/src:. python -m benchmarks.strangers.drawn`.
+`python -m benchmarks.strangers.drawn --rigs 40 --first-seed 0 --stops --save FILE.json` prints a
+line for each rig as it is done, then a summary. It uses public names of distal only, so that older
+releases can be asked too: `PYTHONPATH=/path/to/older/src:. python -m benchmarks.strangers.drawn`.
 """
 
 from __future__ import annotations
@@ -27,7 +29,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import table
-from benchmarks.strangers.drawn_plants import CLEAR, PARTS, STEP, nudged, numbers_of, ramps, simulated, told
+from benchmarks.strangers.drawn_plants import (
+    CLEAR,
+    PARTS,
+    STEP,
+    nudged,
+    numbers_of,
+    ramps,
+    simulated,
+    told,
+)
 from benchmarks.strangers.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, settled, units
 from distal import DistalError, Log, Rig, estimate, fit
 from distal.logs import FROM_SENSOR
@@ -40,19 +51,26 @@ Floats = NDArray[np.float64]
 
 NAME = "drawn"
 RIGS, FITTED, JUDGED = 40, 3, 3
-"""How many rigs; logs that each is fitted to; logs that it is judged on, the last of the wider motion."""
+"""How many rigs; logs that each is fitted to; logs that it is judged on, the last of the wider
+motion.
+"""
 FASTER = 1.3
 """How fast that is, beside the others."""
 STARTS = 3
 """So many other starts are tried where a fit offers it."""
 ESTIMATORS = ("plant known", "adaptive", "affine")
-"""The default one as it is given the plant's numbers; the default one, and the obvious one, with the fitted rig."""
+"""The default one as it is given the plant's numbers; the default one, and the obvious one, with
+the fitted rig.
+"""
 BAND, LOST, LOWER = 1.959963984540054, 90.0, 1.0
-"""Stds of half a 95 % band; the error of what is refused [deg]; −ln p that is lower by this elsewhere was missed."""
+"""Stds of half a 95 % band; the error of what is refused [deg]; −ln p that is lower by this
+elsewhere was missed.
+"""
 
 
 def places_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
-    """Return where drives go, (k, d), so that the rig as described would have these angles and this share of its tension.
+    """Return where drives go, (k, d), so that the rig as described would have these angles and this
+    share of its tension.
 
     Args:
         rig: the rig.
@@ -76,13 +94,17 @@ def places_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
 
 
 def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
-    """Return the logs of a rig, those to fit first, and by number the share of its std that these logs leave."""
+    """Return the logs of a rig, those to fit first, and by number the share of its std that these
+    logs leave.
+    """
     rate, count = 1.0 / STEP if rig.inert else PARTS * RATE, FITTED + JUDGED
     rngs, moves = [np.random.default_rng([seed, log, 72]) for log in range(count)], []
     for log, rng in enumerate(rngs):
         wide, fast = (WIDER, FASTER) if log == count - 1 else (1.0, 1.0)
         pressed = rig.pressed if log < FITTED else 0.0 * rig.pressed
-        wish = np.column_stack([ramps(rng, wide * a, fast, rate, b) for a, b in zip(rig.reach, pressed)])
+        wish = np.column_stack(
+            [ramps(rng, wide * a, fast, rate, b) for a, b in zip(rig.reach, pressed)]
+        )
         wave = 2.0 * np.pi * (rng.uniform(0.05, 0.2) * np.arange(len(wish)) / rate + rng.uniform())
         moves.append(places_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
     places, others = np.stack(moves, axis=1), nudged(rig.raw, rig.truth)
@@ -103,7 +125,13 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
         source = f"drawn {seed}, {'calibration' if calibrates else said} {log}"
         channels = {**read["position"], **read["force"]}
         logs.append(
-            Log(np.arange(len(angles)) / RATE, channels, truth, source, FROM_SENSOR if calibrates else "the plant")
+            Log(
+                np.arange(len(angles)) / RATE,
+                channels,
+                truth,
+                source,
+                FROM_SENSOR if calibrates else "the plant",
+            )
         )
     return logs, told(rig.raw, runs[1:])
 
@@ -118,7 +146,12 @@ def judged(log: Log, rig: Rig, estimator: str) -> Raw:
         return {**said, "rms": LOST, "inside": 0.0, "half": 0.0, "refused": str(problem)}
     errors, stds = found.angles - np.column_stack(list(log.truth.values())), found.angle_stds
     rms, half = np.rad2deg(np.sqrt(np.mean(errors**2))), np.rad2deg(BAND * np.mean(stds))
-    return {**said, "rms": float(rms), "inside": float(np.mean(np.abs(errors) <= BAND * stds)), "half": float(half)}
+    return {
+        **said,
+        "rms": float(rms),
+        "inside": float(np.mean(np.abs(errors) <= BAND * stds)),
+        "half": float(half),
+    }
 
 
 def fitted(logs: Sequence[Log], rig: Rig, seed: int | None = None) -> Any:
@@ -127,7 +160,8 @@ def fitted(logs: Sequence[Log], rig: Rig, seed: int | None = None) -> Any:
 
 
 def other_starts(logs: Sequence[Log], rig: Rig, found: Any, count: int) -> list[float]:
-    """Return −ln p that fits from other starts end with, less that of the fit; none where a release does not offer it.
+    """Return −ln p that fits from other starts end with, less that of the fit; none where a release
+    does not offer it.
 
     TO BE CHANGED WITH `distal.fit`: its starts are drawn by `seed`, and `Fit.cost_after` is −ln p.
     """
@@ -144,11 +178,22 @@ def run_rig(seed: int, stops: bool = False, starts: int = 0) -> Raw:
     """Return all that is reported of the rig of a seed."""
     began, rig = time.process_time(), drawn_rig(seed, stops)
     logs, left = logs_of(rig, seed)
-    said: Raw = {"seed": seed, "kind": rig.kind, "joints": len(rig.reach), "inert": rig.inert, "stops": stops}
+    said: Raw = {
+        "seed": seed,
+        "kind": rig.kind,
+        "joints": len(rig.reach),
+        "inert": rig.inert,
+        "stops": stops,
+    }
     said |= {"simulated_s": time.process_time() - began, "numbers": len(left), "left": left}
-    described, known = build_rig(rig.raw, f"drawn {seed}"), build_rig(settled(rig.raw, rig.truth), "plant known")
+    described, known = (
+        build_rig(rig.raw, f"drawn {seed}"),
+        build_rig(settled(rig.raw, rig.truth), "plant known"),
+    )
     fit_to, others = logs[:FITTED], logs[FITTED:]
-    said["judged"] = [judged(log, known, "adaptive") | {"estimator": ESTIMATORS[0]} for log in others]
+    said["judged"] = [
+        judged(log, known, "adaptive") | {"estimator": ESTIMATORS[0]} for log in others
+    ]
     began, clock = time.process_time(), time.perf_counter()
     found: Any = None
     try:
@@ -159,9 +204,17 @@ def run_rig(seed: int, stops: bool = False, starts: int = 0) -> Raw:
     parts = [part for part in found.fitted if part.identified and not part.noise] if found else []
     seen = {path for part in parts for path in part.paths}
     tell = {first: paths for first, paths in units(rig.raw).items() if left[first] < CLEAR}
-    said["told"], said["tellable"] = [first for first in tell if seen & set(tell[first])], list(tell)
+    said["told"], said["tellable"] = (
+        [first for first in tell if seen & set(tell[first])],
+        list(tell),
+    )
     said["values"] = [
-        {"path": path, "true": rig.truth[path], "value": float(part.value), "error": float(part.error)}
+        {
+            "path": path,
+            "true": rig.truth[path],
+            "value": float(part.value),
+            "error": float(part.error),
+        }
         for part in parts
         for path in [path for path in part.paths if path in rig.truth][:1]
     ]
@@ -184,20 +237,36 @@ def quiet(seed: int, stops: bool, starts: int) -> Raw:
 
 
 def within(said: Raw) -> list[bool]:
-    """Return for each number that a fit identifies whether the plant's is within two standard errors."""
+    """Return for each number that a fit identifies whether the plant's is within two standard
+    errors.
+    """
     return [abs(one["value"] - one["true"]) <= 2.0 * one["error"] for one in said["values"]]
 
 
 def of(said: Raw, estimator: str, key: str, outside: bool) -> list[float]:
-    """Return a number of an estimator on the logs of a rig, those of the wider motion or the others."""
-    return [one[key] for one in said["judged"] if one["estimator"] == estimator and one["outside"] == outside]
+    """Return a number of an estimator on the logs of a rig, those of the wider motion or the
+    others.
+    """
+    return [
+        one[key]
+        for one in said["judged"]
+        if one["estimator"] == estimator and one["outside"] == outside
+    ]
 
 
 def line(said: Raw) -> str:
     """Return what is reported of a rig in a line."""
     parts = [f"{said['seed']:4d} {said['kind']:19s} {'with' if said['inert'] else 'no  '} inertia"]
-    parts.append("REFUSED      " if "refused" in said else "converged    " if said["converged"] else "NOT converged")
-    parts.append(f"{said['fit_s']:6.1f} s  within 2: {sum(within(said)):2d}/{len(said['values']):2d}")
+    parts.append(
+        "REFUSED      "
+        if "refused" in said
+        else "converged    "
+        if said["converged"]
+        else "NOT converged"
+    )
+    parts.append(
+        f"{said['fit_s']:6.1f} s  within 2: {sum(within(said)):2d}/{len(said['values']):2d}"
+    )
     parts.append(f"told {len(said['told']):2d}/{len(said['tellable']):2d}  RMS")
     for outside in (False, True):
         parts.append("outside" if outside else "motion")
@@ -210,7 +279,9 @@ def line(said: Raw) -> str:
 
 
 def summary(records: Sequence[Raw]) -> list[list[str]]:
-    """Return rows for all rigs and their kinds: of sizes median and worst decile, of shares mean and worst decile."""
+    """Return rows for all rigs and their kinds: of sizes median and worst decile, of shares mean
+    and worst decile.
+    """
     groups: dict[str, Callable[[Raw], bool]] = {
         "all": lambda one: True,
         "no inertia": lambda one: not one["inert"],
@@ -220,9 +291,15 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
     }
     measures: list[tuple[str, Callable[[Raw], Sequence[float]]]] = [
         ("converged [%]", lambda one: [one.get("converged", False)]),
-        ("−ln p nowhere lower [%]", lambda one: [min(one["others"]) > -LOWER] if one.get("others") else []),
+        (
+            "−ln p nowhere lower [%]",
+            lambda one: [min(one["others"]) > -LOWER] if one.get("others") else [],
+        ),
         ("numbers within 2 errors [%]", within),
-        ("told, of what the logs tell [%]", lambda one: [path in one["told"] for path in one["tellable"]]),
+        (
+            "told, of what the logs tell [%]",
+            lambda one: [path in one["told"] for path in one["tellable"]],
+        ),
         ("processor time of the fit [s]", lambda one: [one["fit_s"]]),
     ]
     for estimator in ESTIMATORS:
@@ -234,11 +311,19 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
     for name, each in measures:
         cells = []
         for chosen in groups.values():
-            values = [float(np.mean(each(one))) for one in records if chosen(one) and len(each(one))]
+            values = [
+                float(np.mean(each(one))) for one in records if chosen(one) and len(each(one))
+            ]
             if "[%]" in name:
-                cells.append(f"{100 * np.mean(values):.0f}, {100 * np.quantile(values, 0.1):.0f}" if values else "–")
+                cells.append(
+                    f"{100 * np.mean(values):.0f}, {100 * np.quantile(values, 0.1):.0f}"
+                    if values
+                    else "–"
+                )
             else:
-                cells.append(f"{np.median(values):.3g}, {np.quantile(values, 0.9):.3g}" if values else "–")
+                cells.append(
+                    f"{np.median(values):.3g}, {np.quantile(values, 0.9):.3g}" if values else "–"
+                )
         rows.append([name, *cells])
     return [["median or mean, worst decile of rigs", *groups], *rows]
 
@@ -249,10 +334,22 @@ def records_of(seed: int, stops: bool = False) -> list[Record]:
 
     said, records = quiet(seed, stops, 0), []
     for one in said["judged"]:
-        case = f"{'one joint' if said['joints'] == 1 else 'several'}, {'' if said['inert'] else 'no '}inertia"
+        case = (
+            f"{'one joint' if said['joints'] == 1 else 'several'}, "
+            f"{'' if said['inert'] else 'no '}inertia"
+        )
         case += ": outside" if one["outside"] else ""
         held = (round(one["rms"], 4), round(one["inside"], 4), round(one["half"], 4), None)
-        records.append(Record(NAME, case, one["log"], one["estimator"], *held, "refused" if one["rms"] == LOST else ""))
+        records.append(
+            Record(
+                NAME,
+                case,
+                one["log"],
+                one["estimator"],
+                *held,
+                "refused" if one["rms"] == LOST else "",
+            )
+        )
     return records
 
 
@@ -265,17 +362,32 @@ def tables(records: list[Record]) -> list[Table]:
     """Return the table by kind of rig and motion."""
     from benchmarks.strangers.scoring import by_case
 
-    return [by_case(NAME, "rigs drawn at random, fitted to three logs of 12 s, judged on three others", records)]
+    return [
+        by_case(
+            NAME,
+            "rigs drawn at random, fitted to three logs of 12 s, judged on three others",
+            records,
+        )
+    ]
 
 
 def main() -> None:
     """Run, print and store."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.strangers.drawn", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.strangers.drawn", description=__doc__
+    )
     parser.add_argument("--rigs", type=int, default=RIGS)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--stops", action="store_true", help="calibration rests in hard stops for a third of its time")
     parser.add_argument(
-        "--starts", type=int, default=STARTS, help="fits from other starts; each takes as long as the fit"
+        "--stops",
+        action="store_true",
+        help="calibration rests in hard stops for a third of its time",
+    )
+    parser.add_argument(
+        "--starts",
+        type=int,
+        default=STARTS,
+        help="fits from other starts; each takes as long as the fit",
     )
     parser.add_argument("--save", type=Path, metavar="FILE.json")
     parser.add_argument("--processes", type=int, default=1)
@@ -287,9 +399,14 @@ def main() -> None:
             records.append(said)
             print(line(said), flush=True)
             if asked.save:
-                about = f"python -m benchmarks.strangers.drawn --rigs {asked.rigs} --first-seed {asked.first_seed}"
+                about = (
+                    f"python -m benchmarks.strangers.drawn --rigs {asked.rigs} --first-seed "
+                    f"{asked.first_seed}"
+                )
                 held = {"about": about + " --stops" * asked.stops, "rigs": records}
-                asked.save.write_text(json.dumps(held, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+                asked.save.write_text(
+                    json.dumps(held, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+                )
     columns, *rows = summary(records)
     table("strangers-drawn-rigs", f"{len(records)} rigs drawn at random", columns, rows)
 

@@ -1,9 +1,11 @@
-"""Plants for rigs that nobody built, in NumPy, several of one layout at once; no code of `distal.model` is shared.
+"""Plants for rigs that nobody built, in NumPy, several of one layout at once; no code of
+`distal.model` is shared.
 
-A plant has all numbers of a raw rig description, each once and for good. Its drives are moved by stiff servos, so that
-their places are given; tendons stretch, joints rub. Without inertia each joint moves only as far as balance but for
-friction asks (`at_rest`); with it, steps of 0.2 ms whose friction is implicit, so that what sticks stays (`moving`).
-`told` asks by finite differences what the noise of the sensors leaves of each number: Fisher's information.
+A plant has all numbers of a raw rig description, each once and for good. Its drives are moved by
+stiff servos, so that their places are given; tendons stretch, joints rub. Without inertia each
+joint moves only as far as balance but for friction asks (`at_rest`); with it, steps of 0.2 ms whose
+friction is implicit, so that what sticks stays (`moving`). `told` asks by finite differences what
+the noise of the sensors leaves of each number: Fisher's information.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from benchmarks.strangers.drawn_rigs import RATE, Raw, numbers, settled, spread,
 
 Floats = NDArray[np.float64]
 Numbers = dict[str, Floats]
-"""The arrays of plants; the first axis is that of the plants, then joints j, tendons t or drives d."""
+"""The arrays of plants; the first axis is that of the plants, then joints j, tendons t or drives d.
+"""
 
 DURATION = 12.0
 """Of a log [s]."""
@@ -28,7 +31,9 @@ PRESLIDING = 1e-5
 """Way of a tendon's end over which the drive's friction turns round [m]."""
 
 ALIKE = 0.1
-"""Samples within this time count as one where it is asked what they tell [s]: errors of a model last."""
+"""Samples within this time count as one where it is asked what they tell [s]: errors of a model
+last.
+"""
 EXACT = np.deg2rad(0.02)
 """No encoder counts as better than this [rad]."""
 NUDGE = 0.1
@@ -44,16 +49,24 @@ def numbers_of(raw: Raw, values: Mapping[str, float]) -> Numbers:
     names = [joint["name"] for joint in joints]
     arms, levers = np.zeros((len(tendons), len(joints))), np.zeros((len(tendons), len(drives)))
     for i, tendon in enumerate(tendons):
-        crossings = tendon["crossings"] if "crossings" in tendon else [{**tendon, **tendon["insertion"]}]
+        crossings = (
+            tendon["crossings"] if "crossings" in tendon else [{**tendon, **tendon["insertion"]}]
+        )
         for crossing in crossings:
             arms[i, names.index(crossing["joint"])] += crossing["side"] * crossing["radius"]
         d = next(k for k, drive in enumerate(drives) if drive["name"] == tendon["drive"])
-        levers[i, d] = crossings[0]["side"] * drives[d]["radius"] if drives[d]["kind"] == "capstan" else 1.0
-    places, efforts = ([one for one in rig["sensors"] if one["measures"] == kind] for kind in ("position", "force"))
+        levers[i, d] = (
+            crossings[0]["side"] * drives[d]["radius"] if drives[d]["kind"] == "capstan" else 1.0
+        )
+    places, efforts = (
+        [one for one in rig["sensors"] if one["measures"] == kind] for kind in ("position", "force")
+    )
     stiffness = np.array([tendon["stiffness"] for tendon in tendons])
     # the servos hold what their sensors read, so an offset moves the drive
     taut = np.array([one.get("pretension", 0.0) for one in tendons]) / stiffness
-    taut -= np.array([one.get("slack", 0.0) for one in tendons]) + levers @ [one.get("bias", 0.0) for one in places]
+    taut -= np.array([one.get("slack", 0.0) for one in tendons]) + levers @ [
+        one.get("bias", 0.0) for one in places
+    ]
     paths = [one.get("path", {"friction": 0.0, "wrap": 0.0}) for one in tendons]
     axles = [one.get("friction", {"coefficient": 0.0, "radius": 1.0}) for one in joints]
     grip = np.array([one["coefficient"] * one["radius"] for one in axles])
@@ -63,23 +76,31 @@ def numbers_of(raw: Raw, values: Mapping[str, float]) -> Numbers:
     rubbing = [one.get("friction", {}) for one in drives]
     ends = np.array([one.get("stops", (-np.inf, np.inf)) for one in joints])
     return {
-        "arms": arms, "levers": levers, "crosses": (arms != 0.0).astype(float), "stiffness": stiffness, "taut": taut,
+        "arms": arms,
+        "levers": levers,
+        "crosses": (arms != 0.0).astype(float),
+        "stiffness": stiffness,
+        "taut": taut,
         "wrapped": np.array([one["friction"] * one["wrap"] for one in paths]),
-        "grip": grip, "axle": grip * [one.get("preload", 0.0) for one in axles],
+        "grip": grip,
+        "axle": grip * [one.get("preload", 0.0) for one in axles],
         "spring": np.array([one["stiffness"] for one in springs]),
         "rest": np.array([one.get("rest_angle", 0.0) for one in springs]),
         "weight": np.array([one["mass"] * GRAVITY * one["distance"] for one in weights]),
         "hanging": np.array([one.get("hanging_angle", 0.0) for one in weights]),
         "inertia": np.array([one["inertia"] for one in joints]),
         "damping": np.array([one["damping"] for one in joints]),
-        "low": ends[:, 0], "high": ends[:, 1],
+        "low": ends[:, 0],
+        "high": ends[:, 1],
         "constant": np.array([one.get("constant", 0.0) for one in rubbing]),
         "load": lever * [one.get("load", 0.0) for one in rubbing],
         "viscous": np.array([one.get("damping", 0.0) for one in drives]),
-        "mass": np.array([one["mass"] if one["kind"] == "slider" else one["inertia"] for one in drives]),
+        "mass": np.array(
+            [one["mass"] if one["kind"] == "slider" else one["inertia"] for one in drives]
+        ),
         "gain": np.array([one.get("gain", 1.0) for one in efforts]),
         "bias": np.array([one.get("bias", 0.0) for one in efforts]),
-    }  # fmt: skip
+    }
 
 
 def soft(value: Floats, limit: Floats) -> Floats:
@@ -88,27 +109,42 @@ def soft(value: Floats, limit: Floats) -> Floats:
 
 
 def loads(p: Numbers, ends: Floats, angles: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return torques (b, j), limits of friction (b, j), stretches and tensions (b, t); `ends` are places of tendons."""
+    """Return torques (b, j), limits of friction (b, j), stretches and tensions (b, t); `ends` are
+    places of tendons.
+    """
     stretch = p["taut"] + ends - np.einsum("btj,bj->bt", p["arms"], angles)
     tension = p["stiffness"] * np.maximum(stretch, 0.0)
     torque = np.einsum("btj,bt->bj", p["arms"], tension) - p["spring"] * (angles - p["rest"])
     if p["heavy"]:
         torque -= p["weight"] * np.sin(angles - p["hanging"])
-    return torque, p["axle"] + p["grip"] * np.einsum("btj,bt->bj", p["crosses"], tension), stretch, tension
+    return (
+        torque,
+        p["axle"] + p["grip"] * np.einsum("btj,bt->bj", p["crosses"], tension),
+        stretch,
+        tension,
+    )
 
 
 def balanced(p: Numbers, ends: Floats, angles: Floats, rubbing: float = 1.0) -> Floats:
-    """Return where joints come to rest, (b, j): each stays unless more than friction turns it; Newton from kink to kink."""
+    """Return where joints come to rest, (b, j): each stays unless more than friction turns it;
+    Newton from kink to kink.
+    """
     for _ in range(60):
         torque, limit, stretch, _ = loads(p, ends, angles)
         left = soft(torque, rubbing * limit)
-        left = np.where((left > 0.0) & (angles >= p["high"]) | (left < 0.0) & (angles <= p["low"]), 0.0, left)
+        left = np.where(
+            (left > 0.0) & (angles >= p["high"]) | (left < 0.0) & (angles <= p["low"]), 0.0, left
+        )
         if np.all(np.abs(left) < 1e-7 * p["stiff"]):
             return angles
         pulled = p["stiffness"][:, :, None] * (stretch > 0.0)[:, :, None] * p["arms"]
         toward = p["arms"] - (rubbing * np.sign(left) * p["grip"])[:, None, :] * p["crosses"]
         slope = np.einsum("bti,btj->bij", toward, pulled)
-        own = p["spring"] + p["weight"] * np.maximum(np.cos(angles - p["hanging"]), 0.0) + 1e-6 * p["stiff"]
+        own = (
+            p["spring"]
+            + p["weight"] * np.maximum(np.cos(angles - p["hanging"]), 0.0)
+            + 1e-6 * p["stiff"]
+        )
         slope[:, p["each"], p["each"]] += own
         free = left != 0.0
         for _ in range(2):
@@ -123,7 +159,9 @@ def balanced(p: Numbers, ends: Floats, angles: Floats, rubbing: float = 1.0) -> 
         # no further than to where a slack tendon is taut
         moved = np.einsum("btj,bj->bt", p["arms"], turn)
         caught = (stretch <= 0.0) & (stretch - moved > 0.0)
-        part = np.where(caught, stretch / np.where(caught, moved, 1.0) + 1e-6, 1.0).min(axis=1, keepdims=True)
+        part = np.where(caught, stretch / np.where(caught, moved, 1.0) + 1e-6, 1.0).min(
+            axis=1, keepdims=True
+        )
         angles = np.clip(angles + np.minimum(part, 1.0) * turn, p["low"], p["high"])
     raise ArithmeticError("a plant does not come to rest")
 
@@ -131,11 +169,18 @@ def balanced(p: Numbers, ends: Floats, angles: Floats, rubbing: float = 1.0) -> 
 def prepared(p: Numbers) -> Numbers:
     """Return the arrays with what the loops need beside them."""
     stiff = np.einsum("bt,btj->bj", p["stiffness"], p["arms"] ** 2) + p["spring"]
-    return {**p, "stiff": stiff, "heavy": np.any(p["weight"] != 0.0), "each": np.arange(p["arms"].shape[2])}
+    return {
+        **p,
+        "stiff": stiff,
+        "heavy": np.any(p["weight"] != 0.0),
+        "each": np.arange(p["arms"].shape[2]),
+    }
 
 
 def at_rest(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """Return angles (k, b, j) and tensions (k, b, t) without inertia; `ends` of tendons are (PARTS k, logs, t)."""
+    """Return angles (k, b, j) and tensions (k, b, t) without inertia; `ends` of tendons are (PARTS
+    k, logs, t).
+    """
     p = prepared(p)
     angles = balanced(p, ends[0][logs], np.zeros_like(p["axle"]), 0.0)
     turned, pulls = [], []
@@ -148,7 +193,9 @@ def at_rest(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, F
 
 
 def moving(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """Return angles (k, b, j) and tensions (k, b, t) with inertia; `ends` of tendons are (steps, logs, t)."""
+    """Return angles (k, b, j) and tensions (k, b, t) with inertia; `ends` of tendons are (steps,
+    logs, t).
+    """
     p, every = prepared(p), round(1.0 / RATE / STEP)
     angles = balanced(p, ends[0][logs], np.zeros_like(p["axle"]), 0.0)
     speeds, kick = np.zeros_like(angles), p["inertia"] / STEP
@@ -168,12 +215,16 @@ def moving(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Fl
 
 
 def efforts(p: Numbers, places: Floats, tensions: Floats) -> Floats:
-    """Return what force and torque sensors read without noise, (k, b, d), of places (k, b, d) and tensions (k, b, t)."""
+    """Return what force and torque sensors read without noise, (k, b, d), of places (k, b, d) and
+    tensions (k, b, t).
+    """
     levers = p["levers"][0]
     lever = np.abs(levers).max(axis=0)
     sense = np.zeros_like(places)
     for k in range(1, len(places)):
-        sense[k] = np.clip(sense[k - 1] + 2.0 * lever * (places[k] - places[k - 1]) / PRESLIDING, -1.0, 1.0)
+        sense[k] = np.clip(
+            sense[k - 1] + 2.0 * lever * (places[k] - places[k - 1]) / PRESLIDING, -1.0, 1.0
+        )
     limit = p["constant"] + p["load"] * (tensions @ (levers != 0.0))
     drawn_in, let_out = tensions * np.expm1(p["wrapped"]), -tensions * np.expm1(-p["wrapped"])
     for d in range(levers.shape[1]):
@@ -186,7 +237,11 @@ def efforts(p: Numbers, places: Floats, tensions: Floats) -> Floats:
 
 
 def simulated(
-    raw: Raw, plants: Sequence[Mapping[str, float]], of: Sequence[Sequence[int]], places: Floats, inert: bool
+    raw: Raw,
+    plants: Sequence[Mapping[str, float]],
+    of: Sequence[Sequence[int]],
+    places: Floats,
+    inert: bool,
 ) -> list[list[tuple[Floats, Floats]]]:
     """Return angles (k, j) and efforts (k, d) of each plant on each of its logs.
 
@@ -194,7 +249,8 @@ def simulated(
         raw: the description.
         plants: true numbers by path, of each plant.
         of: which logs each of them runs.
-        places: of the drives, (steps, logs, d): `STEP` apart with inertia, else `PARTS` in an interval.
+        places: of the drives, (steps, logs, d): `STEP` apart with inertia, else `PARTS` in an
+            interval.
         inert: whether joints have inertia and damping.
     """
     made = [numbers_of(raw, plant) for plant in plants]
@@ -215,17 +271,24 @@ def nudged(raw: Raw, truth: Mapping[str, float]) -> list[dict[str, float]]:
     """Return the true numbers with each unit a little higher, and a little lower, in turn."""
     known = numbers(raw)
     steps = [{path: NUDGE * spread(known[path]) for path in paths} for paths in units(raw).values()]
-    return [{**truth, **{k: truth[k] + sign * v for k, v in step.items()}} for step in steps for sign in (1, -1)]
+    return [
+        {**truth, **{k: truth[k] + sign * v for k, v in step.items()}}
+        for step in steps
+        for sign in (1, -1)
+    ]
 
 
 def told(raw: Raw, nudged_runs: Sequence[Sequence[tuple[Floats, Floats]]]) -> dict[str, float]:
-    """Return what logs leave of each unit's std, as a share of that of its prior, by the path of its first number.
+    """Return what logs leave of each unit's std, as a share of that of its prior, by the path of
+    its first number.
 
-    Forces err by their sensor and by what the noise of places does to tensions, encoders by theirs and by an offset.
+    Forces err by their sensor and by what the noise of places does to tensions, encoders by theirs
+    and by an offset.
     """
     p = numbers_of(raw, {})
     places, forces, encoders = (
-        [one for one in raw["sensors"] if one["measures"] == kind] for kind in ("position", "force", "angle")
+        [one for one in raw["sensors"] if one["measures"] == kind]
+        for kind in ("position", "force", "angle")
     )
     rough = [np.hypot(one["noise"], one.get("resolution", 0.0) / np.sqrt(12.0)) for one in places]
     shaken = (p["stiffness"] @ p["levers"] ** 2) * rough
@@ -233,7 +296,12 @@ def told(raw: Raw, nudged_runs: Sequence[Sequence[tuple[Floats, Floats]]]) -> di
     whole = np.concatenate([angle, np.hypot([one["noise"] for one in forces], shaken)])
     share = np.sqrt(1.0 / (RATE * ALIKE)) / whole
     columns = [
-        np.concatenate([((np.hstack(a) - np.hstack(b)) * share / (2.0 * NUDGE)).ravel() for a, b in zip(up, down)])
+        np.concatenate(
+            [
+                ((np.hstack(a) - np.hstack(b)) * share / (2.0 * NUDGE)).ravel()
+                for a, b in zip(up, down)
+            ]
+        )
         for up, down in zip(nudged_runs[::2], nudged_runs[1::2])
     ]
     samples = len(columns[0]) // len(whole)
@@ -246,15 +314,19 @@ def told(raw: Raw, nudged_runs: Sequence[Sequence[tuple[Floats, Floats]]]) -> di
     return {path: float(value) for path, value in zip(units(raw), left)}
 
 
-def ramps(rng: np.random.Generator, reach: float, speed: float, rate: float, pressed: float = 0.0) -> Floats:
-    """Return ramps between random places with rests, smoothed over 0.2 s, that begin at 0; [rad] at `rate`.
+def ramps(
+    rng: np.random.Generator, reach: float, speed: float, rate: float, pressed: float = 0.0
+) -> Floats:
+    """Return ramps between random places with rests, smoothed over 0.2 s, that begin at 0; [rad] at
+    `rate`.
 
     Args:
         rng: of the motion.
         reach: to both sides [rad].
         speed: factor on the speeds of 0.25 to 1.2 rad/s.
         rate: of the samples [Hz].
-        pressed: where drives go on to while a joint stands in a stop, a third of the time [rad]; 0 for never.
+        pressed: where drives go on to while a joint stands in a stop, a third of the time [rad]; 0
+            for never.
     """
     count, length = round(DURATION * rate), round(0.2 * rate)
     places, spent = [0.0] * (2 * length), 0

@@ -1,4 +1,6 @@
-"""Descriptions of rigs that nobody built, as a user would write them, of one to three joints, and true numbers for them."""
+"""Descriptions of rigs that nobody built, as a user would write them, of one to three joints, and
+true numbers for them.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +29,17 @@ LAYOUTS: dict[str, list[list[tuple[int, int]]]] = {
     "crossed 2": [[(0, 1), (1, 1)], [(0, 1), (1, -1)], [(0, -1)]],
     "spring 2": [[(0, 1)], [(0, 1), (1, 1)]],
     "pair 3": [[(j, side) for j in range(n + 1)] for n in range(3) for side in (1, -1)],
-    "crossed 3": [[(0, 1), (1, 1), (2, 1)], [(0, 1), (1, -1), (2, -1)], [(0, -1), (1, 1)], [(0, -1), (1, -1)]],
+    "crossed 3": [
+        [(0, 1), (1, 1), (2, 1)],
+        [(0, 1), (1, -1), (2, -1)],
+        [(0, -1), (1, 1)],
+        [(0, -1), (1, -1)],
+    ],
     "spring 3": [[(j, 1) for j in range(n + 1)] for n in range(3)],
 }
-"""Joints and sides that each tendon crosses. In a "pair" one capstan winds two tendons, else each tendon has its drive."""
+"""Joints and sides that each tendon crosses. In a "pair" one capstan winds two tendons, else each
+tendon has its drive.
+"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,8 @@ class Drawn:
         kind: layout and drives.
         tension: usual tension [N].
         reach: of the joints to both sides [rad], (j,).
-        pressed: where drives go on to while joints stand in their stops [rad], (j,); 0 without stops.
+        pressed: where drives go on to while joints stand in their stops [rad], (j,); 0 without
+            stops.
         offsets: of the encoders [rad], (j,).
     """
 
@@ -59,7 +69,9 @@ class Drawn:
 
 
 def numbers(part: Any, path: str = "") -> dict[str, Raw]:
-    """Return what of a raw rig has a std, by path, but for what is of a log or an encoder: first angles, offsets, loads."""
+    """Return what of a raw rig has a std, by path, but for what is of a log or an encoder: first
+    angles, offsets, loads.
+    """
     if isinstance(part, dict) and "value" in part:
         return {path: part}
     if isinstance(part, dict) and part.get("measures") == "angle":
@@ -73,7 +85,9 @@ def numbers(part: Any, path: str = "") -> dict[str, Raw]:
 
 
 def units(raw: Raw) -> dict[str, list[str]]:
-    """Return the numbers that err as one, by the path of the first: those that share a name, or one alone."""
+    """Return the numbers that err as one, by the path of the first: those that share a name, or one
+    alone.
+    """
     found: dict[str, list[str]] = {}
     first: dict[str, str] = {}
     for path, number in numbers(raw).items():
@@ -88,10 +102,14 @@ def spread(number: Raw) -> float:
 
 
 def true_numbers(raw: Raw, rng: np.random.Generator) -> dict[str, float]:
-    """Return numbers by path, normal about those of a rig; what is positive there stays above a tenth of itself."""
+    """Return numbers by path, normal about those of a rig; what is positive there stays above a
+    tenth of itself.
+    """
     known, found = numbers(raw), dict[str, float]()
     for paths in units(raw).values():
-        least = [0.1 * known[path]["value"] if known[path]["value"] > 0.0 else -np.inf for path in paths]
+        least = [
+            0.1 * known[path]["value"] if known[path]["value"] > 0.0 else -np.inf for path in paths
+        ]
         values = least
         while any(value <= low for value, low in zip(values, least)):
             z = rng.normal()
@@ -101,18 +119,28 @@ def true_numbers(raw: Raw, rng: np.random.Generator) -> dict[str, float]:
 
 
 def settled(part: Any, values: Mapping[str, float], path: str = "") -> Any:
-    """Return a raw rig with plain numbers: those given by path, else its own; what is of a log keeps its std."""
+    """Return a raw rig with plain numbers: those given by path, else its own; what is of a log
+    keeps its std.
+    """
     if isinstance(part, dict) and "value" in part:
-        return part if path.endswith((".initial", ".nominal_force")) else values.get(path, part["value"])
+        return (
+            part
+            if path.endswith((".initial", ".nominal_force"))
+            else values.get(path, part["value"])
+        )
     if isinstance(part, dict):
-        return {key: settled(inner, values, f"{path}.{key}".lstrip(".")) for key, inner in part.items()}
+        return {
+            key: settled(inner, values, f"{path}.{key}".lstrip(".")) for key, inner in part.items()
+        }
     if isinstance(part, list):
         return [settled(inner, values, f"{path}.{key}") for key, inner in enumerate(part)]
     return part
 
 
 class Draw:
-    """One draw of a rig; its sizes follow from an arm, a tension, and the angle by which that stretches a tendon."""
+    """One draw of a rig; its sizes follow from an arm, a tension, and the angle by which that
+    stretches a tendon.
+    """
 
     def __init__(self, seed: int) -> None:
         self.rng = rng = np.random.default_rng([seed, 71])
@@ -130,8 +158,12 @@ class Draw:
         for t, crossed in enumerate(self.crossed):
             for j, side in crossed:
                 second = self.pair and t % 2 == 1  # on the same pulley as the one before
-                self.arms[t, j] = -self.arms[t - 1, j] if second else side * self.arm * rng.uniform(0.8, 1.1)
-        self.stiffness = self.tension / (self.turn * np.array([np.abs(row[row != 0.0]).mean() for row in self.arms]))
+                self.arms[t, j] = (
+                    -self.arms[t - 1, j] if second else side * self.arm * rng.uniform(0.8, 1.1)
+                )
+        self.stiffness = self.tension / (
+            self.turn * np.array([np.abs(row[row != 0.0]).mean() for row in self.arms])
+        )
         self.alike = len(self.crossed) > 1 and self.often(0.4)
         if self.alike:
             self.stiffness[:] = self.stiffness.mean()
@@ -159,14 +191,20 @@ class Draw:
                 "stiffness": self.about(stiffness, 0.1, 0.25),
             }
             if self.alike:
-                tendon["stiffness"] = {"value": stiffness, "shared": {"name": "rope", "std": softness}}
+                tendon["stiffness"] = {
+                    "value": stiffness,
+                    "shared": {"name": "rope", "std": softness},
+                }
             ends = [
-                {"kind": "pulley", "radius": self.about(abs(self.arms[t, j]), precision, precision)} for j, _ in crossed
+                {"kind": "pulley", "radius": self.about(abs(self.arms[t, j]), precision, precision)}
+                for j, _ in crossed
             ]
             if self.n == 1:
                 tendon |= {"joint": "joint0", "side": crossed[0][1], "insertion": ends[0]}
             else:
-                tendon["crossings"] = [{**e, "joint": f"joint{j}", "side": side} for e, (j, side) in zip(ends, crossed)]
+                tendon["crossings"] = [
+                    {**e, "joint": f"joint{j}", "side": side} for e, (j, side) in zip(ends, crossed)
+                ]
             if self.pair:
                 tendon["pretension"] = self.about(self.tension, 0.15, 0.3)
             elif slack:
@@ -177,42 +215,75 @@ class Draw:
         return made
 
     def joint(self, j: int, stops: bool) -> Raw:
-        held, stiff = self.tension * np.abs(self.arms[:, j]).sum(), self.stiffness @ self.arms[:, j] ** 2
-        inertia = stiff / (2 * np.pi * (self.between(3.0, 12.0) if self.inert else self.between(20.0, 40.0))) ** 2
-        damping = 2 * np.sqrt(stiff * inertia) * (self.between(0.1, 0.5) if self.inert else self.between(0.01, 0.03))
+        held, stiff = (
+            self.tension * np.abs(self.arms[:, j]).sum(),
+            self.stiffness @ self.arms[:, j] ** 2,
+        )
+        inertia = (
+            stiff
+            / (2 * np.pi * (self.between(3.0, 12.0) if self.inert else self.between(20.0, 40.0)))
+            ** 2
+        )
+        damping = (
+            2
+            * np.sqrt(stiff * inertia)
+            * (self.between(0.1, 0.5) if self.inert else self.between(0.01, 0.03))
+        )
         made: Raw = {"name": f"joint{j}", "inertia": inertia, "damping": damping}
         made["initial"] = {"value": 0.0, "std": np.deg2rad(5.0)}
         if self.inert:
             made["damping"] = self.about(damping, 0.3, 0.5)
             made["inertia"] = self.about(inertia, 0.1, 0.2) if self.often(0.5) else inertia
         axle = self.arm * self.rng.uniform(0.1, 0.3)
-        made["friction"] = {"coefficient": self.about(self.between(0.05, 0.3), 0.2, 0.4), "radius": axle}
+        made["friction"] = {
+            "coefficient": self.about(self.between(0.05, 0.3), 0.2, 0.4),
+            "radius": axle,
+        }
         if self.often(0.5):
-            made["friction"]["preload"] = self.about(self.tension * self.rng.uniform(0.2, 1.0), 0.15, 0.3)
+            made["friction"]["preload"] = self.about(
+                self.tension * self.rng.uniform(0.2, 1.0), 0.15, 0.3
+            )
         if self.sprung or self.often(0.3):
             # against tendons of one side it holds their tension at 0
             share = 0.1 if not self.sprung else 0.5 if self.n == 1 else 0.2
             rest = -self.reach[j] / share if self.sprung else 0.0
             made["spring"] = {"stiffness": self.about(share * held / self.reach[j], 0.05, 0.15)}
-            made["spring"]["rest_angle"] = {"value": rest, "std": np.deg2rad(self.rng.uniform(1, 3))}
+            made["spring"]["rest_angle"] = {
+                "value": rest,
+                "std": np.deg2rad(self.rng.uniform(1, 3)),
+            }
         if self.n == 1 and self.often(0.3):
             distance = self.arm * self.rng.uniform(2, 5)
             mass = self.about(0.2 * held / (9.81 * distance), 0.05, 0.15)
-            made["gravity"] = {"mass": mass, "distance": distance, "hanging_angle": self.rng.uniform(-1.0, 1.0)}
+            made["gravity"] = {
+                "mass": mass,
+                "distance": distance,
+                "hanging_angle": self.rng.uniform(-1.0, 1.0),
+            }
         if stops:
             made["stops"] = [-self.ends[j], self.ends[j]]
         return made
 
     def drives(self) -> list[Raw]:
-        constant, load = self.between(0.01, 0.06) * self.tension * self.lever, self.between(0.01, 0.12)
-        drag = self.between(0.03, 0.1) * self.tension * self.lever**2 / (0.5 * self.arm) if self.often(0.3) else 0.0
+        constant, load = (
+            self.between(0.01, 0.06) * self.tension * self.lever,
+            self.between(0.01, 0.12),
+        )
+        drag = (
+            self.between(0.03, 0.1) * self.tension * self.lever**2 / (0.5 * self.arm)
+            if self.often(0.3)
+            else 0.0
+        )
         made = []
         for d in range(len(self.crossed) // (2 if self.pair else 1)):
             drive: Raw = {"name": f"drive{d}", "kind": "slider", "mass": 0.01}
             if self.capstan:
                 drive |= {"kind": "capstan", "radius": self.lever, "inertia": 0.01 * self.lever**2}
                 del drive["mass"]
-            drive["friction"] = {"constant": self.about(constant, 0.2, 0.4), "load": self.about(load, 0.2, 0.4)}
+            drive["friction"] = {
+                "constant": self.about(constant, 0.2, 0.4),
+                "load": self.about(load, 0.2, 0.4),
+            }
             if drag:
                 drive["damping"] = self.about(drag, 0.2, 0.4)
             usual = self.tension * self.lever
@@ -222,11 +293,28 @@ class Draw:
 
     def sensors(self, drives: int) -> list[Raw]:
         noise, rough = self.between(1e-4, 6e-4) * self.arm / self.lever, self.between(0.005, 0.03)
-        coarse, zeros, drifts, gains = self.often(0.3), self.often(0.2), self.often(0.25), self.often(0.3)
+        coarse, zeros, drifts, gains = (
+            self.often(0.3),
+            self.often(0.2),
+            self.often(0.25),
+            self.often(0.3),
+        )
         usual, made = self.tension * self.lever, list[Raw]()
         for d in range(drives):
-            place: Raw = {"name": f"x{d}", "measures": "position", "of": f"drive{d}", "rate": RATE, "noise": noise}
-            force: Raw = {"name": f"u{d}", "measures": "force", "of": f"drive{d}", "rate": RATE, "noise": rough * usual}
+            place: Raw = {
+                "name": f"x{d}",
+                "measures": "position",
+                "of": f"drive{d}",
+                "rate": RATE,
+                "noise": noise,
+            }
+            force: Raw = {
+                "name": f"u{d}",
+                "measures": "force",
+                "of": f"drive{d}",
+                "rate": RATE,
+                "noise": rough * usual,
+            }
             if coarse:
                 place["resolution"] = 2.0 * noise
             if zeros:
@@ -239,7 +327,13 @@ class Draw:
             made += [place, force]
         fine, off = np.deg2rad(self.rng.uniform(0.03, 0.1)), np.deg2rad(self.rng.uniform(0.05, 0.2))
         for j in range(self.n):
-            encoder = {"name": f"encoder{j}", "measures": "angle", "of": f"joint{j}", "rate": RATE, "noise": fine}
+            encoder = {
+                "name": f"encoder{j}",
+                "measures": "angle",
+                "of": f"joint{j}",
+                "rate": RATE,
+                "noise": fine,
+            }
             made.append({**encoder, "bias": {"value": 0.0, "std": off}})
         return made
 

@@ -1,4 +1,6 @@
-"""Rigs with physics that the model lacks: fitted to three logs of 30 s, judged on others that nothing has seen."""
+"""Rigs with physics that the model lacks: fitted to three logs of 30 s, judged on others that
+nothing has seen.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +30,30 @@ def run(case: str, first: int, judged: int) -> list[Record]:
     records = []
     for seed in range(first + FITTED, first + FITTED + judged):
         log = log_of(seed)
-        before = replace(score(NAME, case, str(seed), log, rig, "adaptive"), estimator="adaptive, rig as it came")
-        records += [before, *(score(NAME, case, str(seed), log, found.rig, name) for name in ("adaptive", "affine"))]
+        before = replace(
+            score(NAME, case, str(seed), log, rig, "adaptive"), estimator="adaptive, rig as it came"
+        )
+        records += [
+            before,
+            *(
+                score(NAME, case, str(seed), log, found.rig, name)
+                for name in ("adaptive", "affine")
+            ),
+        ]
     return records
 
 
 def jobs(quick: bool, first: int) -> list[Job]:
     """Return the jobs: two plants, four fits of each."""
-    return [partial(run, case, first + 100 * i, 3) for case in PLANTS for i in range(1 if quick else 4)]
+    return [
+        partial(run, case, first + 100 * i, 3) for case in PLANTS for i in range(1 if quick else 4)
+    ]
 
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by plant."""
-    title = "rigs with other physics, fitted to three logs of 30 s, judged on three others; four such fits"
+    title = (
+        "rigs with other physics, fitted to three logs of 30 s, judged on three others; four "
+        "such fits"
+    )
     return [by_case(NAME, title, records)]

@@ -1,9 +1,11 @@
-"""Rigs of strangers, as plants with physics that distal's model does not have; they share no code with it.
+"""Rigs of strangers, as plants with physics that distal's model does not have; they share no code
+with it.
 
-`finger_log`: a motor winds one cable that runs through a Bowden sheath with friction along its way; an extension spring
-pulls the joint back; the motor's current and encoder counts are measured. `hand_log`: two motors pull a joint by ropes that
-creep, with backlash in the gears. What moves is a chain of places that rest until what pulls them exceeds friction, so that
-the plants are quasi-static: exact for motions of some hertz.
+`finger_log`: a motor winds one cable that runs through a Bowden sheath with friction along its way;
+an extension spring pulls the joint back; the motor's current and encoder counts are measured.
+`hand_log`: two motors pull a joint by ropes that creep, with backlash in the gears. What moves is a
+chain of places that rest until what pulls them exceeds friction, so that the plants are
+quasi-static: exact for motions of some hertz.
 """
 
 from __future__ import annotations
@@ -23,11 +25,15 @@ DURATION = 30.0
 
 
 def motion(rng: np.random.Generator, low: float, high: float, duration: float) -> Floats:
-    """Return a smooth motion between two places with rests: sums of sines, held now and then, (k,)."""
+    """Return a smooth motion between two places with rests: sums of sines, held now and then,
+    (k,).
+    """
     time = np.arange(round(duration * RATE)) / RATE
     rates = rng.uniform(0.05, 0.45, 4)
     weights = rng.uniform(0.4, 1.0, 4)
-    waves = sum(w * np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi)) for w, f in zip(weights, rates))
+    waves = sum(
+        w * np.sin(2 * np.pi * f * time + rng.uniform(0, 2 * np.pi)) for w, f in zip(weights, rates)
+    )
     raw = (waves / weights.sum() + 1.0) / 2.0
     for _ in range(3):
         at = int(rng.integers(len(raw) - 200))
@@ -40,7 +46,9 @@ def motion(rng: np.random.Generator, low: float, high: float, duration: float) -
 
 @cache
 def finger_log(seed: int, duration: float = DURATION) -> Log:
-    """Return a log of the finger; the plant's numbers are the same for all seeds, the motion and load are not."""
+    """Return a log of the finger; the plant's numbers are the same for all seeds, the motion and
+    load are not.
+    """
     rng = np.random.default_rng([seed, 41])
     turn = motion(rng, 0.0, 1.35, duration)
     spool, arm = 0.0082, 0.0093
@@ -51,14 +59,18 @@ def finger_log(seed: int, duration: float = DURATION) -> Log:
     angles, torques = np.empty(len(turn)), np.empty(len(turn))
     share = np.expm1(coefficient * wrap / parts)
     tensions = np.full(parts, 1.0)
-    # before the log the motor winds the cable to where it begins: else the joint jumps by 8° after the first sample
+    # before the log the motor winds the cable to where it begins: else the joint jumps by 8° after
+    # the first sample
     winding = np.linspace(0.0, turn[0], round(RATE))[:-1]
     for k, place in enumerate([*winding, *turn], -len(winding)):
         nodes[0] = spool * place
         for _ in range(60):
             before = nodes.copy()
             for i in range(1, parts):
-                pull, hold = stiffness * (nodes[i - 1] - nodes[i]), stiffness * (nodes[i] - nodes[i + 1])
+                pull, hold = (
+                    stiffness * (nodes[i - 1] - nodes[i]),
+                    stiffness * (nodes[i] - nodes[i + 1]),
+                )
                 limit = share * max(min(pull, hold), 0.0) + 1e-3
                 extra = pull - hold
                 if abs(extra) > limit:
@@ -83,9 +95,15 @@ def finger_log(seed: int, duration: float = DURATION) -> Log:
     time = np.arange(len(turn)) / RATE
     measured = {
         "motor_angle": np.round((turn + 0.012) / counts) * counts,
-        "motor_torque": np.round((1.06 * torques + 1.5e-3 * rng.normal(size=len(turn))) / 5e-4) * 5e-4,
+        "motor_torque": np.round((1.06 * torques + 1.5e-3 * rng.normal(size=len(turn))) / 5e-4)
+        * 5e-4,
     }
-    return Log(time, measured, {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(turn))}, f"finger {seed}")
+    return Log(
+        time,
+        measured,
+        {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(turn))},
+        f"finger {seed}",
+    )
 
 
 def finger_rig() -> Rig:
@@ -98,8 +116,15 @@ def finger_rig() -> Rig:
                 "inertia": "3e-5 kg m^2",
                 "damping": "1e-3 N m s",
                 "initial": {"value": 0.0, "std": "10 deg"},
-                "spring": {"stiffness": {"value": 0.04, "std": 0.008}, "rest_angle": {"value": -0.1, "std": 0.1}},
-                "friction": {"coefficient": {"value": 0.15, "std": 0.08}, "radius": "1.5 mm", "preload": "1 N"},
+                "spring": {
+                    "stiffness": {"value": 0.04, "std": 0.008},
+                    "rest_angle": {"value": -0.1, "std": 0.1},
+                },
+                "friction": {
+                    "coefficient": {"value": 0.15, "std": 0.08},
+                    "radius": "1.5 mm",
+                    "preload": "1 N",
+                },
             }
         ],
         "drives": [
@@ -108,7 +133,10 @@ def finger_rig() -> Rig:
                 "kind": "capstan",
                 "inertia": "1e-4 kg m^2",
                 "radius": {"value": "8 mm", "std": "0.2 mm"},
-                "friction": {"constant": {"value": "4e-3 N m", "std": "2e-3 N m"}, "load": {"value": 0.05, "std": 0.05}},
+                "friction": {
+                    "constant": {"value": "4e-3 N m", "std": "2e-3 N m"},
+                    "load": {"value": 0.05, "std": 0.05},
+                },
             }
         ],
         "tendons": [
@@ -124,18 +152,35 @@ def finger_rig() -> Rig:
             }
         ],
         "sensors": [
-            {"name": "motor_angle", "measures": "position", "of": "motor", "unit": "rad", "rate": RATE,
-             "noise": "0.05 deg", "resolution": "0.176 deg", "bias": {"value": 0.0, "std": "3 deg"}},
-            {"name": "motor_torque", "measures": "force", "of": "motor", "unit": "N m", "rate": RATE,
-             "noise": "1.5e-3 N m", "resolution": "5e-4 N m"},
+            {
+                "name": "motor_angle",
+                "measures": "position",
+                "of": "motor",
+                "unit": "rad",
+                "rate": RATE,
+                "noise": "0.05 deg",
+                "resolution": "0.176 deg",
+                "bias": {"value": 0.0, "std": "3 deg"},
+            },
+            {
+                "name": "motor_torque",
+                "measures": "force",
+                "of": "motor",
+                "unit": "N m",
+                "rate": RATE,
+                "noise": "1.5e-3 N m",
+                "resolution": "5e-4 N m",
+            },
         ],
-    }  # fmt: skip
+    }
     return build_rig(raw, "finger")
 
 
 @cache
 def hand_log(seed: int, duration: float = DURATION) -> Log:
-    """Return a log of a joint with two motors, ropes that creep 2 % of their length a minute, and backlash in the gears."""
+    """Return a log of a joint with two motors, ropes that creep 2 % of their length a minute, and
+    backlash in the gears.
+    """
     rng = np.random.default_rng([seed, 42])
     mean = motion(rng, -0.7, 0.7, duration)
     squeeze = motion(rng, 0.10, 0.22, duration)
@@ -164,15 +209,23 @@ def hand_log(seed: int, duration: float = DURATION) -> Log:
             aim = 3e-4 * pulls[name] / 20.0
             creep[name] += (aim - creep[name]) / 40.0 / RATE
             speed = (motors[name][k] - motors[name][k - 1]) * RATE if k else 0.0
-            torques[name][k] = radius * pulls[name] * (1.0 + 0.06 * np.tanh(speed / 0.02)) + 0.01 * np.tanh(
-                speed / 0.02
-            )
+            torques[name][k] = radius * pulls[name] * (
+                1.0 + 0.06 * np.tanh(speed / 0.02)
+            ) + 0.01 * np.tanh(speed / 0.02)
         angles[k] = angle
     measured = {}
-    for name, side in (("flexor", 1.0), ("extensor", -1.0)):  # a motor on side −1 winds as it turns to −
+    for name, side in (
+        ("flexor", 1.0),
+        ("extensor", -1.0),
+    ):  # a motor on side −1 winds as it turns to −
         measured[f"{name}_angle"] = side * motors[name] + 0.02 + 3e-4 * rng.normal(size=len(time))
         measured[f"{name}_torque"] = side * torques[name] + 4e-3 * rng.normal(size=len(time))
-    return Log(time, measured, {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(time))}, f"hand {seed}")
+    return Log(
+        time,
+        measured,
+        {"theta": angles + np.deg2rad(0.05) * rng.normal(size=len(time))},
+        f"hand {seed}",
+    )
 
 
 def hand_rig() -> Rig:
@@ -204,10 +257,24 @@ def hand_rig() -> Rig:
             }
         )
         sensors += [
-            {"name": f"{name}_angle", "measures": "position", "of": name, "unit": "rad", "rate": RATE,
-             "noise": "3e-4 rad", "bias": {"value": 0.0, "std": "2 deg"}},
-            {"name": f"{name}_torque", "measures": "force", "of": name, "unit": "N m", "rate": RATE, "noise": "4e-3 N m"},
-        ]  # fmt: skip
+            {
+                "name": f"{name}_angle",
+                "measures": "position",
+                "of": name,
+                "unit": "rad",
+                "rate": RATE,
+                "noise": "3e-4 rad",
+                "bias": {"value": 0.0, "std": "2 deg"},
+            },
+            {
+                "name": f"{name}_torque",
+                "measures": "force",
+                "of": name,
+                "unit": "N m",
+                "rate": RATE,
+                "noise": "4e-3 N m",
+            },
+        ]
     raw: dict[str, Any] = {
         "name": "joint with two motors",
         "joints": [
@@ -216,7 +283,11 @@ def hand_rig() -> Rig:
                 "inertia": "5e-5 kg m^2",
                 "damping": "2e-3 N m s",
                 "initial": {"value": 0.0, "std": "20 deg"},
-                "friction": {"coefficient": {"value": 0.15, "std": 0.08}, "radius": "2 mm", "preload": "1 N"},
+                "friction": {
+                    "coefficient": {"value": 0.15, "std": 0.08},
+                    "radius": "2 mm",
+                    "preload": "1 N",
+                },
             }
         ],
         "drives": drives,

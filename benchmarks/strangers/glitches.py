@@ -1,4 +1,6 @@
-"""Sensors that fail for a moment or for good: glitches, bursts, a place that steps, samples that are missing."""
+"""Sensors that fail for a moment or for good: glitches, bursts, a place that steps, samples that
+are missing.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +18,26 @@ from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_
 NAME = "glitches"
 PLACES = ("x1", "x2")
 SMALLEST, TRAVEL = 50e-6, 20e-3
-"""Sizes of a glitch [m]: from ten times the sensor's noise to the whole travel, alike on a logarithmic scale."""
+"""Sizes of a glitch [m]: from ten times the sensor's noise to the whole travel, alike on a
+logarithmic scale.
+"""
 
 Floats = NDArray[np.float64]
 
 
 def sizes(rng: np.random.Generator, n: int) -> Floats:
     """Return n glitches [m] of either sign."""
-    made: Floats = np.exp(rng.uniform(np.log(SMALLEST), np.log(TRAVEL), n)) * rng.choice([-1.0, 1.0], n)
+    made: Floats = np.exp(rng.uniform(np.log(SMALLEST), np.log(TRAVEL), n)) * rng.choice(
+        [-1.0, 1.0], n
+    )
     return made
 
 
 def changed(log: Log, change: Callable[[Floats], Floats], names: tuple[str, ...]) -> Log:
     """Return the log with some channels changed."""
-    channels = {name: change(np.array(v)) if name in names else v for name, v in log.channels.items()}
+    channels = {
+        name: change(np.array(v)) if name in names else v for name, v in log.channels.items()
+    }
     return Log(log.time, channels, dict(log.truth), log.source, log.truth_source)
 
 
@@ -44,7 +52,9 @@ def single(log: Log, rng: np.random.Generator) -> Log:
 
 
 def bursts(log: Log, rng: np.random.Generator) -> Log:
-    """Return the log with bursts of five samples, each off by the same, once in two seconds and sensor."""
+    """Return the log with bursts of five samples, each off by the same, once in two seconds and
+    sensor.
+    """
 
     def change(values: Floats) -> Floats:
         for start in np.flatnonzero(rng.random(len(values)) < 0.005):
@@ -55,9 +65,15 @@ def bursts(log: Log, rng: np.random.Generator) -> Log:
 
 
 def stepped(log: Log, rng: np.random.Generator) -> Log:
-    """Return the log with one displacement off by 0.3 to 3 mm from a moment on: its clamp has slipped."""
+    """Return the log with one displacement off by 0.3 to 3 mm from a moment on: its clamp has
+    slipped.
+    """
     start, by = float(rng.uniform(3, 9)), float(rng.uniform(0.3e-3, 3e-3) * rng.choice([-1.0, 1.0]))
-    return changed(log, lambda values: values + np.where(log.time >= start, by, 0.0), (str(rng.choice(PLACES)),))
+    return changed(
+        log,
+        lambda values: values + np.where(log.time >= start, by, 0.0),
+        (str(rng.choice(PLACES)),),
+    )
 
 
 def missing(log: Log, rng: np.random.Generator) -> Log:
@@ -65,7 +81,9 @@ def missing(log: Log, rng: np.random.Generator) -> Log:
     start = float(rng.uniform(3, 8))
     gap = (log.time > start) & (log.time <= start + 0.5)
     return changed(
-        log, lambda values: np.where(gap | (rng.random(len(values)) < 0.3), np.nan, values), ("x1", "x2", "u1", "u2")
+        log,
+        lambda values: np.where(gap | (rng.random(len(values)) < 0.3), np.nan, values),
+        ("x1", "x2", "u1", "u2"),
     )
 
 
@@ -75,7 +93,9 @@ SPOILS: dict[str, Callable[[Log, np.random.Generator], Log]] = {
     "bursts of five samples": bursts,
     "a place that steps": stepped,
     "30 % missing, a gap of 0.5 s": missing,
-    "30 % missing, 2 % wild, a gap (make accuracy)": lambda log, rng: spoiled(log, int(rng.integers(1 << 31))),
+    "30 % missing, 2 % wild, a gap (make accuracy)": lambda log, rng: spoiled(
+        log, int(rng.integers(1 << 31))
+    ),
 }
 
 
@@ -99,5 +119,8 @@ def jobs(quick: bool, first: int) -> list[Job]:
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by kind of failure."""
-    title = "Sensors that fail: ramps, weights and servos mid-range, plants within ±20 % friction, ±10 % stiffness"
+    title = (
+        "Sensors that fail: ramps, weights and servos mid-range, plants within ±20 % "
+        "friction, ±10 % stiffness"
+    )
     return [by_case(NAME, title, records)]

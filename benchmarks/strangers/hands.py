@@ -1,4 +1,6 @@
-"""Two rigs as labs have them (`hands_plants`): fitted to three calibration logs, judged on other motions of other seeds."""
+"""Two rigs as labs have them (`hands_plants`): fitted to three calibration logs, judged on other
+motions of other seeds.
+"""
 
 from __future__ import annotations
 
@@ -39,10 +41,15 @@ def run(case: str, first: int, judged: int) -> list[Record]:
 
 def jobs(quick: bool, first: int) -> list[Job]:
     """Return the jobs: two plants, two fits of each."""
-    return [partial(run, case, first + 100 * i, 3) for case in PLANTS for i in range(1 if quick else 2)]
+    return [
+        partial(run, case, first + 100 * i, 3) for case in PLANTS for i in range(1 if quick else 2)
+    ]
 
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by plant and motion."""
-    title = "rigs with sheath, slack, cogging, counts; and with creep, backlash, gains: fitted to three logs of 30 s"
+    title = (
+        "rigs with sheath, slack, cogging, counts; and with creep, backlash, gains: fitted to "
+        "three logs of 30 s"
+    )
     return [by_case(NAME, title, records)]

@@ -1,9 +1,10 @@
-"""Two rigs as labs have them, with several of the commonest physics at once; the plants share no code with `distal.model`.
+"""Two rigs as labs have them, with several of the commonest physics at once; the plants share no
+code with `distal.model`.
 
-`bowden_log`: a finger pulled by one cable in a Bowden sheath against an extension spring, slack at home, a motor with a
-gear of 50:1 whose current cogs, its encoder in counts. `ropes_log`: two motors with load cells pull a joint by ropes that
-creep, with backlash between encoders and spools. The joints are quasi-static with dry friction of their own; cables are of
-`benchmarks/cable.py`.
+`bowden_log`: a finger pulled by one cable in a Bowden sheath against an extension spring, slack at
+home, a motor with a gear of 50:1 whose current cogs, its encoder in counts. `ropes_log`: two motors
+with load cells pull a joint by ropes that creep, with backlash between encoders and spools. The
+joints are quasi-static with dry friction of their own; cables are of `benchmarks/cable.py`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ SPOOL, ARM, STIFFNESS, SLACK = 8e-3, 9.5e-3, 6000.0, 0.45e-3
 LOW, HIGH = 0.0, 1.45
 """Stops of the finger [rad]."""
 COUNTS, GEAR, TORQUE_CONSTANT = 2000, 50.0, 0.012
-"""Of the motor: counts per turn of its own shaft, its turns for one of the spool, N m/A at its own shaft."""
+"""Of the motor: counts per turn of its own shaft, its turns for one of the spool, N m/A at its own
+shaft.
+"""
 PLANT = TruthSource(TruthKind.SIMULATION, "the plant")
 OFFSET = np.deg2rad(0.15)
 """Of the encoder at the joint in calibration logs."""
@@ -62,7 +65,9 @@ def hand(rng: np.random.Generator, size: float, duration: float) -> Floats:
 
 
 def spring_torque(angle: float) -> float:
-    """Return the torque of the finger's extension spring: between a point of the link and one of the base [N m]."""
+    """Return the torque of the finger's extension spring: between a point of the link and one of
+    the base [N m].
+    """
     radius, distance, stiffness, free, preload, line = 8e-3, 24e-3, 320.0, 16.5e-3, 0.5, -0.75
     x, y = radius * cos(angle - line) - distance, radius * sin(angle - line)
     length = sqrt(x * x + y * y)
@@ -71,7 +76,9 @@ def spring_torque(angle: float) -> float:
 
 
 def turned(cable: Cable, drive: float, angle: float, extra: float, friction: float) -> float:
-    """Return where the finger comes to rest: tension, spring, stops and `extra` in balance but for friction."""
+    """Return where the finger comes to rest: tension, spring, stops and `extra` in balance but for
+    friction.
+    """
 
     def net(at: float) -> float:
         _, tension = cable.tensions(drive, SLACK + ARM * at)
@@ -116,12 +123,18 @@ def bowden_log(seed: int, kind: str, duration: float = DURATION) -> Log:
     channels = {"motor": counted, "current": TORQUE_CONSTANT * GEAR * current}
     theta = angles + encoder + np.deg2rad(0.03) * rng.normal(size=len(turn))
     return Log(
-        time, channels, {"theta": theta}, f"finger {kind} {seed}", FROM_SENSOR if kind == "calibration" else PLANT
+        time,
+        channels,
+        {"theta": theta},
+        f"finger {kind} {seed}",
+        FROM_SENSOR if kind == "calibration" else PLANT,
     )
 
 
 def bowden_rig() -> Rig:
-    """Return the rig file of somebody with a calliper, data sheets and the list of a rig file's options."""
+    """Return the rig file of somebody with a calliper, data sheets and the list of a rig file's
+    options.
+    """
     raw: dict[str, Any] = {
         "name": "finger with a Bowden cable",
         "joints": [
@@ -132,7 +145,11 @@ def bowden_rig() -> Rig:
                 "initial": {"value": "5 deg", "std": "10 deg"},
                 "stops": ["0 deg", "83 deg"],
                 "stop_stiffness": "6 N m/rad",
-                "friction": {"coefficient": {"value": 0.2, "std": 0.1}, "radius": "1.5 mm", "preload": "2 N"},
+                "friction": {
+                    "coefficient": {"value": 0.2, "std": 0.1},
+                    "radius": "1.5 mm",
+                    "preload": "2 N",
+                },
                 "extension_spring": {
                     "stiffness": {"value": "320 N/m", "std": "10 %"},
                     "free_length": "16.5 mm",
@@ -171,18 +188,38 @@ def bowden_rig() -> Rig:
             }
         ],
         "sensors": [
-            {"name": "motor", "measures": "position", "of": "motor", "rate": RATE, "resolution": 2 * pi / COUNTS / GEAR},
-            {"name": "current", "measures": "force", "of": "motor", "rate": RATE, "noise": "2e-3 N m"},
-            {"name": "encoder", "measures": "angle", "of": "finger", "rate": RATE, "noise": "0.03 deg",
-             "bias": {"value": 0.0, "std": "0.2 deg"}},
+            {
+                "name": "motor",
+                "measures": "position",
+                "of": "motor",
+                "rate": RATE,
+                "resolution": 2 * pi / COUNTS / GEAR,
+            },
+            {
+                "name": "current",
+                "measures": "force",
+                "of": "motor",
+                "rate": RATE,
+                "noise": "2e-3 N m",
+            },
+            {
+                "name": "encoder",
+                "measures": "angle",
+                "of": "finger",
+                "rate": RATE,
+                "noise": "0.03 deg",
+                "bias": {"value": 0.0, "std": "0.2 deg"},
+            },
         ],
-    }  # fmt: skip
+    }
     return build_rig(raw, "finger")
 
 
 ROPE = {"arm": 11e-3, "spool": 9e-3, "stiffness": 8000.0, "gap": np.deg2rad(0.5)}
 CREEP = {"share": 0.35, "time": 45.0}
-"""2 % a minute of a stretch of some tenths of a millimetre would not show; of the load's share, this is what ropes do."""
+"""2 % a minute of a stretch of some tenths of a millimetre would not show; of the load's share,
+this is what ropes do.
+"""
 
 
 @cache
@@ -209,7 +246,9 @@ def ropes_log(seed: int, kind: str, duration: float = DURATION) -> Log:
             behind[name] = min(max(behind[name], values[k] - half), values[k] + half)
 
         def pull(name: str, at: float) -> float:
-            return ROPE["stiffness"] * max(spool * behind[name] - sides[name] * arm * at - strain[name], 0.0)
+            return ROPE["stiffness"] * max(
+                spool * behind[name] - sides[name] * arm * at - strain[name], 0.0
+            )
 
         for _ in range(8):
             net = arm * (pull("flexor", angle) - pull("extensor", angle)) - 0.02 * sin(angle)
@@ -230,7 +269,11 @@ def ropes_log(seed: int, kind: str, duration: float = DURATION) -> Log:
     time = np.arange(len(mean)) / RATE
     theta = angles + np.deg2rad(0.03) * rng.normal(size=len(mean))
     return Log(
-        time, measured, {"theta": theta}, f"ropes {kind} {seed}", FROM_SENSOR if kind == "calibration" else PLANT
+        time,
+        measured,
+        {"theta": theta},
+        f"ropes {kind} {seed}",
+        FROM_SENSOR if kind == "calibration" else PLANT,
     )
 
 
@@ -239,9 +282,14 @@ def ropes_rig() -> Rig:
     drives, tendons, sensors = [], [], []
     for name, side in (("flexor", 1), ("extensor", -1)):
         drives.append(
-            {"name": name, "kind": "capstan", "inertia": "1e-4 kg m^2", "radius": "9 mm",
-             "backlash": {"width": {"value": "0.5 deg", "std": "0.2 deg"}}}
-        )  # fmt: skip
+            {
+                "name": name,
+                "kind": "capstan",
+                "inertia": "1e-4 kg m^2",
+                "radius": "9 mm",
+                "backlash": {"width": {"value": "0.5 deg", "std": "0.2 deg"}},
+            }
+        )
         tendons.append(
             {
                 "name": f"{name}_rope",
@@ -250,11 +298,20 @@ def ropes_rig() -> Rig:
                 "side": side,
                 "insertion": {"kind": "pulley", "radius": {"value": "11 mm", "std": "0.2 mm"}},
                 "stiffness": {"value": "8.5e3 N/m", "std": "15 %"},
-                "creep": {"share": {"value": 0.3, "std": 0.15}, "time": {"value": "60 s", "std": "20 s"}},
+                "creep": {
+                    "share": {"value": 0.3, "std": 0.15},
+                    "time": {"value": "60 s", "std": "20 s"},
+                },
             }
         )
         sensors += [
-            {"name": f"{name}_angle", "measures": "position", "of": name, "rate": RATE, "noise": "1e-4 rad"},
+            {
+                "name": f"{name}_angle",
+                "measures": "position",
+                "of": name,
+                "rate": RATE,
+                "noise": "1e-4 rad",
+            },
             {
                 "name": f"{name}_cell",
                 "measures": "tension",
@@ -264,7 +321,13 @@ def ropes_rig() -> Rig:
                 "gain": {"value": 1.0, "std": "1 %"},
             },
         ]
-    encoder = {"name": "encoder", "measures": "angle", "of": "knuckle", "rate": RATE, "noise": "0.03 deg"}
+    encoder = {
+        "name": "encoder",
+        "measures": "angle",
+        "of": "knuckle",
+        "rate": RATE,
+        "noise": "0.03 deg",
+    }
     raw: dict[str, Any] = {
         "name": "joint with two motors",
         "joints": [
@@ -273,7 +336,11 @@ def ropes_rig() -> Rig:
                 "inertia": "5e-5 kg m^2",
                 "damping": "2e-3 N m s",
                 "initial": {"value": 0.0, "std": "40 deg"},
-                "friction": {"coefficient": {"value": 0.15, "std": 0.08}, "radius": "2 mm", "preload": "5 N"},
+                "friction": {
+                    "coefficient": {"value": 0.15, "std": 0.08},
+                    "radius": "2 mm",
+                    "preload": "5 N",
+                },
                 "spring": {"stiffness": {"value": "0.02 N m/rad", "std": "0.01 N m/rad"}},
             }
         ],

@@ -1,4 +1,6 @@
-"""Homing by rigs whose numbers are hardly known: random ones with stds eight times as wide, and a real instrument."""
+"""Homing by rigs whose numbers are hardly known: random ones with stds eight times as wide, and a
+real instrument.
+"""
 
 from __future__ import annotations
 
@@ -50,13 +52,19 @@ def widened(raw: dict[str, Any]) -> dict[str, Any]:
 
 
 def hardly_known(rig: Rig) -> Rig:
-    """Return the grasper as somebody would describe one whose wrist may be turned: wide stds, nothing held, no zero."""
+    """Return the grasper as somebody would describe one whose wrist may be turned: wide stds,
+    nothing held, no zero.
+    """
     values: dict[str, Any] = {"sensors.motor_angle.bias.std": "20 deg"}
     for i, tendon in enumerate(rig.tendons):
         path = f"tendons.{i}"
         for key, std in (("stiffness", 6000.0), ("stiffening", 4000.0)):
             values |= {f"{path}.{key}.hold": False, f"{path}.{key}.std": std}
-        for key, std in (("radius", 0.03 * tendon.insertion.radius.value), ("slope", 0.05), ("curvature", 0.05)):
+        for key, std in (
+            ("radius", 0.03 * tendon.insertion.radius.value),
+            ("slope", 0.05),
+            ("curvature", 0.05),
+        ):
             number = getattr(tendon.insertion, key)
             share = min(std / abs(number.value), 1.0)
             values[f"{path}.insertion.{key}.hold"] = False
@@ -72,7 +80,9 @@ def random_run(seed: int) -> list[Record]:
     """Score estimators on a random rig with wide stds, its plant drawn from them."""
     case = random_case(seed, widened)
     return [
-        score(NAME, f"random rigs, stds × {TIMES:g}", f"seed {seed}", case.log, case.rig, name, HOMING)
+        score(
+            NAME, f"random rigs, stds × {TIMES:g}", f"seed {seed}", case.log, case.rig, name, HOMING
+        )
         for name in ESTIMATORS
     ]
 
@@ -81,7 +91,9 @@ def recorded_run(case: str, path: Path) -> list[Record]:
     """Score estimators on a recorded log."""
     rig = hardly_known(load_rig("da-vinci-grasper").bare())
     log = read_log(path, rig)
-    return [score(NAME, f"da Vinci, {case}", path.stem, log, rig, name, HOMING) for name in ESTIMATORS]
+    return [
+        score(NAME, f"da Vinci, {case}", path.stem, log, rig, name, HOMING) for name in ESTIMATORS
+    ]
 
 
 def jobs(quick: bool, first: int) -> list[Job]:
@@ -93,11 +105,19 @@ def jobs(quick: bool, first: int) -> list[Job]:
         return made
     for case, pattern in POSES.items():
         made += [
-            partial(recorded_run, case, path) for path in sorted(Path(folder).glob(pattern))[: 1 if quick else None]
+            partial(recorded_run, case, path)
+            for path in sorted(Path(folder).glob(pattern))[: 1 if quick else None]
         ]
     return made
 
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by case."""
-    return [by_case(NAME, "Homing move of 3 s by rigs whose numbers are hardly known; errors after it", records, "all")]
+    return [
+        by_case(
+            NAME,
+            "Homing move of 3 s by rigs whose numbers are hardly known; errors after it",
+            records,
+            "all",
+        )
+    ]

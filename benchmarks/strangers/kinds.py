@@ -1,4 +1,6 @@
-"""One rig for a kind of instrument: learned from some wrist poses of a real one, judged on poses that it has not seen."""
+"""One rig for a kind of instrument: learned from some wrist poses of a real one, judged on poses
+that it has not seen.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ CLASSES = ("run_0", "run_2", "run_4")
 
 
 def halved(log: Log) -> Log:
-    """Return the log with a homing move that covers half of its range, the half in which it begins."""
+    """Return the log with a homing move that covers half of its range, the half in which it
+    begins.
+    """
     truth, early = log.truth["theta"], log.time - log.time[0] < HOMING
     middle, first = 0.5 * (np.nanmin(truth) + np.nanmax(truth)), truth[np.isfinite(truth)][0]
     beyond = (truth - middle) * (first - middle) < 0.0
@@ -37,7 +41,9 @@ def halved(log: Log) -> Log:
 
 
 def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> list[Record]:
-    """Score `adaptive` and `affine`, learned from the same logs, and the shipped rig beside them."""
+    """Score `adaptive` and `affine`, learned from the same logs, and the shipped rig beside
+    them.
+    """
     rig = load_rig("da-vinci-grasper").bare()
     logs = [read_log(path, rig) for path in learned_from]
     adaptive = learn_discrepancy(logs, rig, homing=HOMING).rig
@@ -48,8 +54,13 @@ def run(case: str, learned_from: list[Path], judged: list[tuple[str, Path]]) -> 
         records += [
             score(NAME, pose, name, log, adaptive, "adaptive", HOMING),
             score(NAME, pose, name, log, affine, "affine", HOMING),
-            replace(score(NAME, pose, name, log, rig, "adaptive", HOMING), estimator="adaptive, nothing learned"),
-            score(NAME, f"{pose}, homed over half", name, halved(log), adaptive, "adaptive", HOMING),
+            replace(
+                score(NAME, pose, name, log, rig, "adaptive", HOMING),
+                estimator="adaptive, nothing learned",
+            ),
+            score(
+                NAME, f"{pose}, homed over half", name, halved(log), adaptive, "adaptive", HOMING
+            ),
             score(NAME, f"{pose}, homed over half", name, halved(log), affine, "affine", HOMING),
         ]
     return records
@@ -77,4 +88,8 @@ def jobs(quick: bool, first: int) -> list[Job]:
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by pose."""
-    return [by_case(NAME, "da Vinci grasper as a kind, poses not seen, homing 3 s; errors after it", records)]
+    return [
+        by_case(
+            NAME, "da Vinci grasper as a kind, poses not seen, homing 3 s; errors after it", records
+        )
+    ]

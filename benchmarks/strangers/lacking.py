@@ -1,9 +1,11 @@
-"""Rigs drawn at random (`drawn_rigs`) whose plants have one or two things that the rig file is silent about.
+"""Rigs drawn at random (`drawn_rigs`) whose plants have one or two things that the rig file is
+silent about.
 
-Friction along the cable (Coulomb's, at three points), creep, play at the drives, moment arms that change with the angle,
-a motor's cogging. Each rig is fitted to three logs with an encoder and judged on three others, one of them of a wider and
-faster motion ("outside"), beside the affine estimator and the rig as it came. Plants come to rest at each instant; no code
-of `distal.model` is shared.
+Friction along the cable (Coulomb's, at three points), creep, play at the drives, moment arms that
+change with the angle, a motor's cogging. Each rig is fitted to three logs with an encoder and
+judged on three others, one of them of a wider and faster motion ("outside"), beside the affine
+estimator and the rig as it came. Plants come to rest at each instant; no code of `distal.model` is
+shared.
 
 `python -m benchmarks.strangers.lacking --rigs 20 --first-seed 0 --save FILE.json`
 """
@@ -24,7 +26,15 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.strangers.drawn import FASTER, FITTED, JUDGED, judged, places_of
-from benchmarks.strangers.drawn_plants import PARTS, balanced, efforts, loads, numbers_of, prepared, ramps
+from benchmarks.strangers.drawn_plants import (
+    PARTS,
+    balanced,
+    efforts,
+    loads,
+    numbers_of,
+    prepared,
+    ramps,
+)
 from benchmarks.strangers.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, numbers
 from distal import Log, fit
 from distal.logs import FROM_SENSOR
@@ -53,7 +63,9 @@ def extras(rig: Drawn, rng: np.random.Generator) -> dict[str, Any]:
 
 
 class Cables:
-    """What lies between drives and joints of one plant on several logs: play, creep, points of friction."""
+    """What lies between drives and joints of one plant on several logs: play, creep, points of
+    friction.
+    """
 
     def __init__(self, rig: Drawn, p: dict[str, Floats], has: dict[str, Any], ends: Floats) -> None:
         self.p, self.has, logs = p, has, len(ends)
@@ -62,14 +74,18 @@ class Cables:
         # a third of a degree of the joint is a usual play of a gear or a knot
         widths = np.deg2rad(has.get("play", np.zeros(p["levers"].shape[2])))
         self.width = (np.abs(p["levers"][0]) > 0) @ widths * arm
-        self.grips = np.exp(np.asarray(has.get("friction along the cable", np.zeros(len(arm)))) / POINTS)
+        self.grips = np.exp(
+            np.asarray(has.get("friction along the cable", np.zeros(len(arm)))) / POINTS
+        )
         self.points: Floats | None = (
             None if "friction along the cable" not in has else np.zeros((logs, len(arm), POINTS))
         )
         self.started = False
 
     def turned(self, ends: Floats, angles: Floats, rubbing: float) -> tuple[Floats, Floats]:
-        """Return angles (b, j), and tensions at the drives (b, t), as the drives have brought the ends to a place."""
+        """Return angles (b, j), and tensions at the drives (b, t), as the drives have brought the
+        ends to a place.
+        """
         p, has = self.p, self.has
         self.ends = np.clip(self.ends, ends - self.width / 2, ends + self.width / 2)
         bent, own = np.zeros_like(ends), dict(p)
@@ -90,7 +106,9 @@ class Cables:
             self.strain += (share * tension / p["stiffness"] - self.strain) / slow / RATE / PARTS
         return angles, tension
 
-    def _sheathed(self, p: dict[str, Floats], ends: Floats, angles: Floats, rubbing: float) -> tuple[Floats, Floats]:
+    def _sheathed(
+        self, p: dict[str, Floats], ends: Floats, angles: Floats, rubbing: float
+    ) -> tuple[Floats, Floats]:
         drive, k = p["taut"] + ends, p["stiffness"]
         springs = np.array([2 * POINTS, *[POINTS] * (POINTS - 1), 2 * POINTS])
         assert self.points is not None
@@ -106,7 +124,9 @@ class Cables:
                 near, far = springs[i], springs[i + 1]
                 drawn = (near * before + self.grips * far * after) / (near + self.grips * far)
                 let_out = (self.grips * near * before + far * after) / (self.grips * near + far)
-                m[:, :, i] = np.clip(m[:, :, i], np.minimum(drawn, let_out), np.maximum(drawn, let_out))
+                m[:, :, i] = np.clip(
+                    m[:, :, i], np.minimum(drawn, let_out), np.maximum(drawn, let_out)
+                )
             last = prepared({**p, "stiffness": springs[-1] * k, "taut": 0.0 * p["taut"]})
             angles = balanced(last, m[:, :, -1], angles, rubbing)
         self.started = True
@@ -162,7 +182,15 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, Any]]:
         made = {**channels["position"], **channels["force"]}
         source = f"lacking {seed}, {said} {log}"
         time_ = np.arange(len(turned)) / RATE
-        logs.append(Log(time_, made, dict(zip(names, true)), source, FROM_SENSOR if log < FITTED else "the plant"))
+        logs.append(
+            Log(
+                time_,
+                made,
+                dict(zip(names, true)),
+                source,
+                FROM_SENSOR if log < FITTED else "the plant",
+            )
+        )
     return logs, has
 
 
@@ -176,8 +204,12 @@ def run_rig(seed: int) -> Raw:
     found = fit(logs[:FITTED], described)
     said: Raw = {"seed": seed, "kind": rig.kind, "has": list(has), "part": found.part or None}
     said |= {"fit_s": time.process_time() - began, "converged": bool(found.converged)}
-    said["candidates"] = [(name, *map(float, np.rad2deg(errors))) for name, *errors in found.candidates]
-    parts = [part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0]
+    said["candidates"] = [
+        (name, *map(float, np.rad2deg(errors))) for name, *errors in found.candidates
+    ]
+    parts = [
+        part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0
+    ]
     known = numbers(rig.raw)
     said["values"] = [
         {
@@ -188,7 +220,11 @@ def run_rig(seed: int) -> Raw:
         for part in parts
         for path in [path for path in part.paths if path in rig.truth and path in known][:1]
     ]
-    rigs = {"fitted": (found.rig, "adaptive"), "affine": (found.rig, "affine"), "as it came": (described, "adaptive")}
+    rigs = {
+        "fitted": (found.rig, "adaptive"),
+        "affine": (found.rig, "affine"),
+        "as it came": (described, "adaptive"),
+    }
     said["judged"] = [
         judged(log, own, estimator) | {"estimator": name}
         for name, (own, estimator) in rigs.items()
@@ -198,9 +234,17 @@ def run_rig(seed: int) -> Raw:
 
 
 def of(said: Raw, estimator: str, key: str, outside: bool) -> float:
-    """Return the mean of a number of an estimator on the logs of a rig, those of the wider motion or the others."""
+    """Return the mean of a number of an estimator on the logs of a rig, those of the wider motion
+    or the others.
+    """
     return float(
-        np.mean([one[key] for one in said["judged"] if one["estimator"] == estimator and one["outside"] == outside])
+        np.mean(
+            [
+                one[key]
+                for one in said["judged"]
+                if one["estimator"] == estimator and one["outside"] == outside
+            ]
+        )
     )
 
 
@@ -208,20 +252,31 @@ def line(said: Raw) -> str:
     """Return what is reported of a rig in a line."""
     about = f"{said['seed']:4d} {said['kind']:19s} {' + '.join(said['has']):38s}"
     text = f"{about} → {said['part']!s:34s} {said['fit_s']:5.1f} s"
-    text += f"  beyond 3 errors {sum(abs(one['errors']) > 3 for one in said['values'])}/{len(said['values'])}"
+    text += (
+        "  beyond 3 errors "
+        f"{sum(abs(one['errors']) > 3 for one in said['values'])}/{len(said['values'])}"
+    )
     text += f", 4 priors {sum(abs(one['priors']) > 4 for one in said['values'])}"
     for outside in (False, True):
         text += "  outside" if outside else "  motion"
         for name in ("fitted", "affine", "as it came"):
-            text += f" {of(said, name, 'rms', outside):.2f}° ({100 * of(said, name, 'inside', outside):.0f} %)"
+            text += (
+                f" {of(said, name, 'rms', outside):.2f}° "
+                f"({100 * of(said, name, 'inside', outside):.0f} %)"
+            )
     return text + f"  {said['candidates'][0][0] if said['candidates'] else '–'}"
 
 
 def summary(records: Sequence[Raw]) -> list[list[str]]:
-    """Return rows: by place, RMS of the fitted rig over the better of the others, median and worst decile, and inside."""
+    """Return rows: by place, RMS of the fitted rig over the better of the others, median and worst
+    decile, and inside.
+    """
     rows = []
     for outside in (False, True):
-        best = [min(of(one, name, "rms", outside) for name in ("affine", "as it came")) for one in records]
+        best = [
+            min(of(one, name, "rms", outside) for name in ("affine", "as it came"))
+            for one in records
+        ]
         ratio = [of(one, "fitted", "rms", outside) / least for one, least in zip(records, best)]
         inside = [of(one, "fitted", "inside", outside) for one in records]
         rows.append(
@@ -237,7 +292,9 @@ def summary(records: Sequence[Raw]) -> list[list[str]]:
 
 def main() -> None:
     """Run, print and store."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.strangers.lacking", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.strangers.lacking", description=__doc__
+    )
     parser.add_argument("--rigs", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--save", type=Path, metavar="FILE.json")
@@ -259,7 +316,12 @@ def main() -> None:
     values = [one for said in records if said["part"] is None for one in said["values"]]
     beyond = [abs(one["errors"]) > 3 for one in values] or [False]
     print(f"numbers beyond 3 errors where no part is named: {np.mean(beyond):.1%} of {len(values)}")
-    table("strangers-lacking", f"{len(records)} rigs whose files are silent about something", columns, summary(records))
+    table(
+        "strangers-lacking",
+        f"{len(records)} rigs whose files are silent about something",
+        columns,
+        summary(records),
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Everything that these benches take from distal, in one place; names that a later release moves are looked for here."""
+"""Everything that these benches take from distal, in one place; names that a later release moves
+are looked for here.
+"""
 
 from __future__ import annotations
 
@@ -59,8 +61,12 @@ __all__ = [
 ]
 
 
-def diagnosed(result: Estimate, log: Log, rig: Rig, homing: float | None = None, what_if: bool = True) -> Diagnosis:
-    """Return what the diagnosis says of an estimate, with all that it is able to ask in this release."""
+def diagnosed(
+    result: Estimate, log: Log, rig: Rig, homing: float | None = None, what_if: bool = True
+) -> Diagnosis:
+    """Return what the diagnosis says of an estimate, with all that it is able to ask in this
+    release.
+    """
     asked = inspect.signature(diagnose).parameters
     if "rig" not in asked:
         return diagnose(result)
@@ -68,6 +74,8 @@ def diagnosed(result: Estimate, log: Log, rig: Rig, homing: float | None = None,
 
 
 def printed_rig() -> Rig:
-    """Return the paper's rig with the friction of its Table 1, whatever the shipped rig says of it by now."""
+    """Return the paper's rig with the friction of its Table 1, whatever the shipped rig says of it
+    by now.
+    """
     name = "paper-2008-printed"
     return load_rig(name if name in shipped_rigs() else "paper-2008")

@@ -1,9 +1,11 @@
-"""One mistake in the rig: a sign, a side, a radius, a stiffness, a unit, a gear; is it flagged, or named as beyond test?
+"""One mistake in the rig: a sign, a side, a radius, a stiffness, a unit, a gear; is it flagged, or
+named as beyond test?
 
-Each case is a rig with a plant drawn from its stds and a log; then one thing is wrong. A sign or a unit of a sensor is
-wrong in what the rig reads of the log; a radius, stiffness or side is wrong in the rig. "Flagged": something contradicts,
-or the log is refused. "Named": the diagnosis says that these sensors cannot test this very thing. "Nothing tested": it
-says that nothing was compared. What is left is called consistent. Right rigs are counted beside them.
+Each case is a rig with a plant drawn from its stds and a log; then one thing is wrong. A sign or a
+unit of a sensor is wrong in what the rig reads of the log; a radius, stiffness or side is wrong in
+the rig. "Flagged": something contradicts, or the log is refused. "Named": the diagnosis says that
+these sensors cannot test this very thing. "Nothing tested": it says that nothing was compared. What
+is left is called consistent. Right rigs are counted beside them.
 """
 
 from __future__ import annotations
@@ -89,7 +91,9 @@ def times(rig: Rig, paths: list[str], factor: float) -> Rig:
 
 def mistakes(rig: Rig, log: Log) -> Iterator[Mistake]:
     """Return every rig and log with one mistake."""
-    for sensor in (each for each in rig.sensors if each.measures in ("position", "force", "tension")):
+    for sensor in (
+        each for each in rig.sensors if each.measures in ("position", "force", "tension")
+    ):
         name, group = sensor.name, SCALE if sensor.measures == "position" else COMPLIANCE
         own = frozenset({(group, sensor.of)})
         yield Mistake("sign of a sensor", name, rig, scaled(log, {name: -1.0}), own)
@@ -110,11 +114,19 @@ def mistakes(rig: Rig, log: Log) -> Iterator[Mistake]:
             kind = "one moment arm ± 20 %" if len(arms) > 1 else "all moment arms ± 20 %"
             yield Mistake(kind, f"{path} × {factor}", times(rig, [path], factor), log, own)
         if len(arms) > 1:
-            yield Mistake("all moment arms ± 20 %", f"× {factor}", times(rig, arms, factor), log, every)
+            yield Mistake(
+                "all moment arms ± 20 %", f"× {factor}", times(rig, arms, factor), log, every
+            )
         for i, drive in enumerate(rig.drives):
             if drive.kind == "capstan":
                 path, own = f"drives.{i}.radius", frozenset({(SCALE, drive.name)})
-                yield Mistake("radius of a capstan ± 20 %", f"{path} × {factor}", times(rig, [path], factor), log, own)
+                yield Mistake(
+                    "radius of a capstan ± 20 %",
+                    f"{path} × {factor}",
+                    times(rig, [path], factor),
+                    log,
+                    own,
+                )
     springs = [f"tendons.{i}.stiffness" for i in range(len(rig.tendons))]
     stiff = frozenset((COMPLIANCE, tendon.drive) for tendon in rig.tendons)
     for factor in (1 / 3, 3.0):
@@ -142,7 +154,10 @@ def case(name: str, seed: int) -> tuple[Rig, Log]:
     plant = drawn_plant(rig, seed, TAG)
     if name == "capstan-joint":
         servo = {
-            "angle": {"amplitude": float(rng.uniform(0.4, 1.0)), "frequency": float(rng.uniform(0.2, 0.6))},
+            "angle": {
+                "amplitude": float(rng.uniform(0.4, 1.0)),
+                "frequency": float(rng.uniform(0.2, 0.6)),
+            },
             "stiffness": 20.0,
             "damping": 0.2,
         }
@@ -157,7 +172,9 @@ FLAGGED, NAMED, UNTESTED, MISSED = "flagged", "named", "untested", "missed"
 
 
 def judged(kind: str, where: str, mistake: Mistake) -> Record:
-    """Return what is said of a mistake, as the record's note; `consistent` is whether it is called so."""
+    """Return what is said of a mistake, as the record's note; `consistent` is whether it is called
+    so.
+    """
     try:
         result = estimate(mistake.log, mistake.rig, "adaptive", compiled=False)
     except DistalError:
@@ -169,13 +186,25 @@ def judged(kind: str, where: str, mistake: Mistake) -> Record:
         found = getattr(diagnosed(result, mistake.log, mistake.rig), "findings", ())
         beyond = [one.subject for one in found if one.kind == "cannot test"]
         if any(
-            group in one and (drive in one or "all drives" in one) for one in beyond for group, drive in mistake.names
+            group in one and (drive in one or "all drives" in one)
+            for one in beyond
+            for group, drive in mistake.names
         ):
             note = NAMED
     error, inside = float(np.rad2deg(result.rms_error())), float(result.inside_band())
     half = float(np.rad2deg(1.96 * np.mean(result.theta_std)))
     consistent = verdict.consistent
-    return Record(NAME, kind, where, "adaptive", round(error, 4), round(inside, 4), round(half, 4), consistent, note)
+    return Record(
+        NAME,
+        kind,
+        where,
+        "adaptive",
+        round(error, 4),
+        round(inside, 4),
+        round(half, 4),
+        consistent,
+        note,
+    )
 
 
 def run(name: str, seed: int) -> list[Record]:

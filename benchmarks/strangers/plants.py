@@ -16,7 +16,9 @@ def wide_rig() -> Rig:
 
 
 def drawn_plant(rng: np.random.Generator) -> dict[str, Any]:
-    """Return the values of a plant: axle friction within ±20 %, stiffness of both tendons within ±10 %."""
+    """Return the values of a plant: axle friction within ±20 %, stiffness of both tendons within
+    ±10 %.
+    """
     stiffness = 806.0 * (1 + 0.1 * float(rng.uniform(-1, 1)))
     return {
         "joints.0.friction.coefficient": 0.5 * (1 + 0.2 * float(rng.uniform(-1, 1))),

@@ -1,4 +1,6 @@
-"""Real logs of a da Vinci grasper at five wrist poses, with a homing move of 3 s; least squares beside the filters."""
+"""Real logs of a da Vinci grasper at five wrist poses, with a homing move of 3 s; least squares
+beside the filters.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,12 @@ LEARNED = "affine, learned from the straight wrist"
 
 
 def least_squares(log: Log, case: str, name: str) -> Record:
-    """Score the jaw's angle as least squares of (motor angle, motor torque, 1) over the homing move."""
-    design = np.column_stack([log.channels["motor_angle"], log.channels["motor_torque"], np.ones(len(log))])
+    """Score the jaw's angle as least squares of (motor angle, motor torque, 1) over the homing
+    move.
+    """
+    design = np.column_stack(
+        [log.channels["motor_angle"], log.channels["motor_torque"], np.ones(len(log))]
+    )
     true = log.truth["theta"]
     there = np.isfinite(design).all(axis=1) & np.isfinite(true)
     early = there & (log.time - log.time[0] < HOMING)
@@ -50,10 +56,15 @@ def run(case: str, path: Path) -> list[Record]:
     """Score all estimators on one recorded log, and least squares."""
     rig = load_rig("da-vinci-grasper").bare()  # what it learned of these very logs is left out
     log = read_log(path, rig)
-    records = [*all_estimators(NAME, case, path.stem, log, rig, HOMING), least_squares(log, case, path.stem)]
+    records = [
+        *all_estimators(NAME, case, path.stem, log, rig, HOMING),
+        least_squares(log, case, path.stem),
+    ]
     if learn_affine is not None and case != "wrist straight":
         taught = learned(str(path.parents[1]))
-        records.append(replace(score(NAME, case, path.stem, log, taught, "affine", HOMING), estimator=LEARNED))
+        records.append(
+            replace(score(NAME, case, path.stem, log, taught, "affine", HOMING), estimator=LEARNED)
+        )
     return records
 
 

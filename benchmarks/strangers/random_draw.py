@@ -20,7 +20,9 @@ OFTEN, HALF, AT_TIMES, SELDOM = 0.7, 0.5, 0.3, 0.2
 
 
 class Draw:
-    """One draw of a rig and of its motion; all sizes follow from the joint's radius, a tension and a stretch."""
+    """One draw of a rig and of its motion; all sizes follow from the joint's radius, a tension and
+    a stretch.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
@@ -37,7 +39,9 @@ class Draw:
         softness = np.exp(rng.uniform(-0.4, 0.4, self.n)) if not self.alike else np.ones(self.n)
         self.stiffness = np.clip(self.tension / (self.radius * turn) * softness, 200.0, 1e5)
         relative = float(rng.uniform(0.03, 0.15))
-        self.relative = [relative if self.alike else float(rng.uniform(0.03, 0.15)) for _ in range(self.n)]
+        self.relative = [
+            relative if self.alike else float(rng.uniform(0.03, 0.15)) for _ in range(self.n)
+        ]
         self.pinned = self.radius < 15e-3 and self.often(AT_TIMES)
         self.spring = self.gravity = None
         if self.one_sided or self.often(AT_TIMES):
@@ -71,7 +75,10 @@ class Draw:
             rest = -self.sides[0] * self.n * self.tension * self.radius / stiffness
         else:
             rest = float(self.rng.uniform(-0.3, 0.3))
-        angle = {"value": rest, "std": float(np.deg2rad(self.rng.uniform(0.5, 3.0))) if self.often(HALF) else 0.0}
+        angle = {
+            "value": rest,
+            "std": float(np.deg2rad(self.rng.uniform(0.5, 3.0))) if self.often(HALF) else 0.0,
+        }
         return {"stiffness": self.known(stiffness, 0.03, 0.1), "rest_angle": angle}
 
     def drawn_gravity(self) -> dict[str, Any]:
@@ -88,25 +95,37 @@ class Draw:
         """Return for each drive its tendons, its kind and its own description."""
         groups = [[0, 1]] if self.capstan else []
         for i in range(2 if self.capstan else 0, self.n):
-            mates = [g for g in groups[self.capstan :] if len(g) == 1 and self.sides[g[0]] == self.sides[i]]
+            mates = [
+                g
+                for g in groups[self.capstan :]
+                if len(g) == 1 and self.sides[g[0]] == self.sides[i]
+            ]
             if mates and self.n >= 3 and self.often(SELDOM):
                 mates[0].append(i)
             else:
                 groups.append([i])
-        return [self.motor(g) if self.capstan and k == 0 else self.slider(k, g) for k, g in enumerate(groups)]
+        return [
+            self.motor(g) if self.capstan and k == 0 else self.slider(k, g)
+            for k, g in enumerate(groups)
+        ]
 
     def slider(self, index: int, tendons: list[int]) -> dict[str, Any]:
         load = self.known(self.between(2e-3, 0.15), 0.1, 0.4)
         friction: dict[str, Any] = {"load": load}
         if self.often(AT_TIMES):
-            friction["constant"] = self.known(self.tension * float(self.rng.uniform(0.01, 0.08)), 0.1, 0.3)
+            friction["constant"] = self.known(
+                self.tension * float(self.rng.uniform(0.01, 0.08)), 0.1, 0.3
+            )
         drive = {
             "name": f"slider{index}",
             "kind": "slider",
             "mass": self.between(2e-3, 80e-3),
             "damping": self.between(0.05, 5.0),
             "friction": friction,
-            "nominal_force": {"value": len(tendons) * self.tension, "std": len(tendons) * self.tension * 0.5},
+            "nominal_force": {
+                "value": len(tendons) * self.tension,
+                "std": len(tendons) * self.tension * 0.5,
+            },
         }
         if self.often(HALF):
             reach = self.radius * float(self.rng.uniform(0.6, 1.2))
@@ -118,7 +137,9 @@ class Draw:
         arm = self.between(4e-3, 12e-3)
         friction: dict[str, Any] = {"load": self.known(self.between(5e-3, 0.1), 0.1, 0.4)}
         if self.often(OFTEN):
-            friction["constant"] = self.known(self.tension * arm * self.between(0.01, 0.3), 0.1, 0.3)
+            friction["constant"] = self.known(
+                self.tension * arm * self.between(0.01, 0.3), 0.1, 0.3
+            )
         drive: dict[str, Any] = {
             "name": "motor",
             "kind": "capstan",
@@ -128,7 +149,9 @@ class Draw:
             "friction": friction,
         }
         if self.often(SELDOM):
-            drive["hysteresis"] = {"constant": self.known(self.tension * arm * self.between(0.05, 0.2), 0.1, 0.3)}
+            drive["hysteresis"] = {
+                "constant": self.known(self.tension * arm * self.between(0.05, 0.2), 0.1, 0.3)
+            }
         return {"tendons": tendons, "arm": arm, "description": drive}
 
     def tendon(self, index: int) -> dict[str, Any]:
@@ -136,7 +159,11 @@ class Draw:
         radius: Any = self.known(self.radius, 0.002, 0.01) if self.often(HALF) else self.radius
         insertion = {"kind": "pulley", "radius": radius}
         if self.pinned:
-            insertion = {"kind": "pinned", "radius": radius, "free_length": float(self.rng.uniform(0.1, 0.4))}
+            insertion = {
+                "kind": "pinned",
+                "radius": radius,
+                "free_length": float(self.rng.uniform(0.1, 0.4)),
+            }
         stiffness = float(self.stiffness[index])
         made = {
             "name": f"tendon{index}",
@@ -178,7 +205,9 @@ class Draw:
                 "radius": self.radius * float(self.rng.uniform(0.1, 0.35)),
             }
             if self.often(HALF):
-                made["friction"]["preload"] = self.known(self.tension * float(self.rng.uniform(0.1, 1.0)), 0.1, 0.2)
+                made["friction"]["preload"] = self.known(
+                    self.tension * float(self.rng.uniform(0.1, 1.0)), 0.1, 0.2
+                )
         if self.spring is not None:
             made["spring"] = self.spring
         if self.gravity is not None:
@@ -188,8 +217,14 @@ class Draw:
     def sensors(self) -> list[dict[str, Any]]:
         """Return a position sensor of each drive and, in seven rigs of ten, its force or torque."""
         made = []
-        noise, linearity = self.between(2e-4, 3e-3), self.between(2e-3, 1.5e-2) if self.often(0.6) else 0.0
-        bias, force = self.between(1e-3, 1e-2) if self.often(AT_TIMES) else 0.0, self.between(0.01, 0.1)
+        noise, linearity = (
+            self.between(2e-4, 3e-3),
+            self.between(2e-3, 1.5e-2) if self.often(0.6) else 0.0,
+        )
+        bias, force = (
+            self.between(1e-3, 1e-2) if self.often(AT_TIMES) else 0.0,
+            self.between(0.01, 0.1),
+        )
         force_bias = self.between(0.01, 0.05) if self.often(AT_TIMES) else 0.0
         coarse = self.often(AT_TIMES)
         for drive in self.drives:
@@ -219,7 +254,11 @@ class Draw:
 
     def raw(self) -> tuple[dict[str, Any], dict[str, Any], str]:
         """Return the raw rig, the raw scenario without its plant, and the rig in words."""
-        self.bends = (self.between(0.03, 0.15), float(self.rng.uniform(0.5, 3.0))) if self.often(SELDOM) else None
+        self.bends = (
+            (self.between(0.03, 0.15), float(self.rng.uniform(0.5, 3.0)))
+            if self.often(SELDOM)
+            else None
+        )
         joint = self.joint()
         rig = {
             "name": "random rig",
@@ -245,7 +284,9 @@ class Draw:
         kind = str(self.rng.choice(["sine", "ramps", "ramps", "steps"]))
         if kind == "sine":
             frequency = float(self.rng.uniform(0.15, 0.7))
-            return times, start + reach * np.sin(2 * np.pi * frequency * times) * np.minimum(times, 1.0)
+            return times, start + reach * np.sin(2 * np.pi * frequency * times) * np.minimum(
+                times, 1.0
+            )
         knots, time, angle = [(0.0, start), (0.5, start)], 0.5, start
         while time < DURATION:
             move = float(self.rng.uniform(0.3, 1.2)) if kind == "ramps" else 0.04
@@ -288,12 +329,19 @@ class Draw:
             stiffness = float(np.sum(self.stiffness[tendons]))
             if by_force or (constant and k == 1):
                 level = load if by_force else np.full_like(load, self.tension)
-                made[name] = {"force": {"points": _points(times, len(tendons) * level), "interpolation": "linear"}}
+                made[name] = {
+                    "force": {
+                        "points": _points(times, len(tendons) * level),
+                        "interpolation": "linear",
+                    }
+                }
                 continue
             gain = stiffness * self.between(2.0, 10.0)
             pull = len(tendons) * load
             servo = {
-                "position": _points(times, side * self.radius * angles + pull / stiffness + pull / gain),
+                "position": _points(
+                    times, side * self.radius * angles + pull / stiffness + pull / gain
+                ),
                 "stiffness": gain,
                 "damping": 1.4 * float(np.sqrt((gain + stiffness) * drive["description"]["mass"])),
             }
@@ -301,7 +349,9 @@ class Draw:
         return made
 
     def loads(self, torque: Floats, side: int) -> Floats:
-        """Return the tension of each tendon on a side: the base tension, and its share of what the joint needs."""
+        """Return the tension of each tendon on a side: the base tension, and its share of what the
+        joint needs.
+        """
         mates = self.sides.count(side)
         if self.one_sided:
             return np.maximum(side * torque / (self.radius * mates), 0.1 * self.tension)
@@ -312,10 +362,23 @@ class Draw:
 
     def words(self) -> str:
         sliders = len(self.drives) - self.capstan
-        kinds = (["capstan"] if self.capstan else []) + ([f"{sliders} slider{'s' * (sliders > 1)}"] if sliders else [])
-        parts = [f"{self.n} tendon{'s' * (self.n > 1)}", " and ".join(kinds), "pinned" if self.pinned else "pulley"]
-        parts += [word for word, there in (("spring", self.spring), ("gravity", self.gravity)) if there is not None]
-        parts += ["forces" if self.forces else "no forces", f"{self.mode:.0f} Hz mode at {self.rate:.0f} samples/s"]
+        kinds = (["capstan"] if self.capstan else []) + (
+            [f"{sliders} slider{'s' * (sliders > 1)}"] if sliders else []
+        )
+        parts = [
+            f"{self.n} tendon{'s' * (self.n > 1)}",
+            " and ".join(kinds),
+            "pinned" if self.pinned else "pulley",
+        ]
+        parts += [
+            word
+            for word, there in (("spring", self.spring), ("gravity", self.gravity))
+            if there is not None
+        ]
+        parts += [
+            "forces" if self.forces else "no forces",
+            f"{self.mode:.0f} Hz mode at {self.rate:.0f} samples/s",
+        ]
         return ", ".join(parts)
 
 

@@ -1,8 +1,9 @@
-"""Rigs that nobody built, drawn from a seed, each with a motion and a plant drawn from the rig's own stds.
+"""Rigs that nobody built, drawn from a seed, each with a motion and a plant drawn from the rig's
+own stds.
 
-`random_case(seed)` gives the same rig, plant and log wherever it runs; other seeds give rigs not looked at before. The
-model class is right: the plant is the rig with other numbers. Only rigs that move as a rig should are kept (`sane`); of
-one seed, draws are tried until one is.
+`random_case(seed)` gives the same rig, plant and log wherever it runs; other seeds give rigs not
+looked at before. The model class is right: the plant is the rig with other numbers. Only rigs that
+move as a rig should are kept (`sane`); of one seed, draws are tried until one is.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ class RandomCase:
     log: Log
 
 
-def random_case(seed: int, change: Callable[[dict[str, Any]], dict[str, Any]] = lambda raw: raw) -> RandomCase:
+def random_case(
+    seed: int, change: Callable[[dict[str, Any]], dict[str, Any]] = lambda raw: raw
+) -> RandomCase:
     """Return the first sane draw of a seed.
 
     Args:
@@ -57,7 +60,9 @@ def random_case(seed: int, change: Callable[[dict[str, Any]], dict[str, Any]] = 
         try:
             rig = build_rig(raw, f"random rig {seed}")
             plant = drawn_plant(rig, seed, attempt, TAG)
-            named = build_scenario({**scenario, "rig": "random", "plant": plant}, f"random rig {seed}")
+            named = build_scenario(
+                {**scenario, "rig": "random", "plant": plant}, f"random rig {seed}"
+            )
             log = simulate(rig, named, seed)
         except DistalError:
             continue  # no equilibrium, or a motion out of all bounds: no rig that one would build
@@ -69,9 +74,9 @@ def random_case(seed: int, change: Callable[[dict[str, Any]], dict[str, Any]] = 
 def drawn_plant(rig: Rig, *seeds: int) -> dict[str, Any]:
     """Return the plant's values: each parameter from its own std, at most 2 of them away.
 
-    What parameters share errs by one draw, that of the first of them.
-    What a sign or a physical bound forbids is drawn no nearer to zero than a twentieth of the value. Each draw depends
-    on the parameter's path, so that new keys of a rig file do not change the others.
+    What parameters share errs by one draw, that of the first of them. What a sign or a physical
+    bound forbids is drawn no nearer to zero than a twentieth of the value. Each draw depends on the
+    parameter's path, so that new keys of a rig file do not change the others.
     """
     values: dict[str, Any] = {}
     shared: dict[str, float] = {}
@@ -88,7 +93,9 @@ def drawn_plant(rig: Rig, *seeds: int) -> dict[str, Any]:
             if together is not None:
                 z = shared.setdefault(str(together["name"]), z)
             drawn = value + z * std
-            values[path] = max(drawn, 0.05 * value) if value > 0.0 and not path.endswith("angle") else drawn
+            values[path] = (
+                max(drawn, 0.05 * value) if value > 0.0 and not path.endswith("angle") else drawn
+            )
         elif isinstance(part, dict):
             for key, inner in part.items():
                 visit(inner, f"{path}.{key}" if path else str(key))
@@ -103,17 +110,23 @@ def drawn_plant(rig: Rig, *seeds: int) -> dict[str, Any]:
 def sane(rig: Rig, log: Log) -> bool:
     """Return whether a rig moves as one that somebody would build and use.
 
-    The joint moves by 8° or more within ±75° (pinned tendons: ±60°) and by no more than 15° between samples; at least
-    seven tenths of the time no tendon is slack, and no drive stands at a stop for more than a fifth of it.
+    The joint moves by 8° or more within ±75° (pinned tendons: ±60°) and by no more than 15° between
+    samples; at least seven tenths of the time no tendon is slack, and no drive stands at a stop for
+    more than a fifth of it.
     """
     theta = log.truth["theta"]
     pinned = any(tendon.insertion.kind == "pinned" for tendon in rig.tendons)
-    moves = np.ptp(theta) >= np.deg2rad(8) and np.abs(theta).max() <= np.deg2rad(60 if pinned else 75)
+    moves = np.ptp(theta) >= np.deg2rad(8) and np.abs(theta).max() <= np.deg2rad(
+        60 if pinned else 75
+    )
     smooth = np.abs(np.diff(theta)).max() <= np.deg2rad(15)
     taut = np.all([log.truth[f"tension_{tendon.name}"] > 1e-3 for tendon in rig.tendons], axis=0)
     free = True
     for drive in rig.drives:
         if drive.stops is not None:
             place = log.truth[f"position_{drive.name}"]
-            free = free and float(np.mean((place <= drive.stops[0]) | (place >= drive.stops[1]))) <= 0.2
+            free = (
+                free
+                and float(np.mean((place <= drive.stops[0]) | (place >= drive.stops[1]))) <= 0.2
+            )
     return bool(moves and smooth and np.mean(taut) >= 0.7 and free)

@@ -1,4 +1,6 @@
-"""300 random rigs with plants drawn from their own stds: who is off, who is inside, who is told that all is well."""
+"""300 random rigs with plants drawn from their own stds: who is off, who is inside, who is told
+that all is well.
+"""
 
 from __future__ import annotations
 
@@ -16,21 +18,27 @@ CLEAN, SPOILED = "as recorded", "30 % missing, 2 % wild"
 
 
 def spoilt(log: Log, rig: Rig, seed: int) -> Log:
-    """Return the log without 30 % of each sensor's samples, 2 % of the rest off by 20 to 200 standard deviations."""
+    """Return the log without 30 % of each sensor's samples, 2 % of the rest off by 20 to 200
+    standard deviations.
+    """
     rng = np.random.default_rng([seed, 301])
     channels = {}
     for sensor in rig.sensors:
         values = np.array(log.channels[sensor.name])
         sigma = np.hypot(sensor.noise, step_of(sensor) / np.sqrt(12.0))
         wild = rng.random(len(values)) < 0.02
-        values += np.where(wild, sigma * rng.uniform(20, 200, len(values)) * rng.choice([-1, 1], len(values)), 0.0)
+        values += np.where(
+            wild, sigma * rng.uniform(20, 200, len(values)) * rng.choice([-1, 1], len(values)), 0.0
+        )
         values[rng.random(len(values)) < 0.3] = np.nan
         channels[sensor.name] = values
     return Log(log.time, channels, dict(log.truth), log.source, log.truth_source)
 
 
 def run(seed: int) -> list[Record]:
-    """Draw one rig and score all estimators on its log, whole and spoiled; and `adaptive` with the plant's own values."""
+    """Draw one rig and score all estimators on its log, whole and spoiled; and `adaptive` with the
+    plant's own values.
+    """
     case = random_case(seed)
     name = f"{seed}: {case.about}"
     records = all_estimators(NAME, CLEAN, name, case.log, case.rig)
@@ -84,7 +92,9 @@ def summary(records: list[Record], others: dict[tuple[str, str], float]) -> tupl
 GROUPS = {
     "one tendon": lambda about: about.startswith("1 tendon"),
     "capstan": lambda about: "capstan" in about,
-    "sliders, two tendons or more": lambda about: "capstan" not in about and not about.startswith("1 tendon"),
+    "sliders, two tendons or more": lambda about: (
+        "capstan" not in about and not about.startswith("1 tendon")
+    ),
     "with forces": lambda about: "no forces" not in about,
     "without forces": lambda about: "no forces" in about,
     "pinned": lambda about: "pinned" in about,
@@ -116,16 +126,40 @@ def tables(records: list[Record]) -> list[Table]:
         if chosen:
             groups[(name,)] = summary(chosen, others)
     made.append(
-        Table("strangers-rigs-kinds", "`adaptive` by kind of rig, logs as recorded", ("rigs",), COLUMNS, groups)
+        Table(
+            "strangers-rigs-kinds",
+            "`adaptive` by kind of rig, logs as recorded",
+            ("rigs",),
+            COLUMNS,
+            groups,
+        )
     )
     worst = sorted(adaptive, key=lambda one: one.inside - 1e-3 * one.rms)[:12]
-    columns = (("RMS [°]", 2), ("`inextensible` [°]", 2), ("inside [%]", 0), ("half-width [°]", 2), ("consistent", 0))
+    columns = (
+        ("RMS [°]", 2),
+        ("`inextensible` [°]", 2),
+        ("inside [%]", 0),
+        ("half-width [°]", 2),
+        ("consistent", 0),
+    )
     found = {
-        (one.log,): (one.rms, others[(one.case, one.log)], 100 * one.inside, one.half, _flag(one.consistent))
+        (one.log,): (
+            one.rms,
+            others[(one.case, one.log)],
+            100 * one.inside,
+            one.half,
+            _flag(one.consistent),
+        )
         for one in worst
     }
     made.append(
-        Table("strangers-rigs-worst", "The rigs with the least inside (consistent: 1)", ("rig",), columns, found)
+        Table(
+            "strangers-rigs-worst",
+            "The rigs with the least inside (consistent: 1)",
+            ("rig",),
+            columns,
+            found,
+        )
     )
     return made
 

@@ -1,12 +1,17 @@
-"""Rigs that are hardly known, four kinds of them, with plants of their own; no code of `distal.model` is shared.
+"""Rigs that are hardly known, four kinds of them, with plants of their own; no code of
+`distal.model` is shared.
 
-A user describes them by round numbers: arms to a third, stiffness and friction to a factor of two to five. The plants
-have no inertia (`drawn_plants.balanced`); the rolling joint has its own equilibrium. Calibration logs have the angles.
+A user describes them by round numbers: arms to a third, stiffness and friction to a factor of two
+to five. The plants have no inertia (`drawn_plants.balanced`); the rolling joint has its own
+equilibrium. Calibration logs have the angles.
 
 * "held": a wrist of three joints at 40 Hz with motor torques; in some logs only one drive moves.
-* "stop and go": the same wrist read 2.4 times a second, no torques, more play; motions with long rests.
-* "sheath": one joint, two tendons through a sheath that is bent otherwise in each log (0 to 270°), tensions, 40 Hz.
-* "rolling": eight rolling segments that the user takes for one joint, two wires, another load in each log, 20 Hz.
+* "stop and go": the same wrist read 2.4 times a second, no torques, more play; motions with long
+  rests.
+* "sheath": one joint, two tendons through a sheath that is bent otherwise in each log (0 to 270°),
+  tensions, 40 Hz.
+* "rolling": eight rolling segments that the user takes for one joint, two wires, another load in
+  each log, 20 Hz.
 """
 
 from __future__ import annotations
@@ -35,19 +40,25 @@ SEGMENTS, HALF_WIDTH = 8, 6e-3
 
 @cache
 def described(kind: str, seed: int) -> tuple[Raw, dict[str, float]]:
-    """Return the description of a rig by its user, and the plant's numbers by path where it has them."""
+    """Return the description of a rig by its user, and the plant's numbers by path where it has
+    them.
+    """
     rng = np.random.default_rng([seed, 91, KINDS.index(kind)])
     return {"sheath": _sheath_rig, "rolling": _rolling_rig}.get(kind, _wrist_rig)(rng, kind)
 
 
 @cache
 def log_of(kind: str, seed: int, index: int) -> Log:
-    """Return one of the logs of a plant: `FITTED` with angles as an encoder reads them, then `JUDGED` with true ones."""
+    """Return one of the logs of a plant: `FITTED` with angles as an encoder reads them, then
+    `JUDGED` with true ones.
+    """
     return _log(kind, *described(kind, seed), np.random.default_rng([seed, 92, index]), index)
 
 
 def log_at(kind: str, seed: int, rate: float) -> Log:
-    """Return the first judged log as it would be with another rate [Hz] of its sensors; the motion is the same."""
+    """Return the first judged log as it would be with another rate [Hz] of its sensors; the motion
+    is the same.
+    """
     raw, truth = described(kind, seed)
     return _log(kind, raw, truth, np.random.default_rng([seed, 92, FITTED]), FITTED, rate)
 
@@ -70,9 +81,13 @@ class _Numbers:
         return _guessed(self.rng, true, factor)
 
     def both(self, path: str, usual: float, factor: float, parts: float) -> Raw:
-        """Return the same for two parts that the user takes for alike, and that differ by a share."""
+        """Return the same for two parts that the user takes for alike, and that differ by a
+        share.
+        """
         guess = self.about(path.format(0), usual, factor)
-        self.truth[path.format(1)] = self.truth[path.format(0)] * float(np.exp(parts * self.rng.normal()))
+        self.truth[path.format(1)] = self.truth[path.format(0)] * float(
+            np.exp(parts * self.rng.normal())
+        )
         return guess
 
 
@@ -81,36 +96,75 @@ def _wrist_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, floa
     joints, drives, tendons, sensors = list[Raw](), list[Raw](), list[Raw](), list[Raw]()
     for j in range(3):
         friction = {
-            "coefficient": n.about(f"joints.{j}.friction.coefficient", 0.12 if forces else 0.2, 4.0),
+            "coefficient": n.about(
+                f"joints.{j}.friction.coefficient", 0.12 if forces else 0.2, 4.0
+            ),
             "radius": 3e-3,
         }
-        joints.append({
-            "name": ("pitch", "yaw", "jaw")[j], "inertia": 2e-6, "damping": 3e-4, "friction": friction,
-            "initial": {"value": 0.0, "std": np.deg2rad(10)},
-        })  # fmt: skip
+        joints.append(
+            {
+                "name": ("pitch", "yaw", "jaw")[j],
+                "inertia": 2e-6,
+                "damping": 3e-4,
+                "friction": friction,
+                "initial": {"value": 0.0, "std": np.deg2rad(10)},
+            }
+        )
         rubs = {"constant": n.about(f"drives.{j}.friction.constant", 3e-3, 4.0)}
-        drives.append({"name": f"motor{j}", "kind": "capstan", "inertia": 5e-6, "radius": 6e-3, "friction": rubs})
-        # both cables of a pair lie on the same pulleys and are of one rope, which the user takes for granted
+        drives.append(
+            {
+                "name": f"motor{j}",
+                "kind": "capstan",
+                "inertia": 5e-6,
+                "radius": 6e-3,
+                "friction": rubs,
+            }
+        )
+        # both cables of a pair lie on the same pulleys and are of one rope, which the user takes
+        # for granted
         t, across = len(tendons), dict.fromkeys(range(j), 2.5e-3) | {j: 4.5e-3}
         arms = [n.about(f"tendons.{t}.crossings.{k}.radius", arm, 1.5) for k, arm in across.items()]
         stiffness = n.about(f"tendons.{t}.stiffness", 1.5e4 if forces else 8e3, 3.0)
         pretension = n.about(f"tendons.{t}.pretension", 8.0, 2.0)
         n.truth |= {
-            path.replace(f".{t}.", f".{t + 1}.", 1): v for path, v in n.truth.items() if f"tendons.{t}." in path
+            path.replace(f".{t}.", f".{t + 1}.", 1): v
+            for path, v in n.truth.items()
+            if f"tendons.{t}." in path
         }
         for side in (1, -1):
             crossings = [
                 {"joint": joints[k]["name"], "kind": "pulley", "radius": arm, "side": side}
                 for k, arm in enumerate(arms)
             ]
-            tendons.append({
-                "name": f"{joints[j]['name']}_{'ab'[side < 0]}", "drive": f"motor{j}", "crossings": crossings,
-                "stiffness": stiffness, "pretension": pretension,
-            })  # fmt: skip
+            tendons.append(
+                {
+                    "name": f"{joints[j]['name']}_{'ab'[side < 0]}",
+                    "drive": f"motor{j}",
+                    "crossings": crossings,
+                    "stiffness": stiffness,
+                    "pretension": pretension,
+                }
+            )
         rate = RATE[kind]
-        sensors.append({"name": f"phi{j}", "measures": "position", "of": f"motor{j}", "rate": rate, "noise": 1e-3})
+        sensors.append(
+            {
+                "name": f"phi{j}",
+                "measures": "position",
+                "of": f"motor{j}",
+                "rate": rate,
+                "noise": 1e-3,
+            }
+        )
         if forces:
-            sensors.append({"name": f"tau{j}", "measures": "force", "of": f"motor{j}", "rate": rate, "noise": 2e-3})
+            sensors.append(
+                {
+                    "name": f"tau{j}",
+                    "measures": "force",
+                    "of": f"motor{j}",
+                    "rate": rate,
+                    "noise": 2e-3,
+                }
+            )
     return {
         "name": f"rough {kind}",
         "joints": joints,
@@ -127,23 +181,54 @@ def _pair(n: _Numbers, kind: str, radius: float, stiffness: float, extra: Raw) -
     spring = n.both("tendons.{}.stiffness", stiffness, 4.0, 0.1)
     for t, side in enumerate((1, -1)):
         drives.append({"name": f"slider{t}", "kind": "slider", "mass": 0.02})
-        tendons.append({
-            "name": f"wire{t}", "joint": "joint", "drive": f"slider{t}", "side": side,
-            "insertion": {"kind": "pulley", "radius": arm}, "stiffness": spring, **extra,
-        })  # fmt: skip
-        sensors.append({"name": f"x{t}", "measures": "position", "of": f"slider{t}", "rate": rate, "noise": 2e-5})
-        sensors.append({"name": f"u{t}", "measures": "force", "of": f"slider{t}", "rate": rate, "noise": 0.1})
+        tendons.append(
+            {
+                "name": f"wire{t}",
+                "joint": "joint",
+                "drive": f"slider{t}",
+                "side": side,
+                "insertion": {"kind": "pulley", "radius": arm},
+                "stiffness": spring,
+                **extra,
+            }
+        )
+        sensors.append(
+            {
+                "name": f"x{t}",
+                "measures": "position",
+                "of": f"slider{t}",
+                "rate": rate,
+                "noise": 2e-5,
+            }
+        )
+        sensors.append(
+            {"name": f"u{t}", "measures": "force", "of": f"slider{t}", "rate": rate, "noise": 0.1}
+        )
     joint = {
-        "name": "joint", "inertia": 2e-5, "damping": 1e-3, "initial": {"value": 0.0, "std": np.deg2rad(15)},
-        "friction": {"coefficient": n.about("joints.0.friction.coefficient", 0.15, 4.0), "radius": 3e-3},
-    }  # fmt: skip
-    return {"name": f"rough {kind}", "joints": [joint], "drives": drives, "tendons": tendons, "sensors": sensors}
+        "name": "joint",
+        "inertia": 2e-5,
+        "damping": 1e-3,
+        "initial": {"value": 0.0, "std": np.deg2rad(15)},
+        "friction": {
+            "coefficient": n.about("joints.0.friction.coefficient", 0.15, 4.0),
+            "radius": 3e-3,
+        },
+    }
+    return {
+        "name": f"rough {kind}",
+        "joints": [joint],
+        "drives": drives,
+        "tendons": tendons,
+        "sensors": sensors,
+    }
 
 
 def _sheath_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
     n = _Numbers(rng)
     friction = n.both("tendons.{}.path.friction", 0.12, 3.0, 0.1)
-    raw = _pair(n, kind, 8e-3, 4e3, {"path": {"friction": friction, "wrap": {"value": 2.4, "std": 1.5}}})
+    raw = _pair(
+        n, kind, 8e-3, 4e3, {"path": {"friction": friction, "wrap": {"value": 2.4, "std": 1.5}}}
+    )
     raw["joints"][0]["spring"] = {"stiffness": n.about("joints.0.spring.stiffness", 0.05, 2.0)}
     return raw, n.truth
 
@@ -155,8 +240,12 @@ def _rolling_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, fl
     return raw, n.truth
 
 
-def _wishes(rng: np.random.Generator, kind: str, joints: int, held: int | None, rate: float) -> Floats:
-    """Return what angles the operator wishes, (PARTS k, joints) [rad]: ramps with rests; one joint alone in some logs."""
+def _wishes(
+    rng: np.random.Generator, kind: str, joints: int, held: int | None, rate: float
+) -> Floats:
+    """Return what angles the operator wishes, (PARTS k, joints) [rad]: ramps with rests; one joint
+    alone in some logs.
+    """
     rate, reach = PARTS * rate, 0.6 if joints > 1 else 0.7
     count = round(DURATION[kind] * rate)
     columns = []
@@ -172,18 +261,27 @@ def _wishes(rng: np.random.Generator, kind: str, joints: int, held: int | None, 
 
 
 def _log(
-    kind: str, raw: Raw, truth: dict[str, float], rng: np.random.Generator, index: int, rate: float | None = None
+    kind: str,
+    raw: Raw,
+    truth: dict[str, float],
+    rng: np.random.Generator,
+    index: int,
+    rate: float | None = None,
 ) -> Log:
     rate = RATE[kind] if rate is None else rate
     joints = len(raw["joints"])
-    held = index if kind == "held" and index < joints else None  # the first logs move one drive each
+    held = (
+        index if kind == "held" and index < joints else None
+    )  # the first logs move one drive each
     wish = _wishes(rng, kind, joints, held, rate)
     if kind == "rolling":
         angles, places, read = _rolling(truth, wish[:, 0], rng, RATE[kind] / rate)
     else:
         own = dict(truth)
         if kind == "sheath":
-            own |= dict.fromkeys([f"tendons.{t}.path.wrap" for t in (0, 1)], float(np.deg2rad(rng.uniform(0, 270))))
+            own |= dict.fromkeys(
+                [f"tendons.{t}.path.wrap" for t in (0, 1)], float(np.deg2rad(rng.uniform(0, 270)))
+            )
         angles, places, read = _balanced(raw, own, wish, rng, RATE[kind] / rate)
     calibrates = index < FITTED
     names = ["theta"] if joints == 1 else [f"theta_{joint['name']}" for joint in raw["joints"]]
@@ -192,22 +290,37 @@ def _log(
     values = {"position": places, "force": read}
     channels = {}
     for kind_of, columns in values.items():
-        for sensor, column in zip([s for s in raw["sensors"] if s["measures"] == kind_of], columns.T):
+        for sensor, column in zip(
+            [s for s in raw["sensors"] if s["measures"] == kind_of], columns.T
+        ):
             channels[sensor["name"]] = column + sensor["noise"] * rng.normal(size=len(column))
-    time, source = np.arange(len(angles)) / rate, f"{kind} {'calibration' if calibrates else 'judged'} {index}"
-    return Log(time, channels, dict(zip(names, angles.T)), source, FROM_SENSOR if calibrates else "the plant")
+    time, source = (
+        np.arange(len(angles)) / rate,
+        f"{kind} {'calibration' if calibrates else 'judged'} {index}",
+    )
+    return Log(
+        time,
+        channels,
+        dict(zip(names, angles.T)),
+        source,
+        FROM_SENSOR if calibrates else "the plant",
+    )
 
 
 def _balanced(
     raw: Raw, truth: dict[str, float], wish: Floats, rng: np.random.Generator, pace: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return angles (k, j), places and efforts (k, d); drives go where stiff tendons would bring the joints to the wish."""
+    """Return angles (k, j), places and efforts (k, d); drives go where stiff tendons would bring
+    the joints to the wish.
+    """
     made = numbers_of(raw, truth)
     p = {name: value[None] for name, value in made.items()}
     levers, arms = made["levers"], made["arms"]
     lengths = wish @ arms.T
     if levers.shape[1] == levers.shape[0]:  # each its own drive: some tension beside
-        beats = 1.0 + 0.4 * np.sin(2 * np.pi * rng.uniform(0.05, 0.2) * pace * np.arange(len(wish)) / (PARTS * 40.0))
+        beats = 1.0 + 0.4 * np.sin(
+            2 * np.pi * rng.uniform(0.05, 0.2) * pace * np.arange(len(wish)) / (PARTS * 40.0)
+        )
         lengths = lengths + (8.0 / made["stiffness"]) * beats[:, None]
     places = lengths @ np.linalg.pinv(levers).T
     angles, tensions = at_rest(p, (places @ levers.T)[:, None, :], np.zeros(1, dtype=np.intp))
@@ -220,9 +333,11 @@ def _balanced(
 def _rolling(
     truth: dict[str, float], wish: Floats, rng: np.random.Generator, pace: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the same for eight segments that roll on one another: wires of both sides lose and gain length unlike.
+    """Return the same for eight segments that roll on one another: wires of both sides lose and
+    gain length unlike.
 
-    A wire a beside the middle loses 2 a sin(θ/2N) + 2 h (1 − cos(θ/2N)) a contact, h the segments' half height.
+    A wire a beside the middle loses 2 a sin(θ/2N) + 2 h (1 − cos(θ/2N)) a contact, h the segments'
+    half height.
     """
     a, h, n = HALF_WIDTH, 1.2 * HALF_WIDTH, SEGMENTS
     stiffness, load = [truth[f"tendons.{t}.stiffness"] for t in (0, 1)], rng.uniform(-0.03, 0.03)
@@ -230,21 +345,28 @@ def _rolling(
 
     def lost(side: float, q: float) -> tuple[float, float]:
         half = q / (2 * n)
-        return side * 2 * a * np.sin(half) + 2 * h * (1 - np.cos(half)), side * a * np.cos(half) / n + h * np.sin(
+        return side * 2 * a * np.sin(half) + 2 * h * (1 - np.cos(half)), side * a * np.cos(
             half
-        ) / n
+        ) / n + h * np.sin(half) / n
 
     def shape(side: float, q: float) -> tuple[float, float]:
         length, slope = lost(side, q)
         return n * length, n * slope
 
     squeeze = 6.0 + 2.0 * np.sin(2 * np.pi * 0.05 * pace * np.arange(len(wish)) / (PARTS * 20.0))
-    places = np.array([[shape(s, w)[0] + t / k for s, k in zip((1, -1), stiffness)] for w, t in zip(wish, squeeze)])
+    places = np.array(
+        [
+            [shape(s, w)[0] + t / k for s, k in zip((1, -1), stiffness)]
+            for w, t in zip(wish, squeeze)
+        ]
+    )
     q, angles, pulls = float(wish[0]), np.empty(len(wish)), np.empty((len(wish), 2))
     for i, ends in enumerate(places):
         for _ in range(30):
             lengths = [shape(s, q) for s in (1, -1)]
-            tension = [k * max(x - length, 0.0) for k, x, (length, _) in zip(stiffness, ends, lengths)]
+            tension = [
+                k * max(x - length, 0.0) for k, x, (length, _) in zip(stiffness, ends, lengths)
+            ]
             torque = sum(t * slope for t, (_, slope) in zip(tension, lengths)) + load * np.cos(q)
             limit = friction * a * sum(tension)
             left = torque - np.clip(torque, -limit, limit)

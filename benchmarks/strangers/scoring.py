@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.strangers.library import DistalError, Log, Rig, build_rig, diagnosed, estimate, learn_affine
+from benchmarks.strangers.library import (
+    DistalError,
+    Log,
+    Rig,
+    build_rig,
+    diagnosed,
+    estimate,
+    learn_affine,
+)
 
 ESTIMATORS = ("adaptive", "affine", "inextensible", "elastic", "ekf")
 BAND = 1.959963984540054
@@ -59,10 +67,21 @@ Make = Callable[[bool, int], list[Job]]
 """(quick, seed of the first log) → jobs; each returns its records."""
 
 
-def score(bench: str, case: str, name: str, log: Log, rig: Rig, estimator: str, homing: float | None = None) -> Record:
-    """Return what an estimator makes of a log; a run that is refused or diverges counts as an error of `LOST`."""
+def score(
+    bench: str,
+    case: str,
+    name: str,
+    log: Log,
+    rig: Rig,
+    estimator: str,
+    homing: float | None = None,
+) -> Record:
+    """Return what an estimator makes of a log; a run that is refused or diverges counts as an error
+    of `LOST`.
+    """
     try:
-        # interpreted kernels give the same numbers to the last bit, and most rigs here are used once
+        # interpreted kernels give the same numbers to the last bit, and most rigs here are used
+        # once
         result = estimate(log, rig, estimator, compiled=False, homing=homing)
     except DistalError as problem:
         note = "diverged" if "left all bounds" in str(problem) else "refused"
@@ -70,14 +89,34 @@ def score(bench: str, case: str, name: str, log: Log, rig: Rig, estimator: str, 
     errors, stds = result.errors(), result.theta_std
     there = np.isfinite(errors)
     # what it cannot test, which takes long, changes nothing here
-    consistent = diagnosed(result, log, rig, homing, what_if=False).consistent if len(result.measured) else None
+    consistent = (
+        diagnosed(result, log, rig, homing, what_if=False).consistent
+        if len(result.measured)
+        else None
+    )
     # more than half a turn off, or a band that is no number
     lost = bool(np.any(np.abs(errors[there]) > np.pi) or not np.all(np.isfinite(stds[there])))
-    return record(bench, case, name, estimator, errors[there], stds[there], consistent, "diverged" if lost else "")
+    return record(
+        bench,
+        case,
+        name,
+        estimator,
+        errors[there],
+        stds[there],
+        consistent,
+        "diverged" if lost else "",
+    )
 
 
 def record(
-    bench: str, case: str, name: str, estimator: str, errors: Any, stds: Any, consistent: bool | None, note: str = ""
+    bench: str,
+    case: str,
+    name: str,
+    estimator: str,
+    errors: Any,
+    stds: Any,
+    consistent: bool | None,
+    note: str = "",
 ) -> Record:
     """Return the record of errors and standard deviations [rad], (k,) each."""
     if note:
@@ -85,10 +124,14 @@ def record(
     rms = float(np.rad2deg(np.sqrt(np.mean(errors**2))))
     inside = float(np.mean(np.abs(errors) <= BAND * stds))
     half = float(np.rad2deg(BAND * np.mean(stds)))
-    return Record(bench, case, name, estimator, round(rms, 4), round(inside, 4), round(half, 4), consistent)
+    return Record(
+        bench, case, name, estimator, round(rms, 4), round(inside, 4), round(half, 4), consistent
+    )
 
 
-def all_estimators(bench: str, case: str, name: str, log: Log, rig: Rig, homing: float | None = None) -> list[Record]:
+def all_estimators(
+    bench: str, case: str, name: str, log: Log, rig: Rig, homing: float | None = None
+) -> list[Record]:
     """Return the records of all estimators on a log."""
     # without a map or a homing move there is no affine, and release 0.1 has none at all
     can = learn_affine is not None and (homing is not None or rig.affine is not None)
@@ -113,9 +156,13 @@ def known_rig(rig: Rig, plant: dict[str, Any]) -> Rig:
     return build_rig(raw, rig.name)
 
 
-def score_known(bench: str, case: str, name: str, log: Log, rig: Rig, plant: dict[str, Any]) -> Record:
+def score_known(
+    bench: str, case: str, name: str, log: Log, rig: Rig, plant: dict[str, Any]
+) -> Record:
     """Return what `adaptive` makes of a log when it knows the plant."""
-    return replace(score(bench, case, name, log, known_rig(rig, plant), "adaptive"), estimator=KNOWN)
+    return replace(
+        score(bench, case, name, log, known_rig(rig, plant), "adaptive"), estimator=KNOWN
+    )
 
 
 @dataclass(frozen=True)
@@ -171,13 +218,19 @@ def pooled(records: Sequence[Record]) -> tuple[float, ...]:
 
 
 def by_case(bench: str, title: str, records: Sequence[Record], together: str = "") -> Table:
-    """Return the table of a bench: a row per case and estimator, and one of all cases where `together` names it."""
+    """Return the table of a bench: a row per case and estimator, and one of all cases where
+    `together` names it.
+    """
     rows: dict[tuple[str, ...], tuple[float, ...]] = {}
     cases = list(dict.fromkeys(one.case for one in records))
     estimators = list(dict.fromkeys(one.estimator for one in records))
     for case in [*cases, *([together] if together else [])]:
         for estimator in estimators:
-            chosen = [one for one in records if one.estimator == estimator and case in (one.case, together)]
+            chosen = [
+                one
+                for one in records
+                if one.estimator == estimator and case in (one.case, together)
+            ]
             if chosen:
                 rows[(case, estimator)] = pooled(chosen)
     return Table(f"strangers-{bench}", title, ("case", "estimator"), POOLED, rows)

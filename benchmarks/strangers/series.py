@@ -1,4 +1,6 @@
-"""The 2008 paper's Series 1 and 2 on the plant as observed; the filters know the rig `paper-2008` as it is shipped."""
+"""The 2008 paper's Series 1 and 2 on the plant as observed; the filters know the rig `paper-2008`
+as it is shipped.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,14 @@ SHIPPED = {"series-1-soft": "paper-2008-soft"}
 
 
 def run(series: str, seed: int) -> list[Record]:
-    """Simulate one test on Table 1 with the friction that was observed, and score all estimators with the shipped rig."""
+    """Simulate one test on Table 1 with the friction that was observed, and score all estimators
+    with the shipped rig.
+    """
     scenario = load_scenario(series)
     shipped = load_rig(SHIPPED.get(series, "paper-2008")).with_values(scenario.set)
-    true = printed_rig().with_values({**(SOFT if series == "series-1-soft" else {}), **scenario.set})
+    true = printed_rig().with_values(
+        {**(SOFT if series == "series-1-soft" else {}), **scenario.set}
+    )
     log = simulate(true, scenario.model_copy(update={"plant": PLANTS["as observed"]}), seed)
     return all_estimators(NAME, series, f"seed {seed}", log, shipped)
 
@@ -28,10 +34,14 @@ FRIENDLY = "friendly plants, paper-2008"
 
 
 def friendly(seed: int) -> list[Record]:
-    """Score plants within ±20 % friction and ±10 % stiffness of Table 1 with the shipped rig, which does not know that."""
+    """Score plants within ±20 % friction and ±10 % stiffness of Table 1 with the shipped rig, which
+    does not know that.
+    """
     kinds = (*MID_RANGE, *INTO_STOPS)
     log = paper_log(kinds[seed % len(kinds)], WITHIN[seed % len(WITHIN)], seed)
-    return all_estimators(NAME, FRIENDLY, f"seed {seed}", log, load_rig("paper-2008").with_values(WINDOW))
+    return all_estimators(
+        NAME, FRIENDLY, f"seed {seed}", log, load_rig("paper-2008").with_values(WINDOW)
+    )
 
 
 def jobs(quick: bool, first: int) -> list[Job]:
@@ -42,7 +52,10 @@ def jobs(quick: bool, first: int) -> list[Job]:
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by test."""
-    title = "Series 1 and 2, plant as observed (slider friction 0.1 T, axle friction as its load to the power of 1.5)"
+    title = (
+        "Series 1 and 2, plant as observed (slider friction 0.1 T, axle friction as its load "
+        "to the power of 1.5)"
+    )
     alike = [one for one in records if one.case == FRIENDLY]
     others = [one for one in records if one.case != FRIENDLY]
     known = "the paper's rig as shipped, paper-2008, on plants that are like Table 1"

@@ -1,4 +1,5 @@
-"""The paper's series on the plant as observed: `paper-2008` fitted to one run of each but 4 N / 12 N, judged on others.
+"""The paper's series on the plant as observed: `paper-2008` fitted to one run of each but 4 N / 12
+N, judged on others.
 
 `python -m benchmarks.strangers.series_fitted`: on its own, since its kernels are worth compiling.
 """
@@ -25,7 +26,8 @@ ONE_RIG = {
     "drives.1.stops": ("-12 mm", "30 mm"),
     "joints.0.initial": {"value": "-10 deg", "std": "15 deg"},
 }
-"""What makes one rig of the tests: they start elsewhere, and each has its own window of the travel."""
+"""What makes one rig of the tests: they start elsewhere, and each has its own window of the travel.
+"""
 
 
 def log_of(series: str, seed: int) -> Log:
@@ -36,15 +38,26 @@ def log_of(series: str, seed: int) -> Log:
 
 
 def run(first: int, judged: int) -> list[Record]:
-    """Fit once, and score the fitted rig, `affine`, the rig as it came, and the filter that is given the plant."""
+    """Fit once, and score the fitted rig, `affine`, the rig as it came, and the filter that is
+    given the plant.
+    """
     rig = load_rig("paper-2008").with_values(ONE_RIG)
     found = fit([log_of(series, first) for series in FITTED], rig)
     records = []
     for series in JUDGED:
         for seed in range(first + 1, first + 1 + judged):
             log, name = log_of(series, seed), f"{first}: {seed}"
-            before = replace(score(NAME, series, name, log, rig, "adaptive"), estimator="adaptive, rig as it came")
-            records += [before, *(score(NAME, series, name, log, found.rig, each) for each in ("adaptive", "affine"))]
+            before = replace(
+                score(NAME, series, name, log, rig, "adaptive"),
+                estimator="adaptive, rig as it came",
+            )
+            records += [
+                before,
+                *(
+                    score(NAME, series, name, log, found.rig, each)
+                    for each in ("adaptive", "affine")
+                ),
+            ]
             records.append(score_known(NAME, series, name, log, rig, OBSERVED))
     return records
 
@@ -53,9 +66,12 @@ def main() -> None:
     """Run four fits, each judged on two other seeds, and print the table."""
     warnings.simplefilter("ignore")
     with ProcessPoolExecutor(2) as pool:
-        records = [record for part in pool.map(partial(run, judged=2), range(0, 40, 10)) for record in part]
+        records = [
+            record for part in pool.map(partial(run, judged=2), range(0, 40, 10)) for record in part
+        ]
     title = (
-        "paper-2008 fitted to one run each of series-1, series-2, series-2-medium, plant as observed; on other seeds"
+        "paper-2008 fitted to one run each of series-1, series-2, series-2-medium, plant as "
+        "observed; on other seeds"
     )
     show(by_case(NAME, title, records, "all"))
 

@@ -1,8 +1,10 @@
-"""Hands whose motors are position servos with a limit on current; nothing here is shared with `distal.model`.
+"""Hands whose motors are position servos with a limit on current; nothing here is shared with
+`distal.model`.
 
-`orca_like` has a motor for each joint and two tendons on its spool, in sheaths, with slack or tension between them;
-`aero_like` has fingers of three joints on one tendon, against springs. Every number is drawn. Several hands step side by
-side: arrays are (hands, parts). A tendon is two springs in series with dry friction of its sheath between them.
+`orca_like` has a motor for each joint and two tendons on its spool, in sheaths, with slack or
+tension between them; `aero_like` has fingers of three joints on one tendon, against springs. Every
+number is drawn. Several hands step side by side: arrays are (hands, parts). A tendon is two springs
+in series with dry friction of its sheath between them.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ TORQUE_CONSTANT = 0.5
 
 @dataclass
 class Drawn:
-    """Numbers of some hands, (hands, parts); `arms` and `spools` are signed, (tendons, joints) and (tendons, motors)."""
+    """Numbers of some hands, (hands, parts); `arms` and `spools` are signed, (tendons, joints) and
+    (tendons, motors).
+    """
 
     arms: Floats
     spools: Floats
@@ -72,26 +76,35 @@ class Hands:
         self.direction = np.zeros((hands, motors))
 
     def _tensions(self) -> tuple[Floats, Floats]:
-        """Return tensions at the spool and at the joint, with the sheath's node where friction lets it be."""
+        """Return tensions at the spool and at the joint, with the sheath's node where friction lets
+        it be.
+        """
         d = self.d
         wound = np.einsum("htm,hm->ht", d.spools, self.places - self.slipped) - d.slack
         drawn_in = np.einsum("htj,hj->ht", d.arms, self.angles)
         first, second, grip = 2 * d.stiffness, 2 * d.stiffness, np.exp(d.sheath)
-        near, far = np.maximum(first * (wound - self.nodes), 0), np.maximum(second * (self.nodes - drawn_in), 0)
+        near, far = (
+            np.maximum(first * (wound - self.nodes), 0),
+            np.maximum(second * (self.nodes - drawn_in), 0),
+        )
         out = (first * wound + grip * second * drawn_in) / (first + grip * second)
         back = (grip * first * wound + second * drawn_in) / (grip * first + second)
         node = np.where(near > grip * far, out, np.where(grip * near < far, back, self.nodes))
         # a tendon without tension follows the joint
         self.nodes = np.where(wound <= drawn_in, np.clip(self.nodes, wound, drawn_in), node)
         near, far = first * (wound - self.nodes), second * (self.nodes - drawn_in)
-        return np.where(self.broken, 0, np.maximum(near, 0)), np.where(self.broken, 0, np.maximum(far, 0))
+        return np.where(self.broken, 0, np.maximum(near, 0)), np.where(
+            self.broken, 0, np.maximum(far, 0)
+        )
 
     def _part(self) -> None:
         d = self.d
         near, far = self._tensions()
         load = np.einsum("htm,ht->hm", d.spools, near)
         # a servo: proportional to what is left, never above its limit
-        self.torques = np.clip(6.0 * (self.goals - self.places) - 0.12 * self.speeds, -self.limits, self.limits)
+        self.torques = np.clip(
+            6.0 * (self.goals - self.places) - 0.12 * self.speeds, -self.limits, self.limits
+        )
         inertia = 2e-4
         free = self.speeds + STEP / inertia * (self.torques - load)
         grip = STEP / inertia * (d.gear_friction + d.gear_load * np.abs(load))
@@ -101,7 +114,12 @@ class Hands:
         self.slipped = self.slipped + np.where(slip, np.sign(load) * 0.4 * STEP * 20, 0)
         pull = np.einsum("htj,ht->hj", d.arms, far)
         side = np.einsum("htj,ht->hj", np.abs(d.arms), far)
-        torque = pull - d.spring * (self.angles - d.rest) - d.weight * np.sin(self.angles) - 1e-3 * self.rates
+        torque = (
+            pull
+            - d.spring * (self.angles - d.rest)
+            - d.weight * np.sin(self.angles)
+            - 1e-3 * self.rates
+        )
         over = np.maximum(self.angles - d.high, 0) - np.maximum(d.low - self.angles, 0)
         torque -= np.where(over != 0, 25.0 * over + 0.02 * self.rates, 0)
         inertia = 1e-5
@@ -111,14 +129,18 @@ class Hands:
         self.angles = self.angles + STEP * self.rates
 
     def step(self, goals: Floats) -> dict[str, Floats]:
-        """Send goals [rad of the encoders], let a period pass, and return the places [rad] and currents [A] read then."""
+        """Send goals [rad of the encoders], let a period pass, and return the places [rad] and
+        currents [A] read then.
+        """
         d = self.d
         self.goals = (np.asarray(goals) - d.zeros) * d.signs
         for _ in range(round(PERIOD / STEP)):
             self._part()
         turn = 2 * np.pi / COUNTS
         places = turn * np.round((self.places * d.signs + d.zeros) / turn)
-        currents = self.torques * d.signs / d.torque_constant + 0.004 * self.rng.normal(size=self.torques.shape)
+        currents = self.torques * d.signs / d.torque_constant + 0.004 * self.rng.normal(
+            size=self.torques.shape
+        )
         return {"places": places, "currents": 1e-3 * np.round(1e3 * currents)}
 
     def goals_of(self, places: Floats) -> Floats:
@@ -128,7 +150,9 @@ class Hands:
 
 @dataclass(frozen=True)
 class Known:
-    """What an owner knows of a hand: names, ranges [rad], arms and spools [m] of its drawings, motors' signs."""
+    """What an owner knows of a hand: names, ranges [rad], arms and spools [m] of its drawings,
+    motors' signs.
+    """
 
     joints: tuple[str, ...]
     motors: tuple[str, ...]
@@ -140,30 +164,51 @@ class Known:
 
 
 ORCA = {
-    "wrist": (-65, 35, 12.0, 1.0), "thumb_cmc": (-45, 33, 9.0, 0.74), "thumb_abd": (-18, 55, 9.0, 0.77),
-    "thumb_mcp": (-25, 100, 7.0, 0.93), "thumb_dip": (-15, 107, 6.0, 0.8), "index_abd": (-25, 30, 7.0, 0.71),
-    "index_mcp": (-25, 100, 8.0, 1.1), "index_pip": (-15, 107, 7.0, 1.05), "middle_abd": (-27, 27, 7.0, 0.88),
-    "middle_mcp": (-25, 100, 8.0, 1.05), "middle_pip": (-15, 107, 7.0, 0.85), "ring_abd": (-27, 27, 7.0, 0.92),
-    "ring_mcp": (-25, 100, 8.0, 1.14), "ring_pip": (-15, 107, 7.0, 0.92), "pinky_abd": (-30, 30, 7.0, 0.82),
-    "pinky_mcp": (-25, 100, 7.0, 0.91), "pinky_pip": (-15, 107, 6.0, 0.95),
-}  # fmt: skip
-"""Range [deg], arm [mm], turns of the motor for one of the joint: of the size of a hand that can be built today."""
+    "wrist": (-65, 35, 12.0, 1.0),
+    "thumb_cmc": (-45, 33, 9.0, 0.74),
+    "thumb_abd": (-18, 55, 9.0, 0.77),
+    "thumb_mcp": (-25, 100, 7.0, 0.93),
+    "thumb_dip": (-15, 107, 6.0, 0.8),
+    "index_abd": (-25, 30, 7.0, 0.71),
+    "index_mcp": (-25, 100, 8.0, 1.1),
+    "index_pip": (-15, 107, 7.0, 1.05),
+    "middle_abd": (-27, 27, 7.0, 0.88),
+    "middle_mcp": (-25, 100, 8.0, 1.05),
+    "middle_pip": (-15, 107, 7.0, 0.85),
+    "ring_abd": (-27, 27, 7.0, 0.92),
+    "ring_mcp": (-25, 100, 8.0, 1.14),
+    "ring_pip": (-15, 107, 7.0, 0.92),
+    "pinky_abd": (-30, 30, 7.0, 0.82),
+    "pinky_mcp": (-25, 100, 7.0, 0.91),
+    "pinky_pip": (-15, 107, 6.0, 0.95),
+}
+"""Range [deg], arm [mm], turns of the motor for one of the joint: of the size of a hand that can be
+built today.
+"""
 
 
-def _uniform(rng: np.random.Generator, count: int, low: float, high: float, size: int | None = None) -> Floats:
+def _uniform(
+    rng: np.random.Generator, count: int, low: float, high: float, size: int | None = None
+) -> Floats:
     return rng.uniform(low, high, count if size is None else size)
 
 
 def orca_like(seeds: Any, joints: Sequence[str] = tuple(ORCA)) -> tuple[Known, Hands]:
-    """Return what is known of a hand with a motor for each joint, and some such hands, a seed each."""
+    """Return what is known of a hand with a motor for each joint, and some such hands, a seed
+    each.
+    """
     table = np.array([ORCA[joint] for joint in joints])
     n, hands = len(table), len(list(seeds))
     arm, ratio = 1e-3 * table[:, 2], table[:, 3]
     low, high = np.deg2rad(table[:, 0]), np.deg2rad(table[:, 1])
     known = Known(
-        tuple(joints), tuple(f"m{i + 1}" for i in range(n)), low, high,
-        np.vstack([np.diag(arm), -np.diag(arm)]), np.vstack([np.diag(arm / ratio), -np.diag(arm / ratio)]),
-    )  # fmt: skip
+        tuple(joints),
+        tuple(f"m{i + 1}" for i in range(n)),
+        low,
+        high,
+        np.vstack([np.diag(arm), -np.diag(arm)]),
+        np.vstack([np.diag(arm / ratio), -np.diag(arm / ratio)]),
+    )
     draws = []
     for seed in seeds:
         rng = np.random.default_rng([seed, 171])
@@ -173,38 +218,61 @@ def orca_like(seeds: Any, joints: Sequence[str] = tuple(ORCA)) -> tuple[Known, H
         loose = rng.random(n) < 0.75
         pair = np.where(loose, u(0.1e-3, 0.8e-3), -u(0.02e-3, 0.2e-3))
         share = u(0.3, 0.7)
-        draws.append({
-            "arms": np.vstack([np.diag(arms), -np.diag(arms)]), "spools": np.vstack([np.diag(spool), -np.diag(spool)]),
-            "low": low + np.deg2rad(1.0) * rng.normal(size=n), "high": high + np.deg2rad(1.0) * rng.normal(size=n),
-            "slack": np.concatenate([pair * share, pair * (1 - share)]),
-            "stiffness": np.tile(u(1.2e4, 3e4), 2) * u(0.9, 1.1, 2 * n), "sheath": u(0.03, 0.25, 2 * n),
-            "spring": u(0, 0.004), "rest": np.zeros(n), "dry": u(0.004, 0.012), "axle": u(0.03, 0.08),
-            "weight": u(-0.003, 0.003), "gear_friction": u(0.02, 0.05), "gear_load": u(0.03, 0.1),
-            "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=n)),
-            "zeros": rng.uniform(2.2, 4.0, n), "signs": np.where(rng.random(n) < 0.3, -1.0, 1.0),
-        })  # fmt: skip
+        draws.append(
+            {
+                "arms": np.vstack([np.diag(arms), -np.diag(arms)]),
+                "spools": np.vstack([np.diag(spool), -np.diag(spool)]),
+                "low": low + np.deg2rad(1.0) * rng.normal(size=n),
+                "high": high + np.deg2rad(1.0) * rng.normal(size=n),
+                "slack": np.concatenate([pair * share, pair * (1 - share)]),
+                "stiffness": np.tile(u(1.2e4, 3e4), 2) * u(0.9, 1.1, 2 * n),
+                "sheath": u(0.03, 0.25, 2 * n),
+                "spring": u(0, 0.004),
+                "rest": np.zeros(n),
+                "dry": u(0.004, 0.012),
+                "axle": u(0.03, 0.08),
+                "weight": u(-0.003, 0.003),
+                "gear_friction": u(0.02, 0.05),
+                "gear_load": u(0.03, 0.1),
+                "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=n)),
+                "zeros": rng.uniform(2.2, 4.0, n),
+                "signs": np.where(rng.random(n) < 0.3, -1.0, 1.0),
+            }
+        )
     stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
     assert len(draws) == hands
     return known, Hands(stacked, int(next(iter(seeds))))
 
 
 AERO_JOINTS = {
-    "thumb_abd": (0, 100), "thumb_flex": (0, 55), "thumb_mcp": (0, 90), "thumb_ip": (0, 90),
-    **{f"{finger}_{joint}": (0, 90) for finger in ("index", "middle", "ring", "pinky") for joint in ("mcp", "pip", "dip")},
-}  # fmt: skip
+    "thumb_abd": (0, 100),
+    "thumb_flex": (0, 55),
+    "thumb_mcp": (0, 90),
+    "thumb_ip": (0, 90),
+    **{
+        f"{finger}_{joint}": (0, 90)
+        for finger in ("index", "middle", "ring", "pinky")
+        for joint in ("mcp", "pip", "dip")
+    },
+}
 """Range [deg]."""
 
 AERO_ARMS = {
     "thumb_abd": {"thumb_abd": 9.0},
     "thumb_flex": {"thumb_abd": 2.5, "thumb_flex": 12.5},
     "thumb_tendon": {"thumb_abd": 2.5, "thumb_flex": -2.5, "thumb_mcp": 9.5, "thumb_ip": 12.5},
-    **{f: {f"{f}_mcp": 12.5, f"{f}_pip": 7.5, f"{f}_dip": 9.0} for f in ("index", "middle", "ring", "pinky")},
-}  # fmt: skip
+    **{
+        f: {f"{f}_mcp": 12.5, f"{f}_pip": 7.5, f"{f}_dip": 9.0}
+        for f in ("index", "middle", "ring", "pinky")
+    },
+}
 """Motor → moment arms of its tendon [mm], of the size of a hand that can be built today."""
 
 
 def aero_like(seeds: Any) -> tuple[Known, Hands]:
-    """Return what is known of a hand whose fingers have one tendon each, and springs, and some such hands, a seed each."""
+    """Return what is known of a hand whose fingers have one tendon each, and springs, and some such
+    hands, a seed each.
+    """
     joints, motors = tuple(AERO_JOINTS), tuple(AERO_ARMS)
     ends = np.deg2rad(np.array(list(AERO_JOINTS.values()), dtype=np.float64))
     arms = 1e-3 * np.array([[AERO_ARMS[m].get(j, 0.0) for j in joints] for m in motors])
@@ -219,16 +287,26 @@ def aero_like(seeds: Any) -> tuple[Known, Hands]:
         t, m = len(arms), len(motors)
         spring, slack = u(0.03, 0.07), u(0.0, 1e-3, t)
         spring[0], slack[0], slack[-1] = 0.0, 5e-5, 5e-5
-        draws.append({
-            "arms": arms * (1 + 0.02 * rng.normal(size=arms.shape)),
-            "spools": spools * (1 + 0.01 * rng.normal(size=(1, m))),
-            "low": ends[:, 0] + np.deg2rad(1.0) * rng.normal(size=n),
-            "high": ends[:, 1] + np.deg2rad(1.0) * rng.normal(size=n),
-            "slack": slack, "stiffness": u(1.2e4, 3e4, t), "sheath": u(0.03, 0.2, t), "spring": spring,
-            "rest": u(-0.5, -0.2),
-            "dry": u(0.002, 0.006), "axle": u(0.03, 0.06), "weight": u(-0.002, 0.002), "gear_friction": u(0.02, 0.05, m),
-            "gear_load": u(0.03, 0.1, m), "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=m)),
-            "zeros": rng.uniform(-0.1, 0.1, m), "signs": np.ones(m),
-        })  # fmt: skip
+        draws.append(
+            {
+                "arms": arms * (1 + 0.02 * rng.normal(size=arms.shape)),
+                "spools": spools * (1 + 0.01 * rng.normal(size=(1, m))),
+                "low": ends[:, 0] + np.deg2rad(1.0) * rng.normal(size=n),
+                "high": ends[:, 1] + np.deg2rad(1.0) * rng.normal(size=n),
+                "slack": slack,
+                "stiffness": u(1.2e4, 3e4, t),
+                "sheath": u(0.03, 0.2, t),
+                "spring": spring,
+                "rest": u(-0.5, -0.2),
+                "dry": u(0.002, 0.006),
+                "axle": u(0.03, 0.06),
+                "weight": u(-0.002, 0.002),
+                "gear_friction": u(0.02, 0.05, m),
+                "gear_load": u(0.03, 0.1, m),
+                "torque_constant": TORQUE_CONSTANT * (1 + 0.08 * rng.normal(size=m)),
+                "zeros": rng.uniform(-0.1, 0.1, m),
+                "signs": np.ones(m),
+            }
+        )
     stacked = Drawn(**{key: np.array([draw[key] for draw in draws]) for key in draws[0]})
     return known, Hands(stacked, int(next(iter(seeds))) + 1)

@@ -1,8 +1,10 @@
-"""Plants whose drives are servos of place, stepped sample by sample; they share no code with `distal.model`.
+"""Plants whose drives are servos of place, stepped sample by sample; they share no code with
+`distal.model`.
 
-A servo follows what is sent to it with a lag of first order at 10 Hz, 10 ms late, no faster than it can, and takes its own
-sensor's word for where it is. `Disk` is the paper's joint; `Bowden`, `Ropes` and `Chain` step the plants of `hands_plants`
-and `chain_plants`. Numbers are drawn within what their users' rig files leave open.
+A servo follows what is sent to it with a lag of first order at 10 Hz, 10 ms late, no faster than it
+can, and takes its own sensor's word for where it is. `Disk` is the paper's joint; `Bowden`, `Ropes`
+and `Chain` step the plants of `hands_plants` and `chain_plants`. Numbers are drawn within what
+their users' rig files leave open.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ FASTEST = {"slider": 0.15, "capstan": 15.0}
 
 
 class Plant(Protocol):
-    """A plant at rest, its rig as its user knows it, and the arms of its drives at its joints [rad per place]."""
+    """A plant at rest, its rig as its user knows it, and the arms of its drives at its joints [rad
+    per place].
+    """
 
     rig: Rig
     angles: Floats
@@ -61,7 +65,9 @@ class Servos:
         self.most = np.array([FASTEST[kind] for kind in kinds]) * PERIOD / PARTS
 
     def step(self, sent: Floats) -> tuple[Floats, dict[str, float]]:
-        """Send places, or speeds, let a period pass, and return the true angles and what the sensors read then."""
+        """Send places, or speeds, let a period pass, and return the true angles and what the
+        sensors read then.
+        """
         self.queue.append(np.array(sent, dtype=np.float64))
         goal, plant = self.queue.popleft(), self.plant
         for _ in range(PARTS):
@@ -82,12 +88,17 @@ class Servos:
 def with_servos(rig: Rig) -> Rig:
     """Return a rig whose file says how its drives follow places."""
     servo = {"bandwidth": BANDWIDTH, "delay": DELAY}
-    drives = {f"drives.{i}.servo": {**servo, "fastest": FASTEST[drive.kind]} for i, drive in enumerate(rig.drives)}
+    drives = {
+        f"drives.{i}.servo": {**servo, "fastest": FASTEST[drive.kind]}
+        for i, drive in enumerate(rig.drives)
+    }
     return rig.with_values(drives)
 
 
 class Disk:
-    """The paper's joint: two nylon tendons pinned to a disk, axle friction that grows faster than its load."""
+    """The paper's joint: two nylon tendons pinned to a disk, axle friction that grows faster than
+    its load.
+    """
 
     def __init__(self, seed: int) -> None:
         self.rig = with_servos(load_rig("paper-2008-observed"))
@@ -97,7 +108,10 @@ class Disk:
         self.inertia, self.damping = 4.239e-4, 8e-3 * (1 + 0.2 * rng.uniform(-1, 1))
         self.angles, self.speed = np.zeros(1), 0.0
         self.places, self.rates, self.rng = np.full(2, 2.5e-3), np.zeros(2), rng
-        waves, phases = rng.uniform(0.3, 1.0, (2, 3)) / [1.0, 1.5, 3.0], rng.uniform(0, 2 * pi, (2, 3))
+        waves, phases = (
+            rng.uniform(0.3, 1.0, (2, 3)) / [1.0, 1.5, 3.0],
+            rng.uniform(0, 2 * pi, (2, 3)),
+        )
         grid = np.linspace(-2.5e-3, 7.5e-3, 200)
         heights = [np.abs(self._wave(grid, w, f)).max() for w, f in zip(waves, phases)]
         scale = 1e-4 * rng.uniform(0.4, 1.0, 2) / heights
@@ -116,7 +130,9 @@ class Disk:
         """Return the tendons' tensions and their moment arms."""
         angle, radius, length = float(self.angles[0]), 9.53e-3, 0.375
         pulls, arms = [], []
-        for place, side, stiffness in zip(self.places.tolist(), (1.0, -1.0), self.stiffness.tolist()):
+        for place, side, stiffness in zip(
+            self.places.tolist(), (1.0, -1.0), self.stiffness.tolist()
+        ):
             across, along = radius * (1 - cos(angle)), length + place - side * radius * sin(angle)
             now = sqrt(across * across + along * along)
             pulls.append(stiffness * max(now - length, 0.0))
@@ -157,7 +173,11 @@ class Bowden:
         self.rig = with_servos(hands_plants.bowden_rig())
         rng = self.rng = np.random.default_rng([seed, 92])
         self.friction = 0.12 * (1 + 0.2 * rng.uniform(-1, 1))
-        self.cable, self.angles, self.places = Cable(STIFFNESS, self.friction, 3.0), np.zeros(1), np.array([0.2])
+        self.cable, self.angles, self.places = (
+            Cable(STIFFNESS, self.friction, 3.0),
+            np.zeros(1),
+            np.array([0.2]),
+        )
         self.rate, self.waiting = 0.0, 0
         for _ in range(3):
             self.solve()
@@ -177,7 +197,9 @@ class Bowden:
 
     def read(self) -> dict[str, float]:
         """Return the motor's angle and torque."""
-        tension, _ = self.cable.tensions(SPOOL * float(self.places[0]), SLACK + ARM * float(self.angles[0]))
+        tension, _ = self.cable.tensions(
+            SPOOL * float(self.places[0]), SLACK + ARM * float(self.angles[0])
+        )
         motor = tension * SPOOL + 0.006 * np.tanh(self.rate / 0.02) + 0.002 * self.rate
         motor += 0.003 * cos(7 * hands_plants.GEAR * float(self.places[0]) + 0.6)
         step = 2 * pi / (hands_plants.COUNTS * hands_plants.GEAR)
@@ -186,21 +208,30 @@ class Bowden:
 
 
 class Ropes:
-    """A joint that two motors pull by ropes that creep, with backlash between encoders and spools."""
+    """A joint that two motors pull by ropes that creep, with backlash between encoders and
+    spools.
+    """
 
     def __init__(self, seed: int) -> None:
         self.rig = with_servos(hands_plants.ropes_rig())
         rng = self.rng = np.random.default_rng([seed, 93])
         self.gap = ROPE["gap"] * (1 + 0.3 * rng.uniform(-1, 1))
-        self.stiffness, self.dry = ROPE["stiffness"] * (1 + 0.1 * rng.uniform(-1, 1)), 1 + 0.2 * rng.uniform(-1, 1)
+        self.stiffness, self.dry = (
+            ROPE["stiffness"] * (1 + 0.1 * rng.uniform(-1, 1)),
+            1 + 0.2 * rng.uniform(-1, 1),
+        )
         self.places, self.angles = np.array([0.09, -0.09]), np.zeros(1)
         self.behind, self.strain = self.places.copy(), np.full(2, 1.5e-4)
 
     def pulls(self, angle: float) -> list[float]:
         """Return the tensions of flexor and extensor."""
         wound = (self.behind[0], -self.behind[1])
-        ends = [ROPE["spool"] * w - side * ROPE["arm"] * angle for w, side in zip(wound, (1.0, -1.0))]
-        return [self.stiffness * max(float(end - strain), 0.0) for end, strain in zip(ends, self.strain)]
+        ends = [
+            ROPE["spool"] * w - side * ROPE["arm"] * angle for w, side in zip(wound, (1.0, -1.0))
+        ]
+        return [
+            self.stiffness * max(float(end - strain), 0.0) for end, strain in zip(ends, self.strain)
+        ]
 
     def move(self, places: Floats) -> None:
         """Turn the motors; the joint comes to rest at once."""
@@ -214,14 +245,22 @@ class Ropes:
             angle += left / (sum(pull > 0.0 for pull in pulls) * self.stiffness * arm**2 + 0.02)
         self.angles = np.array([angle])
         fade = exp(-PERIOD / PARTS / CREEP["time"])
-        self.strain = fade * self.strain + (1 - fade) * CREEP["share"] * np.array(self.pulls(angle)) / self.stiffness
+        self.strain = (
+            fade * self.strain
+            + (1 - fade) * CREEP["share"] * np.array(self.pulls(angle)) / self.stiffness
+        )
 
     def read(self) -> dict[str, float]:
         """Return the motors' angles and the cells' tensions."""
         pulls, noise = self.pulls(float(self.angles[0])), self.rng.normal(size=4)
         names = ("flexor", "extensor")
-        read = {f"{name}_angle": float(self.places[i]) + 1e-4 * noise[i] for i, name in enumerate(names)}
-        return read | {f"{name}_cell": (1.01, 0.99)[i] * pulls[i] + 0.03 * noise[2 + i] for i, name in enumerate(names)}
+        read = {
+            f"{name}_angle": float(self.places[i]) + 1e-4 * noise[i] for i, name in enumerate(names)
+        }
+        return read | {
+            f"{name}_cell": (1.01, 0.99)[i] * pulls[i] + 0.03 * noise[2 + i]
+            for i, name in enumerate(names)
+        }
 
 
 class Chain:
@@ -239,15 +278,22 @@ class Chain:
         self.slack = np.array(of.pretensions) / truth.stiffness
         factors = np.append(truth.joint_friction, truth.drive_friction)
         constants = [joint.friction_constant for joint in of.joints]
-        self.constant = factors * np.append(constants, [of.drives.friction_constant] * self.winding.shape[1])
+        self.constant = factors * np.append(
+            constants, [of.drives.friction_constant] * self.winding.shape[1]
+        )
         per_joint = np.array([joint.friction_radius for joint in of.joints]) * (truth.arms != 0)
         share = of.drives.friction_share * np.abs(self.winding)
         self.per_tension = factors[:, np.newaxis] * np.hstack([per_joint, share]).T
         self.gains = (3e5, 120.0) if of.drives.kind == "slider" else (60.0, 0.03)
         self.start = np.radians([joint.init_degrees for joint in of.joints])
         self.data.qpos[: self.joints] = self.start
-        wound = self.start @ np.array(of.arms).T + (0.0 if any(of.pretensions) else 4.0) / of.stiffness
-        self.places, self.efforts = wound @ np.linalg.pinv(self.winding).T, np.zeros(self.winding.shape[1])
+        wound = (
+            self.start @ np.array(of.arms).T + (0.0 if any(of.pretensions) else 4.0) / of.stiffness
+        )
+        self.places, self.efforts = (
+            wound @ np.linalg.pinv(self.winding).T,
+            np.zeros(self.winding.shape[1]),
+        )
         self.data.qpos[self.joints :] = self.places
         for _ in range(300):
             self.move(self.places)
@@ -259,10 +305,17 @@ class Chain:
 
     def move(self, places: Floats) -> None:
         """Draw the drives to places within one part of a sample, in steps of MuJoCo's."""
-        steps, before, n, data = round(PERIOD / PARTS / chain_plants.STEP), self.places, self.joints, self.data
+        steps, before, n, data = (
+            round(PERIOD / PARTS / chain_plants.STEP),
+            self.places,
+            self.joints,
+            self.data,
+        )
         for k in range(1, steps + 1):
             goal = before + (places - before) * k / steps
-            tensions = self.truth.stiffness * np.maximum(self.stretching @ data.qpos + self.slack, 0.0)
+            tensions = self.truth.stiffness * np.maximum(
+                self.stretching @ data.qpos + self.slack, 0.0
+            )
             self.efforts = self.gains[0] * (goal - data.qpos[n:]) - self.gains[1] * data.qvel[n:]
             data.qfrc_applied[:] = -self.stretching.T @ tensions
             data.qfrc_applied[n:] += self.efforts
@@ -280,7 +333,9 @@ class Chain:
         by_drive = dict(zip([drive.name for drive in self.rig.drives], range(len(drives))))
         kinds = {"position": places, "force": efforts}
         proximal = [sensor for sensor in self.rig.sensors if sensor.measures in kinds]
-        return {sensor.name: float(kinds[sensor.measures][by_drive[sensor.of]]) for sensor in proximal}
+        return {
+            sensor.name: float(kinds[sensor.measures][by_drive[sensor.of]]) for sensor in proximal
+        }
 
 
 PLANTS = {

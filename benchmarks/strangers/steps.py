@@ -1,4 +1,6 @@
-"""Loads that step within one sample, on plants within the rig's stds: mid-range, and driven into the stops."""
+"""Loads that step within one sample, on plants within the rig's stds: mid-range, and driven into
+the stops.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ KINDS = {
     "into stops, forces every 1 to 2 s": ("force", SLOW, (5.0, 8.0)),
     "into stops, hung weights every 1 to 2 s": ("weight", SLOW, (5.0, 8.0)),
 }
-"""Case → how the sliders are pulled, after what time the loads change over [s], and the larger load [N]."""
+"""Case → how the sliders are pulled, after what time the loads change over [s], and the larger load
+[N].
+"""
 ALONE = "mid-range, one force at a time"
 """A case in which each force steps when it likes, every 1.5 to 2.5 s, to 2 to 5 N."""
 CASES = (*KINDS, ALONE)
@@ -30,7 +34,9 @@ CASES = (*KINDS, ALONE)
 def loads(
     rng: np.random.Generator, every: tuple[float, float], upper: tuple[float, float]
 ) -> dict[str, dict[str, object]]:
-    """Return loads of which now one, now the other is the larger; both step within one interval of the simulation."""
+    """Return loads of which now one, now the other is the larger; both step within one interval of
+    the simulation.
+    """
     time, points = 0.0, {"left": [[0.0, 3.0]], "right": [[0.0, 3.0]]}
     left = bool(rng.integers(2))
     while time < DURATION:
@@ -84,5 +90,8 @@ def jobs(quick: bool, first: int) -> list[Job]:
 
 def tables(records: list[Record]) -> list[Table]:
     """Return the table by case."""
-    title = "Loads that step within one sample; friction within ±20 %, stiffness within ±10 % of the rig's"
+    title = (
+        "Loads that step within one sample; friction within ±20 %, stiffness within ±10 % of "
+        "the rig's"
+    )
     return [by_case(NAME, title, records)]

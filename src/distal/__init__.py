@@ -11,7 +11,14 @@ if TYPE_CHECKING:
     from distal.diagnosis import diagnose
     from distal.estimators import ESTIMATORS, Belief, Estimator, Innovation, make_estimator
     from distal.export import export_arduino, export_c, export_fmu
-    from distal.fitting import Fit, fit, learn_affine, learn_contact, learn_discrepancy, observability
+    from distal.fitting import (
+        Fit,
+        fit,
+        learn_affine,
+        learn_contact,
+        learn_discrepancy,
+        observability,
+    )
     from distal.homing import at_known_angle, homing_filter
     from distal.inverse import Commands, Inverse, LiveInverse
     from distal.lab import lab_page
@@ -28,7 +35,13 @@ if TYPE_CHECKING:
         log_health,
         smooth,
     )
-    from distal.simulation import Scenario, load_scenario, scenario_rig, shipped_scenarios, simulate_batch
+    from distal.simulation import (
+        Scenario,
+        load_scenario,
+        scenario_rig,
+        shipped_scenarios,
+        simulate_batch,
+    )
 
 __all__ = [
     "ESTIMATORS",
@@ -86,7 +99,14 @@ _NAMES = {
     "diagnosis": ("diagnose",),
     "estimators": ("ESTIMATORS", "Belief", "Estimator", "Innovation", "make_estimator"),
     "export": ("export_arduino", "export_c", "export_fmu"),
-    "fitting": ("Fit", "fit", "learn_affine", "learn_contact", "learn_discrepancy", "observability"),
+    "fitting": (
+        "Fit",
+        "fit",
+        "learn_affine",
+        "learn_contact",
+        "learn_discrepancy",
+        "observability",
+    ),
     "homing": ("at_known_angle", "homing_filter"),
     "inverse": ("Commands", "Inverse", "LiveInverse"),
     "lab": ("lab_page",),
@@ -103,9 +123,17 @@ _NAMES = {
         "log_health",
         "smooth",
     ),
-    "simulation": ("Scenario", "load_scenario", "scenario_rig", "shipped_scenarios", "simulate_batch"),
+    "simulation": (
+        "Scenario",
+        "load_scenario",
+        "scenario_rig",
+        "shipped_scenarios",
+        "simulate_batch",
+    ),
 }
-"""Package → public names in it. A package is imported when one of its names is first used: `import distal` is light."""
+"""Package → public names in it. A package is imported when one of its names is first used: `import
+distal` is light.
+"""
 
 _PACKAGES = {name: package for package, names in _NAMES.items() for name in names}
 

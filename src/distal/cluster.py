@@ -1,4 +1,6 @@
-"""A Dask cluster as a place to run: the same function on the same tasks, whose results come as they end."""
+"""A Dask cluster as a place to run: the same function on the same tasks, whose results come as they
+end.
+"""
 
 from __future__ import annotations
 
@@ -26,11 +28,13 @@ def on_cluster(
     error: type[DistalError],
     lost: str = "the same command goes on",
 ) -> Iterator[tuple[Key, Result]]:
-    """Yield key and result of each task as it ends: function(*arguments) by the workers of a scheduler.
+    """Yield key and result of each task as it ends: function(*arguments) by the workers of a
+    scheduler.
 
     Args:
         address: of the scheduler, ``tcp://host:8786``.
-        error: what is raised where the cluster is not as it should be; errors of that kind in a task pass through.
+        error: what is raised where the cluster is not as it should be; errors of that kind in a
+            task pass through.
         lost: what to do where a task fails, in words.
     """
     try:
@@ -41,11 +45,15 @@ def on_cluster(
         client = Client(address, timeout=PATIENCE, set_as_default=False)
         versions = client.get_versions()
     except (OSError, ValueError, ImportError, TypeError) as problem:
-        raise error(f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler") from None
+        raise error(
+            f"no scheduler answers at {address} ({str(problem)[:80]}); start one: dask scheduler"
+        ) from None
     with client:
         _check_versions(versions, error)
         keys = {
-            client.submit(_far, function, arguments, error, __version__, pure=False, retries=RETRIES): key
+            client.submit(
+                _far, function, arguments, error, __version__, pure=False, retries=RETRIES
+            ): key
             for key, arguments in tasks.items()
         }
         try:
@@ -56,7 +64,9 @@ def on_cluster(
                     raise
                 except Exception as problem:  # whatever a cluster may do to a task
                     kind = type(problem).__name__
-                    raise error(f"a task failed on the cluster ({kind}: {str(problem)[:120]}); {lost}") from None
+                    raise error(
+                        f"a task failed on the cluster ({kind}: {str(problem)[:120]}); {lost}"
+                    ) from None
                 yield keys.pop(future), result
                 future.release()
         finally:
@@ -64,15 +74,22 @@ def on_cluster(
 
 
 def _far(
-    function: Callable[..., Result], arguments: tuple[object, ...], error: type[DistalError], version: str
+    function: Callable[..., Result],
+    arguments: tuple[object, ...],
+    error: type[DistalError],
+    version: str,
 ) -> Result:
     """Run a task on another computer, if it has the same version."""
     if version != __version__:
-        raise error(f"a worker has distal {__version__}, this is {version}; install the same on all")
+        raise error(
+            f"a worker has distal {__version__}, this is {version}; install the same on all"
+        )
     return function(*arguments)
 
 
-def _check_versions(versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]) -> None:
+def _check_versions(
+    versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]
+) -> None:
     """Refuse a scheduler with another version of Dask or Python than is here."""
     client, scheduler = versions["client"], versions["scheduler"]
     local = ".".join(map(str, sys.version_info[:2]))
@@ -82,4 +99,6 @@ def _check_versions(versions: Mapping[str, Mapping[str, Mapping[str, str]]], err
     for package in ("distributed", "dask"):
         local, remote = client["packages"][package], scheduler["packages"][package]
         if local != remote:
-            raise error(f"the scheduler has {package} {remote}, this is {local}; install the same on all")
+            raise error(
+                f"the scheduler has {package} {remote}, this is {local}; install the same on all"
+            )

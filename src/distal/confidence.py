@@ -1,4 +1,6 @@
-"""How much a band is to hold: its share of the errors, and the half-width in standard deviations that goes with it."""
+"""How much a band is to hold: its share of the errors, and the half-width in standard deviations
+that goes with it.
+"""
 
 from __future__ import annotations
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 
 class DistalError(ValueError):
-    """Base of every error that a user can cause and mend; its message is one line that a terminal shows as it is."""
+    """Base of every error that a user can cause and mend; its message is one line that a terminal
+    shows as it is.
+    """
 
     def __init__(self, message: object = "") -> None:
         super().__init__(printable(str(message)))
@@ -71,7 +73,9 @@ LONGEST_LINE = 400
 
 
 def one_line(text: str, longest: int = LONGEST_LINE) -> str:
-    """Return a message as one line of at most `longest` characters, with control characters written out."""
+    """Return a message as one line of at most `longest` characters, with control characters written
+    out.
+    """
     plain = " ".join(printable(text).split())
     if len(plain) <= longest:
         return plain
@@ -80,5 +84,7 @@ def one_line(text: str, longest: int = LONGEST_LINE) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text without control characters: white space becomes a space, others are written out."""
+    """Return a text without control characters: white space becomes a space, others are written
+    out.
+    """
     return "".join(c if c.isprintable() else " " if c in "\n\t\r" else repr(c)[1:-1] for c in text)

@@ -1,7 +1,8 @@
-"""A Gymnasium environment: a tendon-driven rig whose joint an agent positions without its encoder (extra ``gym``).
+"""A Gymnasium environment: a tendon-driven rig whose joint an agent positions without its encoder
+(extra ``gym``).
 
-Once this module is imported, ``gymnasium.make("distal/Tendon-v0", rig=..., scenario=...)`` makes it; without an import
-``gymnasium.make("distal.gym:distal/Tendon-v0")``.
+Once this module is imported, ``gymnasium.make("distal/Tendon-v0", rig=..., scenario=...)`` makes
+it; without an import ``gymnasium.make("distal.gym:distal/Tendon-v0")``.
 """
 
 from __future__ import annotations
@@ -32,16 +33,20 @@ LARGEST = 20.0
 
 
 class TendonEnv(gymnasium.Env[Observation, Observation]):
-    """An agent that commands the drives of a rig drawn anew from its stds at each reset: ``distal/Tendon-v0``.
+    """An agent that commands the drives of a rig drawn anew from its stds at each reset:
+    ``distal/Tendon-v0``.
 
-    An observation holds the readings of all sensors but those of joints [SI], then estimated angles and their stds, then
-    the angles that are wanted [rad]; `observed` has their names. An action is a share of each drive's `limit`, from 0 of
-    a slider, from −1 of a capstan, in the order of `acted`; one outside of the action space is clipped to it. The reward
-    is minus the mean distance of the true angles from what is wanted [rad].
+    An observation holds the readings of all sensors but those of joints [SI], then estimated angles
+    and their stds, then the angles that are wanted [rad]; `observed` has their names. An action is
+    a share of each drive's `limit`, from 0 of a slider, from −1 of a capstan, in the order of
+    `acted`; one outside of the action space is clipped to it. The reward is minus the mean distance
+    of the true angles from what is wanted [rad].
 
     Args:
-        scenario: with a ``[control]`` table, whose references are what is wanted; a name, a path, or itself.
-        drawn: whether each reset draws a plant from the rig's stds; else the plant is the rig with its ``[plant]``.
+        scenario: with a ``[control]`` table, whose references are what is wanted; a name, a path,
+            or itself.
+        drawn: whether each reset draws a plant from the rig's stds; else the plant is the rig with
+            its ``[plant]``.
         rig: the description, a shipped rig's name, or a path; default the scenario's.
 
     Raises:
@@ -59,18 +64,34 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
     ) -> None:
         scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
         if scenario.control is None:
-            raise ControlError("TendonEnv: the scenario has no [control], whose references are what is wanted")
-        described = scenario_rig(scenario) if rig is None else rig if isinstance(rig, Rig) else load_rig(rig)
+            raise ControlError(
+                "TendonEnv: the scenario has no [control], whose references are what is wanted"
+            )
+        described = (
+            scenario_rig(scenario)
+            if rig is None
+            else rig
+            if isinstance(rig, Rig)
+            else load_rig(rig)
+        )
         self._rig, self._draws = described, draws_of(described) if drawn else ()
         # as built it has the same equations, so that a reset compiles nothing
-        self._plant = self._described = ControlledPlant(described, scenario, scenario.control.period)
+        self._plant = self._described = ControlledPlant(
+            described, scenario, scenario.control.period
+        )
         self._monitor = Monitor(LiveEstimator(described, estimator))
         self._reading: Reading | None = None
         names = [sensor.name for sensor in described.sensors]
-        self._read = [k for k, sensor in enumerate(described.sensors) if sensor.measures not in ("angle", "torque")]
+        self._read = [
+            k
+            for k, sensor in enumerate(described.sensors)
+            if sensor.measures not in ("angle", "torque")
+        ]
         self._fed = [names.index(channel) for channel in self._monitor.channels]
         joints = [joint.name for joint in described.joints]
-        self._wanted = {joints.index(name): joint.reference for name, joint in scenario.control.joints.items()}
+        self._wanted = {
+            joints.index(name): joint.reference for name, joint in scenario.control.joints.items()
+        }
         angles = angle_names(joints)
         self.observed = (
             *(names[k] for k in self._read),
@@ -82,15 +103,24 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         self.acted = tuple(drive.name for drive in described.drives)
         """Names of the drives, in the order of an action."""
         self._largest = np.array([drive.limit or LARGEST for drive in described.drives])
-        low = np.array([0.0 if drive.kind == "slider" else -1.0 for drive in described.drives], dtype=np.float32)
-        self.action_space = self._actions = gymnasium.spaces.Box(low, np.ones(len(low), dtype=np.float32))
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (len(self.observed),), np.float32)
+        low = np.array(
+            [0.0 if drive.kind == "slider" else -1.0 for drive in described.drives],
+            dtype=np.float32,
+        )
+        self.action_space = self._actions = gymnasium.spaces.Box(
+            low, np.ones(len(low), dtype=np.float32)
+        )
+        self.observation_space = gymnasium.spaces.Box(
+            -np.inf, np.inf, (len(self.observed),), np.float32
+        )
         self._values = np.zeros(len(names))
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, object] | None = None
     ) -> tuple[Observation, dict[str, object]]:
-        """Begin anew with another plant and other errors of the sensors, and return the first observation and the names."""
+        """Begin anew with another plant and other errors of the sensors, and return the first
+        observation and the names.
+        """
         super().reset(seed=seed)
         errors = int(self.np_random.integers(2**31))
         self._plant = self._described
@@ -103,20 +133,33 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         return observation, {"observed": self.observed, "acted": self.acted}
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, object]]:
-        """Go on by one period of the scenario's ``[control]``; an action is the share of each drive's limit.
+        """Go on by one period of the scenario's ``[control]``; an action is the share of each
+        drive's limit.
 
         Raises:
             ResetNeeded: `reset` was not called yet.
-            ControlError: an action is not one finite number for each drive, or the scenario is over.
+            ControlError: an action is not one finite number for each drive, or the scenario is
+                over.
         """
         if self._reading is None:
-            raise gymnasium.error.ResetNeeded("TendonEnv: call reset before the first step; it draws the plant")
+            raise gymnasium.error.ResetNeeded(
+                "TendonEnv: call reset before the first step; it draws the plant"
+            )
         shares = np.asarray(action, dtype=np.float64)
         if shares.shape != self._largest.shape or not np.isfinite(shares).all():
-            came = f"{action!r} came" if shares.shape == self._largest.shape else f"the shape {shares.shape} came"
-            raise ControlError(f"TendonEnv: an action is a finite number for each of {', '.join(self.acted)}; {came}")
+            came = (
+                f"{action!r} came"
+                if shares.shape == self._largest.shape
+                else f"the shape {shares.shape} came"
+            )
+            raise ControlError(
+                f"TendonEnv: an action is a finite number for each of {', '.join(self.acted)}; "
+                f"{came}"
+            )
         pulls = np.clip(shares, self._actions.low, self._actions.high) * self._largest
-        observation, reading = self._observed(self._plant.step(dict(zip(self.acted, pulls.tolist()))))
+        observation, reading = self._observed(
+            self._plant.step(dict(zip(self.acted, pulls.tolist())))
+        )
         angles = self._plant.angles
         errors = [abs(angles[j] - target) for j, target in self._targets().items()]
         details: dict[str, object] = {"angles": angles, "health": reading.health}
@@ -132,10 +175,15 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             self._reading = self._monitor.take(stamp, values[self._fed])
         reading = self._reading
         assert reading is not None  # there is a sample at time zero
-        parts = [self._values[self._read], reading.angles, reading.angle_stds, [*self._targets().values()]]
-        observation: Observation = np.nan_to_num(np.concatenate([np.asarray(part) for part in parts])).astype(
-            np.float32
-        )
+        parts = [
+            self._values[self._read],
+            reading.angles,
+            reading.angle_stds,
+            [*self._targets().values()],
+        ]
+        observation: Observation = np.nan_to_num(
+            np.concatenate([np.asarray(part) for part in parts])
+        ).astype(np.float32)
         return observation, reading
 
 

@@ -1,4 +1,6 @@
-"""The errors of real sensors: linearity, bias, random noise, resolution, in the order in which they arise."""
+"""The errors of real sensors: linearity, bias, random noise, resolution, in the order in which they
+arise.
+"""
 
 from __future__ import annotations
 
@@ -16,31 +18,45 @@ from distal.rig import Rig, Sensor, gain_of, step_of
 HARMONICS = 3
 
 SENSOR = Layout(gain=1, bias=1, noise=1, step=1, low=1, high=1, weights=HARMONICS, phases=HARMONICS)
-"""The numbers of a sensor's errors in a run; where `high` is not above `low` there is no curve, and `weights` are 0."""
+"""The numbers of a sensor's errors in a run; where `high` is not above `low` there is no curve, and
+`weights` are 0.
+"""
 
 
 def reading(true: Expression, sensor: Mapping[str, Expression], draw: Expression) -> Expression:
-    """Return what a sensor reads of a `true` value [SI]: gain · true + bias + curve + noise · draw, rounded to its step.
+    """Return what a sensor reads of a `true` value [SI]: gain · true + bias + curve + noise · draw,
+    rounded to its step.
 
     Its numbers are those of `SENSOR`, `draw` is a standard normal number.
     """
-    noisy = sensor["gain"] * true + sensor["bias"] + linearity_curve(true, sensor) + sensor["noise"] * draw
+    noisy = (
+        sensor["gain"] * true
+        + sensor["bias"]
+        + linearity_curve(true, sensor)
+        + sensor["noise"] * draw
+    )
     return quantised(noisy, sensor["step"])
 
 
 def linearity_curve(true: Expression, sensor: Mapping[str, Expression]) -> Expression:
-    """Return a smooth systematic deviation over a sensor's range, the same wherever the `true` value is the same.
+    """Return a smooth systematic deviation over a sensor's range, the same wherever the `true`
+    value is the same.
 
-    Σ_j a_j sin(π j ξ + φ_j)/j over ξ = (x − low)/(high − low), j = 1..3, with `weights` a_j/j and `phases` φ_j; beyond the
-    ends a curve keeps the value that it has there.
+    Σ_j a_j sin(π j ξ + φ_j)/j over ξ = (x − low)/(high − low), j = 1..3, with `weights` a_j/j and
+    `phases` φ_j; beyond the ends a curve keeps the value that it has there.
     """
     share = ca.fmin(ca.fmax((true - sensor["low"]) / (sensor["high"] - sensor["low"]), 0), 1)
-    waves = (ca.sin(np.pi * (i + 1) * share + sensor["phases"][i]) * sensor["weights"][i] for i in range(HARMONICS))
+    waves = (
+        ca.sin(np.pi * (i + 1) * share + sensor["phases"][i]) * sensor["weights"][i]
+        for i in range(HARMONICS)
+    )
     return sum(waves, 0 * share)
 
 
 def quantised(value: Expression, step: Expression) -> Expression:
-    """Return a `value` as a multiple of a `step` [the same unit], ties up; as it is where the step is 0."""
+    """Return a `value` as a multiple of a `step` [the same unit], ties up; as it is where the step
+    is 0.
+    """
     size = ca.if_else(step > 0, step, 1)
     return ca.if_else(step > 0, ca.floor(value / size + 0.5) * size, value)
 
@@ -53,17 +69,28 @@ def quantised_values(values: Floats, step: float) -> Floats:
 
 @cache
 def _function(of: Callable[..., ca.SX]) -> ca.Function:
-    """Return (true, numbers of `SENSOR`, draw) → `reading`, or (true, numbers) → `linearity_curve`."""
+    """Return (true, numbers of `SENSOR`, draw) → `reading`, or (true, numbers) →
+    `linearity_curve`.
+    """
     true, numbers, draw = ca.SX.sym("true"), ca.SX.sym("numbers", SENSOR.size), ca.SX.sym("draw")
     inputs = [true, numbers, draw][: 3 if of is reading else 2]
     return ca.Function(of.__name__, inputs, [of(true, SENSOR.parts(numbers), *inputs[2:])])
 
 
-def drawn_curve(ends: tuple[float, float], largest: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return weights and phases of a random linearity curve over a range with these `ends`, `largest` at its peak."""
-    weights, phases = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1), rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
+def drawn_curve(
+    ends: tuple[float, float], largest: float, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return weights and phases of a random linearity curve over a range with these `ends`,
+    `largest` at its peak.
+    """
+    weights, phases = (
+        rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1),
+        rng.uniform(0.0, 2.0 * np.pi, HARMONICS),
+    )
     numbers = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], weights, phases])
-    peak = np.abs(np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], numbers))).max()
+    peak = np.abs(
+        np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], numbers))
+    ).max()
     return (largest / peak if ends[1] > ends[0] else 0.0) * weights, phases
 
 
@@ -74,18 +101,24 @@ AHEAD = 256
 class SensorErrors:
     """The errors of n sensors in one run, however few of their samples come at a time.
 
-    Linearities are defined over `travels`; one of `rngs` for each draws curve and noise, the same whatever is switched off.
+    Linearities are defined over `travels`; one of `rngs` for each draws curve and noise, the same
+    whatever is switched off.
     """
 
     def __init__(
-        self, sensors: Sequence[Sensor], travels: Sequence[tuple[float, float]], rngs: Sequence[np.random.Generator]
+        self,
+        sensors: Sequence[Sensor],
+        travels: Sequence[tuple[float, float]],
+        rngs: Sequence[np.random.Generator],
     ) -> None:
         of_curves, self._rngs = zip(*(rng.spawn(2) for rng in rngs))
         rows = []
         for sensor, (low, high), rng in zip(sensors, travels, of_curves):
             weights, phases = drawn_curve((low, high), sensor.linearity, rng)
             fixed = gain_of(sensor).value, sensor.bias.value, sensor.noise, step_of(sensor)
-            rows.append(np.concatenate([fixed, [low, high if high > low else low + 1.0], weights, phases]))
+            rows.append(
+                np.concatenate([fixed, [low, high if high > low else low + 1.0], weights, phases])
+            )
         self.numbers = np.array(rows)
         """The numbers of `SENSOR` of each sensor, (n, 12)."""
         self._columns, self._drawn = ca.DM(self.numbers.T), np.zeros((0, len(sensors)))
@@ -94,27 +127,40 @@ class SensorErrors:
         """Return the random numbers that the next samples will have, (count, n)."""
         if len(self._drawn) < count:
             more = max(AHEAD, count)
-            self._drawn = np.vstack([self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])])
+            self._drawn = np.vstack(
+                [self._drawn, np.column_stack([rng.normal(size=more) for rng in self._rngs])]
+            )
         return self._drawn[:count]
 
     def read(self, true: Floats) -> Floats:
-        """Return what the sensors read of the next true values in time [SI], (k, n); see `reading`."""
+        """Return what the sensors read of the next true values in time [SI], (k, n); see
+        `reading`.
+        """
         draws, function = self.draws(len(true)), _function(reading)
         self._drawn = self._drawn[len(true) :]
         if len(true) == 1:
             return np.array(function(true, self._columns, draws))
-        each = [function(true[:, [k]].T, self._columns[:, k], draws[:, [k]].T) for k in range(len(self.numbers))]
+        each = [
+            function(true[:, [k]].T, self._columns[:, k], draws[:, [k]].T)
+            for k in range(len(self.numbers))
+        ]
         read: Floats = np.array(ca.vertcat(*each)).T
         return read
 
 
-def measure(sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator) -> Floats:
-    """Return what a sensor reads of a whole run, (n,), of `true` values [SI] over a `travel`; see `SensorErrors`."""
+def measure(
+    sensor: Sensor, true: Floats, travel: tuple[float, float], rng: np.random.Generator
+) -> Floats:
+    """Return what a sensor reads of a whole run, (n,), of `true` values [SI] over a `travel`; see
+    `SensorErrors`.
+    """
     return SensorErrors([sensor], [travel], [rng]).read(true[:, None])[:, 0]
 
 
 def quantisation_variance(step: float) -> float:
-    """Return the variance of what rounding to a step Δ adds, Δ²/12 (Widrow and Kollár, Quantization Noise, 2008)."""
+    """Return the variance of what rounding to a step Δ adds, Δ²/12 (Widrow and Kollár, Quantization
+    Noise, 2008).
+    """
     return float(step**2 / 12.0)
 
 
@@ -124,7 +170,9 @@ def variance(sensor: Sensor) -> float:
 
 
 LINEARITY_STD = 0.6
-"""Std of a linearity curve over places and curves, as a share of its largest magnitude (tests/test_sensor_errors.py)."""
+"""Std of a linearity curve over places and curves, as a share of its largest magnitude
+(tests/test_sensor_errors.py).
+"""
 
 
 def systematic_variance(sensor: Sensor) -> float:
@@ -133,6 +181,13 @@ def systematic_variance(sensor: Sensor) -> float:
 
 
 def place_offsets(rig: Rig, names: Sequence[str]) -> Floats:
-    """Return the known offsets that are taken off the readings of drives' places, 0 for other sensors [SI], (n,)."""
+    """Return the known offsets that are taken off the readings of drives' places, 0 for other
+    sensors [SI], (n,).
+    """
     sensors = {sensor.name: sensor for sensor in rig.sensors}
-    return np.array([sensors[name].bias.value if sensors[name].measures == "position" else 0.0 for name in names])
+    return np.array(
+        [
+            sensors[name].bias.value if sensors[name].measures == "position" else 0.0
+            for name in names
+        ]
+    )

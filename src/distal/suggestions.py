@@ -7,7 +7,9 @@ from difflib import get_close_matches
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:
-    """Return a hint that names the nearest allowed word and lists all, e.g. ``; did you mean 'mass'? (known: …)``."""
+    """Return a hint that names the nearest allowed word and lists all, e.g. ``; did you mean
+    'mass'? (known: …)``.
+    """
     names = sorted(name if len(name) <= 40 else name[:39] + "…" for name in allowed)
     near = get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{near[0]}'?" if near else ""

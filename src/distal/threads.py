@@ -1,8 +1,8 @@
 """One BLAS thread where small matrices are multiplied.
 
-NumPy's BLAS uses all cores for each product. For matrices of some dozen columns that gains nothing, and beside other busy
-processes its threads wait for each other, spinning: a product takes a thousand times as long
-(`python -m benchmarks.newcomers --busy 8`).
+NumPy's BLAS uses all cores for each product. For matrices of some dozen columns that gains nothing,
+and beside other busy processes its threads wait for each other, spinning: a product takes a
+thousand times as long (`python -m benchmarks.newcomers --busy 8`).
 """
 
 from __future__ import annotations
@@ -22,16 +22,19 @@ _limits: threadpool_limits | None = None
 
 @lru_cache(maxsize=1)
 def _libraries(modules: int) -> ThreadpoolController:
-    """Return the libraries that threadpoolctl finds, in a millisecond; `modules` are loaded, and more may bring others."""
+    """Return the libraries that threadpoolctl finds, in a millisecond; `modules` are loaded, and
+    more may bring others.
+    """
     return ThreadpoolController()
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread, in a ``with`` or as a decorator; its limits come back when the last user has left.
+    """Limit BLAS to one thread, in a ``with`` or as a decorator; its limits come back when the last
+    user has left.
 
-    Some BLAS take limits from the main thread only: they come back when that leaves, too. A BLAS that threadpoolctl does
-    not know stays as it is.
+    Some BLAS take limits from the main thread only: they come back when that leaves, too. A BLAS
+    that threadpoolctl does not know stays as it is.
     """
     global _within, _limits
     with _changing:
@@ -44,7 +47,9 @@ def one_blas_thread() -> Iterator[None]:
         with _changing:
             _within -= 1
             last = _within == 0
-            if _limits is not None and (last or threading.current_thread() is threading.main_thread()):
+            if _limits is not None and (
+                last or threading.current_thread() is threading.main_thread()
+            ):
                 _limits.restore_original_limits()
             if last:
                 _limits = None

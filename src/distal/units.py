@@ -1,4 +1,6 @@
-"""Units at the edges: text such as ``"4.239e-4 kg m^2"`` becomes a float in SI, and nothing else does."""
+"""Units at the edges: text such as ``"4.239e-4 kg m^2"`` becomes a float in SI, and nothing else
+does.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ _ANGLE_WORDS = re.compile(
 def _registry() -> pint.UnitRegistry[float]:
     import pint
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None, on_redefinition="ignore")
+    registry: pint.UnitRegistry[float] = pint.UnitRegistry(
+        cache_folder=None, on_redefinition="ignore"
+    )
     # roboticists write Nm; pint alone knows only N m
     registry.define("newton_metre = newton * metre = Nm")
     registry.define("@alias turn = rev = revs")
@@ -39,7 +43,8 @@ def _registry() -> pint.UnitRegistry[float]:
 
 @lru_cache(maxsize=4096)
 def unit_factor(unit: str, si: str) -> float:
-    """Return the factor from a `unit` to the SI unit `si` of the wanted dimension, e.g. ``"m"``; ``""`` for a plain number.
+    """Return the factor from a `unit` to the SI unit `si` of the wanted dimension, e.g. ``"m"``;
+    ``""`` for a plain number.
 
     Raises:
         UnitError: the unit is unknown, has an offset, or its dimension is not that of `si`.
@@ -60,11 +65,18 @@ def unit_factor(unit: str, si: str) -> float:
         # a temperature-like or logarithmic unit has no single factor; zero must map to zero
         quantity = registry.Quantity(1.0, text)
         target = registry.Unit(si or "dimensionless")
-        factor, zero = quantity.to(target).magnitude, registry.Quantity(0.0, text).to(target).magnitude
+        factor, zero = (
+            quantity.to(target).magnitude,
+            registry.Quantity(0.0, text).to(target).magnitude,
+        )
     except pint.DimensionalityError:
-        raise UnitError(f"unit '{unit}' has the wrong dimension; {wanted} is allowed here") from None
+        raise UnitError(
+            f"unit '{unit}' has the wrong dimension; {wanted} is allowed here"
+        ) from None
     except Exception as error:  # pint, its parser and Python's tokenizer raise many kinds
-        raise UnitError(f"unit '{unit}' is not known ({type(error).__name__}); {wanted} is allowed here") from None
+        raise UnitError(
+            f"unit '{unit}' is not known ({type(error).__name__}); {wanted} is allowed here"
+        ) from None
     if zero != 0.0 or not math.isfinite(factor) or factor <= 0.0:
         raise UnitError(f"unit '{unit}' is not proportional to '{si}'; {wanted} is allowed here")
     return float(factor)
@@ -72,24 +84,30 @@ def unit_factor(unit: str, si: str) -> float:
 
 @lru_cache(maxsize=64)
 def base_powers(si: str) -> dict[str, int]:
-    """Return an SI unit as powers of base units and radians by their symbols: N m → kg 1, m 2, s −2."""
+    """Return an SI unit as powers of base units and radians by their symbols: N m → kg 1, m 2, s
+    −2.
+    """
     registry = _registry()
     powers = registry.Quantity(1.0, si).to_base_units().unit_items()
     return {registry.get_symbol(name): round(float(str(power))) for name, power in powers}
 
 
 def _is_plain(unit: str) -> bool:
-    """Return whether a unit is names joined by products, quotients and small powers: pint would evaluate anything."""
+    """Return whether a unit is names joined by products, quotients and small powers: pint would
+    evaluate anything.
+    """
     if len(unit) > 60 or _POWER_TOWER.search(unit):
         return False
     return _UNIT_CHARACTERS.fullmatch(_POWER.sub("", _PER.sub("", unit, count=1))) is not None
 
 
 def to_si(value: object, si: str) -> float:
-    """Return `value` as a float in SI: a bare number is SI already, text such as ``"9.53 mm"`` a number and a unit.
+    """Return `value` as a float in SI: a bare number is SI already, text such as ``"9.53 mm"`` a
+    number and a unit.
 
     Raises:
-        UnitError: it is neither, is not finite, has a decimal comma or ±, or its unit is none like `si`.
+        UnitError: it is neither, is not finite, has a decimal comma or ±, or its unit is none like
+            `si`.
     """
     example = f"a number in SI ({si}) or text like '0.1 {si}'" if si else "a plain number"
     if isinstance(value, (bool, complex)) or not isinstance(value, (Real, str)):
@@ -100,7 +118,9 @@ def to_si(value: object, si: str) -> float:
         except OverflowError:
             raise UnitError(f"{_shown(value)} is too large; give a finite number") from None
     if "±" in value or "+/-" in value or "+-" in value:
-        raise UnitError(f"'{value}' has a ±; give a standard deviation instead: {{ value = …, std = … }}")
+        raise UnitError(
+            f"'{value}' has a ±; give a standard deviation instead: {{ value = …, std = … }}"
+        )
     if _DECIMAL_COMMA.search(value):
         raise UnitError(f"'{value}' has a decimal comma; write a decimal point")
     ratio = _RATIO.match(value)

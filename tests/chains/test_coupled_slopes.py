@@ -1,4 +1,6 @@
-"""The transition of an interval against differences, of a finger whose last joint follows the one before it."""
+"""The transition of an interval against differences, of a finger whose last joint follows the one
+before it.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ def test_the_transition_of_coupled_joints_is_that_of_differences() -> None:
     outputs = 2 * len(runner.measured)
 
     def predicted(mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        y = np.array(whole(np.concatenate([mean, carry[n:]]), row, runner.numbers)[1]).ravel()[outputs:]
+        y = np.array(whole(np.concatenate([mean, carry[n:]]), row, runner.numbers)[1]).ravel()[
+            outputs:
+        ]
         return y[:n], y[n + n * n :].reshape(n, n, order="F")
 
     transition = predicted(carry[:n])[1]
@@ -36,5 +40,9 @@ def test_the_transition_of_coupled_joints_is_that_of_differences() -> None:
         step[at] = 1e-6
         difference = (predicted(carry[:n] + step)[0] - predicted(carry[:n] - step)[0]) / 2e-6
         # Coriolis torques are taken in the middle of a kick, their slopes at its start
-        np.testing.assert_allclose(transition[:6, at], difference[:6], rtol=0.02, atol=0.02 * np.abs(difference).max())
-    np.testing.assert_allclose(transition[2, [0, 1, 3, 4]], 0.8 * transition[1, [0, 1, 3, 4]], rtol=1e-9)
+        np.testing.assert_allclose(
+            transition[:6, at], difference[:6], rtol=0.02, atol=0.02 * np.abs(difference).max()
+        )
+    np.testing.assert_allclose(
+        transition[2, [0, 1, 3, 4]], 0.8 * transition[1, [0, 1, 3, 4]], rtol=1e-9
+    )

@@ -1,4 +1,6 @@
-"""Everything that works for one joint, for several: estimators, batches, streams, smoothing, homing, fits, C."""
+"""Everything that works for one joint, for several: estimators, batches, streams, smoothing,
+homing, fits, C.
+"""
 
 from __future__ import annotations
 
@@ -113,7 +115,9 @@ def test_diagnosis_names_no_friction_that_is_declared(rig: Rig, log: Log) -> Non
 
 
 def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
-    """∂(θ, ω)⁺ by the joints' motion, parameters and places, against central differences, slipping and stuck."""
+    """∂(θ, ω)⁺ by the joints' motion, parameters and places, against central differences, slipping
+    and stuck.
+    """
     rig = load_rig("finger-n-plus-1")
     # with a torque the slopes are those of an expectation, see tests of the soft friction
     guards = replace(Robustness.usual(3), opens_torques=False)
@@ -130,20 +134,32 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
     identity = np.eye(columns)
     rng, slips = np.random.default_rng(5), set()
     for case in range(8):
-        angles, speeds = np.deg2rad(rng.uniform(0, 50, 3)), rng.normal(size=3) * (0.05, 1.0, 2.0, 3.0)[case % 4]
-        arms = np.array([[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons])
+        angles, speeds = (
+            np.deg2rad(rng.uniform(0, 50, 3)),
+            rng.normal(size=3) * (0.05, 1.0, 2.0, 3.0)[case % 4],
+        )
+        arms = np.array(
+            [[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons]
+        )
         places = arms @ angles + 8e-4 + rng.normal(size=4) * 3e-4
 
         def after(x: np.ndarray) -> np.ndarray:
             moved = mean.copy()
             moved[acting] = x[2 * nj : 2 * nj + len(acting)]
-            q, v = np.append(x[:nj], x[2 * nj + len(acting) :]), np.append(x[nj : 2 * nj], np.zeros(nd))
+            q, v = (
+                np.append(x[:nj], x[2 * nj + len(acting) :]),
+                np.append(x[nj : 2 * nj], np.zeros(nd)),
+            )
             values = parameters(moved, p.values)
             found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, prepared, p.values)
-            return np.concatenate([np.array(found[0]).ravel()[:nj], np.array(found[1]).ravel()[:nj]])
+            return np.concatenate(
+                [np.array(found[0]).ravel()[:nj], np.array(found[1]).ravel()[:nj]]
+            )
 
         at = np.concatenate([angles, speeds, mean[acting], places])
-        sizes = np.concatenate([np.full(3, 1e-7), np.full(3, 1e-6), 1e-3 * states.stds[acting], np.full(4, 1e-9)])
+        sizes = np.concatenate(
+            [np.full(3, 1e-7), np.full(3, 1e-6), 1e-3 * states.stds[acting], np.full(4, 1e-9)]
+        )
         expected = finite_difference(after, at, sizes)
         q, v = np.append(angles, places), np.append(speeds, np.zeros(nd))
         values = parameters(mean, p.values)
@@ -152,8 +168,11 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
         of_speeds = by_angle @ identity[:nj] + by_speed @ identity[nj : 2 * nj] + others
         slopes = np.vstack([identity[:nj] + h * of_speeds, of_speeds])
         slips.add(int(np.count_nonzero(np.array(found[1]).ravel()[:nj])))
-        # Coriolis torques are taken in the middle of the kick, their slopes at its start; in units of what is unsure
-        unsure = np.concatenate([np.full(3, 1e-2), np.full(3, 0.3), states.stds[acting], np.full(4, 5e-5)])
+        # Coriolis torques are taken in the middle of the kick, their slopes at its start; in units
+        # of what is unsure
+        unsure = np.concatenate(
+            [np.full(3, 1e-2), np.full(3, 0.3), states.stds[acting], np.full(4, 5e-5)]
+        )
         slopes, expected = slopes * unsure, expected * unsure
         least = 0.002 * np.abs(expected).max(axis=1, keepdims=True)
         assert np.all(np.abs(slopes - expected) <= 0.02 * np.abs(expected).max(axis=0) + least)
@@ -165,7 +184,9 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
 def test_in_c_it_is_the_same(rig: Rig, log: Log, tmp_path: Path) -> None:
     touched = rig.with_values({"joints.*.external_torque.std": 0.04})
     write_log(log, touched, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(touched, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv")
+    rows = replayed(
+        build(c_filter(touched, "adaptive", False), tmp_path, "-O2"), tmp_path / "log.csv"
+    )
     known = estimate(log, touched)
     np.testing.assert_allclose(rows[:, [1, 3]], known.angles, atol=1e-9)
     np.testing.assert_allclose(rows[:, [2, 4]], known.angle_stds, atol=1e-9)
@@ -176,23 +197,34 @@ def test_homing_of_some_joints(rig: Rig, log: Log) -> None:
     """An encoder of pip alone for half a second; then pip at a mark, and then both."""
     only = replace(log, truth={"theta_pip": log.truth["theta_pip"]})
     result = estimate(only, rig, homing=0.5)
-    assert np.rad2deg(result.angle_stds[50, 1]) < 0.4 < np.rad2deg(estimate(log, rig).angle_stds[50, 1])
-    marked, described = at_known_angle(replace(log, truth={}), rig, 0.5, np.deg2rad(25), np.deg2rad(0.5), joint="pip")
+    assert (
+        np.rad2deg(result.angle_stds[50, 1])
+        < 0.4
+        < np.rad2deg(estimate(log, rig).angle_stds[50, 1])
+    )
+    marked, described = at_known_angle(
+        replace(log, truth={}), rig, 0.5, np.deg2rad(25), np.deg2rad(0.5), joint="pip"
+    )
     assert [sensor.name for sensor in described.sensors_of("angle")] == ["home_pip"]
-    marked, described = at_known_angle(marked, described, 0.5, np.deg2rad(20), np.deg2rad(0.5), joint="mcp")
+    marked, described = at_known_angle(
+        marked, described, 0.5, np.deg2rad(20), np.deg2rad(0.5), joint="mcp"
+    )
     assert str(marked.truth_source).startswith("pip 25° ± 0.5° at home, mcp 20° ± 0.5° at home")
     assert marked.truth_kind is TruthKind.HOME
     both = estimate(marked, described, homing=0.5)
     assert np.rad2deg(both.angle_stds[50]).max() < 0.7
     with pytest.raises(
-        EstimationError, match=r"a homing angle is of one joint; name one of mcp, pip \('pip: 0 deg'\); none was named"
+        EstimationError,
+        match=r"a homing angle is of one joint; name one of mcp, pip \('pip: 0 deg'\); none was named",
     ):
         at_known_angle(log, rig, 0.5, 0.0)
 
 
 @pytest.mark.slow
 def test_a_fit_of_logs_in_which_one_joint_has_an_encoder(rig: Rig) -> None:
-    """The friction of both joints is off by 30 %; mcp alone is known: no narrow band comes of it."""
+    """The friction of both joints is off by 30 %; mcp alone is known: no narrow band comes of
+    it.
+    """
     plant = {"joints.*.friction.coefficient": 0.26}
     scenario = load_scenario("finger", ['duration="4 s"']).model_copy(update={"plant": plant})
     logs = [simulate(rig, scenario, seed=seed) for seed in (1, 2)]
@@ -201,7 +233,9 @@ def test_a_fit_of_logs_in_which_one_joint_has_an_encoder(rig: Rig) -> None:
     found = fit(known, rig, free=free)
     assert not found.maps
     assert any("the angle of pip is known in no log" in doubt for doubt in found.doubts)
-    fitted = [joint.friction.coefficient for joint in found.rig.joints if joint.friction is not None]
+    fitted = [
+        joint.friction.coefficient for joint in found.rig.joints if joint.friction is not None
+    ]
     assert abs(fitted[0].value - 0.26) < 0.03
     test = simulate(rig, scenario, seed=9)
     assert estimate(test, found.rig).inside_band() > 0.9
@@ -211,7 +245,8 @@ def test_what_is_not_seen_is_named() -> None:
     finger = load_rig("finger-underactuated")
     found = directions(finger)
     assert found.text == (
-        "seen is 9·mcp + 7·pip + 5·dip; two directions are not: springs hold them, as long as nothing touches the joints"
+        "seen is 9·mcp + 7·pip + 5·dip; two directions are not: springs hold them, as long as "
+        "nothing touches the joints"
     )
     np.testing.assert_allclose(found.seen, [[9e-3, 7e-3, 5e-3]], rtol=1e-12)
     np.testing.assert_allclose(found.missed @ [9, 7, 5], 0, atol=1e-12)
@@ -220,14 +255,21 @@ def test_what_is_not_seen_is_named() -> None:
     raw = load_rig("finger-n-plus-1").model_dump()
     raw["sensors"] = [sensor for sensor in raw["sensors"] if sensor["of"] in ("t1", "t2")]
     assert directions(build_rig(raw, "two of four")).text == (
-        "seen is 8·mcp + 7·pip + 6·dip and 7.5·mcp - 6.5·pip - 5.5·dip; one direction is not: the bands say how far"
+        "seen is 8·mcp + 7·pip + 6·dip and 7.5·mcp - 6.5·pip - 5.5·dip; one direction is not: the "
+        "bands say how far"
     )
 
 
 def test_the_band_opens_where_nothing_is_seen() -> None:
-    """A torque that may occur opens the joints' bands, not that of the sum that the tendon tells."""
+    """A torque that may occur opens the joints' bands, not that of the sum that the tendon
+    tells.
+    """
     finger = load_rig("finger-underactuated")
-    servo = {"angle": {"mean": 0.6, "amplitude": 0.5, "frequency": 0.5}, "stiffness": 5.0, "damping": 0.05}
+    servo = {
+        "angle": {"mean": 0.6, "amplitude": 0.5, "frequency": 0.5},
+        "stiffness": 5.0,
+        "damping": 0.05,
+    }
     scenario = build_scenario(
         {"rig": "finger-underactuated", "duration": "2 s", "drives": {"flexor": {"servo": servo}}}
     )
@@ -237,7 +279,9 @@ def test_the_band_opens_where_nothing_is_seen() -> None:
     weights = np.array([9.0, 7.0, 5.0]) / 21.0
     assert touched.covariances is not None
     sums = np.sqrt(np.einsum("i,kij,j->k", weights, touched.covariances[:, :3, :3], weights))
-    assert np.rad2deg(np.median(touched.angle_stds, axis=0)).min() > 5 * np.rad2deg(np.median(alone.angle_stds))
+    assert np.rad2deg(np.median(touched.angle_stds, axis=0)).min() > 5 * np.rad2deg(
+        np.median(alone.angle_stds)
+    )
     assert np.median(sums) < 0.1 * np.median(touched.angle_stds)
     assert touched.unseen is not None
     seen = observability(log, finger, joint="pip")
@@ -246,7 +290,9 @@ def test_the_band_opens_where_nothing_is_seen() -> None:
 
 
 def test_elastic_finds_the_posture_of_springs() -> None:
-    """One flexor, no friction: where the tendon's torque and the springs balance, θ_j = θ_rest + r_j T/k_j."""
+    """One flexor, no friction: where the tendon's torque and the springs balance, θ_j = θ_rest +
+    r_j T/k_j.
+    """
     raw = load_rig("finger-underactuated").model_dump()
     raw["base"] = {"gravity": (0.0, 0.0, 0.0)}
     finger = build_rig(raw, "no weight")
@@ -254,13 +300,18 @@ def test_elastic_finds_the_posture_of_springs() -> None:
     angles = np.deg2rad(-10) + arms * tension / stiffness
     motor = (arms @ angles + tension / 8000.0) / 6e-3
     n = 100
-    log = Log(0.005 * np.arange(n), {"phi_flexor": np.full(n, motor), "tau_flexor": np.full(n, 6e-3 * tension)})
+    log = Log(
+        0.005 * np.arange(n),
+        {"phi_flexor": np.full(n, motor), "tau_flexor": np.full(n, 6e-3 * tension)},
+    )
     result = estimate(log, finger, "elastic")
     np.testing.assert_allclose(result.angles[-1], angles, atol=np.deg2rad(0.05))
 
 
 def test_least_squares_over_tendons_is_exact_where_they_agree() -> None:
-    """Four tendons of three joints at known angles and pulls: elastic finds the angles, with the band of its sensors."""
+    """Four tendons of three joints at known angles and pulls: elastic finds the angles, with the
+    band of its sensors.
+    """
     finger = load_rig("finger-n-plus-1")
     angles, pulls = np.deg2rad([30.0, 40.0, 20.0]), np.array([7.0, 9.0, 8.0, 6.0])
     arms = np.array([[8, 7, 6], [7.5, -6.5, -5.5], [-8, 7, 0], [-7.5, -7, 0]]) * 1e-3
@@ -294,7 +345,9 @@ def test_the_drawing_has_joints_tendons_and_arms(tmp_path: Path) -> None:
         assert part in texts
     assert len(draw_rig(load_rig("paper-2008")).axes) == 2  # arms that change are curves
     runner = CliRunner()
-    result = runner.invoke(app, ["rig", "draw", "wrist-instrument", "--out", str(tmp_path / "wrist.svg")])
+    result = runner.invoke(
+        app, ["rig", "draw", "wrist-instrument", "--out", str(tmp_path / "wrist.svg")]
+    )
     assert result.exit_code == 0
     assert (tmp_path / "wrist.svg").read_text(encoding="utf-8").startswith("<?xml")
 
@@ -302,7 +355,9 @@ def test_the_drawing_has_joints_tendons_and_arms(tmp_path: Path) -> None:
 def test_coupled_joints_and_the_full_filters() -> None:
     raw = load_rig("finger-n-plus-1").model_dump()
     raw["joints"][2].update(coupled={"joint": "pip", "ratio": 0.8}, stops=None, initial=0.0)
-    with pytest.raises(EstimationError, match=r"ekf: a coupled joint \(dip\) has no state of its own here"):
+    with pytest.raises(
+        EstimationError, match=r"ekf: a coupled joint \(dip\) has no state of its own here"
+    ):
         make_estimator("ekf", build_rig(raw, "coupled"))
 
 
@@ -312,7 +367,9 @@ def test_a_stream_of_a_finger(rig: Rig, log: Log, tmp_path: Path) -> None:
     write_log(replace(log, truth={}).select(np.arange(len(log)) < 20), rig, tmp_path / "log.csv")
     text = (tmp_path / "log.csv").read_text(encoding="utf-8")
     command = [sys.executable, "-m", "distal", "stream", "--rig", "finger-2n"]
-    done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        command, input=text, capture_output=True, text=True, timeout=60, check=True
+    )
     header, *lines = done.stdout.splitlines()
     assert len(lines) == 20
     expected = {f"theta_{joint}{what} [rad]" for joint in ("mcp", "pip") for what in ("", "_std")}
@@ -320,7 +377,9 @@ def test_a_stream_of_a_finger(rig: Rig, log: Log, tmp_path: Path) -> None:
 
 
 def test_homing_at_one_joint_of_a_log_that_knows_all(rig: Rig, log: Log) -> None:
-    """pip stands at a mark; the truth of mcp, which the log has too, is compared with and not read."""
+    """pip stands at a mark; the truth of mcp, which the log has too, is compared with and not
+    read.
+    """
     marked, described = at_known_angle(log, rig, 0.5, np.deg2rad(25), np.deg2rad(1.0), joint="pip")
     result = estimate(marked, described, homing=0.5)
     assert result.truths is not None
@@ -330,7 +389,9 @@ def test_homing_at_one_joint_of_a_log_that_knows_all(rig: Rig, log: Log) -> None
 
 
 def test_elastic_says_what_it_cannot_know() -> None:
-    """Two directions of an underactuated finger are not seen: at least 3° there, next to nothing along the sum."""
+    """Two directions of an underactuated finger are not seen: at least 3° there, next to nothing
+    along the sum.
+    """
     covariance = unseen_covariance(load_rig("finger-underactuated"))
     weights = np.array([9.0, 7.0, 5.0])
     assert weights @ covariance @ weights < 1e-14

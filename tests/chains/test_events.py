@@ -1,4 +1,6 @@
-"""Events in a chain that its rig file does not know: a torque, a zero that jumps, a place that is silent for a while."""
+"""Events in a chain that its rig file does not know: a torque, a zero that jumps, a place that is
+silent for a while.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ from distal import Log, estimate, load_rig, load_scenario, scenario_rig, simulat
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import Robustness
-from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, ForceEvidence, Tracks, track
+from distal.estimators.adaptive.drive_tracking import (
+    MEMORY,
+    REMEMBERED,
+    ForceEvidence,
+    Tracks,
+    track,
+)
 from distal.estimators.adaptive.prediction import shifted_variance
 from distal.estimators.adaptive.unexplained_force import opened_torque, watched
 from distal.estimators.state_kinds import StateKind
@@ -24,7 +32,9 @@ CHAIN = Robustness.usual(3)
 
 
 def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
-    """Against (29), (30) written out: one outlier opens nothing, several alike open a force, which closes again."""
+    """Against (29), (30) written out: one outlier opens nothing, several alike open a force, which
+    closes again.
+    """
     watch, dt, rng = watched(CHAIN), 0.005, np.random.default_rng(0)
     innovations = rng.normal(0, 0.5, 2400)
     innovations[2050] = 80.0
@@ -41,18 +51,24 @@ def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
         opened = max(opened * exp(-2 * dt / 1.2), 196 * share**2 * min(innovation**2, 9 * variance))
         usual = exp(-dt / 2.5) * usual + (1 - exp(-dt / 2.5)) * mean**2
         state = found_mean, found_usual, found
-        found_mean, found_usual, found = (float(x) for x in watch(*state, innovation, variance, 1, dt))
+        found_mean, found_usual, found = (
+            float(x) for x in watch(*state, innovation, variance, 1, dt)
+        )
         assert found_usual == pytest.approx(usual, rel=1e-12)
         assert found == pytest.approx(opened, rel=1e-12)
         kept.append(found)
     assert max(kept[:2100]) == 0.0
     assert min(kept[2120:2160]) > 4.0
     assert min(kept[2120:]) < max(kept)
-    assert [float(x) for x in watch(0.9, 0.3, 1.0, 50.0, 1.0, 0, dt)] == pytest.approx([0.9, 0.3, exp(-2 * dt / 1.2)])
+    assert [float(x) for x in watch(0.9, 0.3, 1.0, 50.0, 1.0, 0, dt)] == pytest.approx(
+        [0.9, 0.3, exp(-2 * dt / 1.2)]
+    )
 
 
 def test_what_is_always_a_little_off_opens_nothing() -> None:
-    """A mean innovation of 1.2 stds, which the rig has from the start; one that comes after 15 calm seconds opens."""
+    """A mean innovation of 1.2 stds, which the rig has from the start; one that comes after 15 calm
+    seconds opens.
+    """
     watch = watched(CHAIN)
     always, later = (0.0, 0.25, 0.0), (0.0, 0.25, 0.0)
     for k in range(4000):
@@ -64,13 +80,21 @@ def test_what_is_always_a_little_off_opens_nothing() -> None:
 
 
 def test_guards_of_one_joint_open_nothing() -> None:
-    assert [float(x) for x in watched(Robustness.usual(1))(0.9, 0.3, 1.0, 50.0, 1.0, 1, 0.005)] == [0.9, 0.3, 1.0]
-    kinds = AdaptiveFilter(load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()).state_kinds
+    assert [float(x) for x in watched(Robustness.usual(1))(0.9, 0.3, 1.0, 50.0, 1.0, 1, 0.005)] == [
+        0.9,
+        0.3,
+        1.0,
+    ]
+    kinds = AdaptiveFilter(
+        load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()
+    ).state_kinds
     assert StateKind.UNDECLARED_TORQUE not in kinds
 
 
 def test_a_force_is_a_torque_at_the_moment_arms() -> None:
-    """A torque on one of three joints changes the flexor's tension by r_j²/Σ r² of what it would alone."""
+    """A torque on one of three joints changes the flexor's tension by r_j²/Σ r² of what it would
+    alone.
+    """
     runner = AdaptiveFilter(load_rig("finger-underactuated"), compiled=False)
     arms, lever = np.array([9e-3, 7e-3, 5e-3]), 6e-3
     for j in range(3):
@@ -84,13 +108,26 @@ def test_a_force_is_a_torque_at_the_moment_arms() -> None:
 def tracked(
     readings: list[float], dt: float, least: float = 0.5, pulls: float = 0.0, off: float = 0.0
 ) -> list[dict[str, float]]:
-    """Return what is remembered of a drive after each reading; its force rises by `pulls` per m, and the model is `off`."""
+    """Return what is remembered of a drive after each reading; its force rises by `pulls` per m,
+    and the model is `off`.
+    """
     memory, reading, effort = ca.SX.sym("memory", MEMORY), ca.SX.sym("z"), ca.SX.sym("U")
     force = ForceEvidence(effort + off, ca.SX(READ), ca.SX(2500.0), ca.SX(0.1), effort, least)
     drive = track(
-        memory, reading, ca.SX(READ), ca.SX(2.5e-11), ca.SX(dt), robustness=CHAIN, silence=None, force_evidence=force
+        memory,
+        reading,
+        ca.SX(READ),
+        ca.SX(2.5e-11),
+        ca.SX(dt),
+        robustness=CHAIN,
+        silence=None,
+        force_evidence=force,
     )
-    step = ca.Function("step", [memory, reading, effort], [ca.vertcat(*(getattr(drive, name) for name in REMEMBERED))])
+    step = ca.Function(
+        "step",
+        [memory, reading, effort],
+        [ca.vertcat(*(getattr(drive, name) for name in REMEMBERED))],
+    )
     now, found = np.zeros(MEMORY), []
     for value in readings:
         now = np.array(step(now, value, pulls * value)).ravel()
@@ -100,28 +137,44 @@ def tracked(
 
 @pytest.mark.parametrize("jump", [3e-3, -3e-3])
 def test_a_zero_that_jumps_is_taken_off_until_it_comes_back(jump: float) -> None:
-    """No force follows a jump of 3 mm, which would be 7.5 N: the zero jumped, and what is read goes on from there."""
+    """No force follows a jump of 3 mm, which would be 7.5 N: the zero jumped, and what is read goes
+    on from there.
+    """
     found = tracked([0.0, 0.0, jump, jump, jump + 2e-5, jump, 0.0, 0.0], 0.005)
-    np.testing.assert_allclose([one["shift"] for one in found], [0, 0, jump, jump, jump, jump, 0, 0], rtol=1e-9)
-    np.testing.assert_allclose([one["place"] for one in found], [0, 0, 0, 0, 2e-5, 0, 0, 0], atol=2e-6)
+    np.testing.assert_allclose(
+        [one["shift"] for one in found], [0, 0, jump, jump, jump, jump, 0, 0], rtol=1e-9
+    )
+    np.testing.assert_allclose(
+        [one["place"] for one in found], [0, 0, 0, 0, 2e-5, 0, 0, 0], atol=2e-6
+    )
     assert all(one["shift_std"] == 0.0 for one in found)
 
 
 def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
-    """Where a joint follows at once, only an interval too short for a drive to start and stop tells of the zero."""
+    """Where a joint follows at once, only an interval too short for a drive to start and stop tells
+    of the zero.
+    """
     found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, least=0.0)
     assert found[1]["shift"] == pytest.approx(3e-3)
-    np.testing.assert_allclose([one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2))
+    np.testing.assert_allclose(
+        [one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2)
+    )
     assert found[3]["place"] == pytest.approx(0.0, abs=1e-9)
-    assert tracked([0.0] + [3e-3] * 8, 0.05, least=0.0)[-1]["place"] == pytest.approx(3e-3, rel=1e-3)
+    assert tracked([0.0] + [3e-3] * 8, 0.05, least=0.0)[-1]["place"] == pytest.approx(
+        3e-3, rel=1e-3
+    )
 
 
 def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:
-    """It sticks and slips: the force rises by 0.7 of what it would if the joint stood still, though the model is off."""
+    """It sticks and slips: the force rises by 0.7 of what it would if the joint stood still, though
+    the model is off.
+    """
     found = tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0, off=-6.0)
     assert all(one["shift"] == 0.0 for one in found)
     assert found[1]["doubt"] > 0.0
-    assert all(one["shift"] == 0.0 for one in tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0))
+    assert all(
+        one["shift"] == 0.0 for one in tracked([0.0, 3e-3, 3e-3, 3e-3], 0.005, pulls=0.7 * 2500.0)
+    )
     assert tracked([0.0, 3e-4], 0.005)[-1]["shift"] == 0.0  # too little for the force to show it
 
 
@@ -172,7 +225,11 @@ def test_a_joint_on_its_stop_stays_known_where_nothing_happens() -> None:
     rig = load_rig("finger-underactuated").with_values(
         {"joints.mcp.stops": ["25 deg", "95 deg"], "joints.mcp.initial.value": "25 deg"}
     )
-    servo = {"angle": {"mean": 0.6, "amplitude": 0.05, "frequency": 0.5}, "stiffness": 5.0, "damping": 0.05}
+    servo = {
+        "angle": {"mean": 0.6, "amplitude": 0.05, "frequency": 0.5},
+        "stiffness": 5.0,
+        "damping": 0.05,
+    }
     scenario = build_scenario(
         {"rig": "finger-underactuated", "duration": "3 s", "drives": {"flexor": {"servo": servo}}}
     )

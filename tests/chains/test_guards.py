@@ -1,4 +1,6 @@
-"""What guards the filter of a chain: standing forces, walking angles, drives that are lost, drives that jump."""
+"""What guards the filter of a chain: standing forces, walking angles, drives that are lost, drives
+that jump.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,12 @@ from distal.rig import build_rig
 def test_a_chain_has_guards_of_its_own() -> None:
     one, three = Robustness.usual(1), Robustness.usual(3)
     assert one == Robustness()
-    assert (three.sticking_time, three.turning_time, three.learning_time, three.beyond_time) == (0.1, 0.05, 0.05, 0.2)
+    assert (three.sticking_time, three.turning_time, three.learning_time, three.beyond_time) == (
+        0.1,
+        0.05,
+        0.05,
+        0.2,
+    )
     assert three.reference_time == 0.5
     assert three.angle_walk == pytest.approx(radians(0.3))
 
@@ -30,7 +37,9 @@ def test_a_chain_has_guards_of_its_own() -> None:
 def test_a_force_beyond_friction_counts_once_in_a_while(time: float, factor: float) -> None:
     """At 200 Hz 0.2 s are 40 samples: each has 40 times its variance."""
     rig = load_rig("wrist-instrument")
-    context = AdaptiveFilter(rig, compiled=False, robustness=Robustness(beyond_time=time)).states.context
+    context = AdaptiveFilter(
+        rig, compiled=False, robustness=Robustness(beyond_time=time)
+    ).states.context
     still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1e-9)))
     residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
     found = compared(context, 0, still, residual, ca.SX(0.005))
@@ -66,33 +75,52 @@ def test_a_joint_follows_a_lost_drive_by_its_share_of_the_arms() -> None:
 
 
 def test_a_joint_that_follows_at_once_leaves_no_force_behind() -> None:
-    """A quick joint: no change of force speaks neither for nor against a jump; a slow one: against."""
+    """A quick joint: no change of force speaks neither for nor against a jump; a slow one:
+    against.
+    """
     assert float(jump_evidence(ca.DM(0.0), 1.0, 0.01, least=0.0)) == 0.0
     assert float(jump_evidence(ca.DM(0.0), 1.0, 0.01)) < -10.0
     rigs = {"wrist-instrument": True, "finger-2n": False, "capstan-joint": False}
     for name, follows in rigs.items():
-        assert AdaptiveFilter(load_rig(name), compiled=False).states.context.joints_follow is follows
+        assert (
+            AdaptiveFilter(load_rig(name), compiled=False).states.context.joints_follow is follows
+        )
 
 
 def test_elastic_counts_from_the_pretension() -> None:
-    """A flexor that pulls with its pre-tension at zero: no stretch is removed there, (T − T_pre)/k elsewhere."""
+    """A flexor that pulls with its pre-tension at zero: no stretch is removed there, (T − T_pre)/k
+    elsewhere.
+    """
     raw = load_rig("finger-underactuated").model_dump()
     raw["tendons"][0]["pretension"] = 4.0
     finger = build_rig(raw, "pulled")
     n = 100
     for tension in (4.0, 7.0):
         places = np.full(n, (tension - 4.0) / 8000.0 / 6e-3)
-        log = Log(0.005 * np.arange(n), {"phi_flexor": places, "tau_flexor": np.full(n, 6e-3 * tension)})
+        log = Log(
+            0.005 * np.arange(n), {"phi_flexor": places, "tau_flexor": np.full(n, 6e-3 * tension)}
+        )
         angles = estimate(log, finger, "elastic").angles[-1]
         assert abs(angles @ [9.0, 7.0, 5.0]) < 21.0 * np.deg2rad(0.2)
 
 
 def test_a_reference_teaches_slowly_in_a_chain() -> None:
-    """At 200 Hz half a second is 100 samples: arms and curves take a hundredth of the gain, angles all of it."""
+    """At 200 Hz half a second is 100 samples: arms and curves take a hundredth of the gain, angles
+    all of it.
+    """
     states = AdaptiveFilter(load_rig("finger-2n"), compiled=False).states
     shares = states.gain_shares(None, reference=True)
     names = {states.names[i] for i in shares}
-    assert {"radius of tendon mcp_f at mcp", "common factor of rope", "linearity_x_mcp_f_0"} <= names
+    assert {
+        "radius of tendon mcp_f at mcp",
+        "common factor of rope",
+        "linearity_x_mcp_f_0",
+    } <= names
     assert set(shares.values()) == {0.005 / 0.5}
     assert not names & {"theta_mcp", "theta_pip", "theta_mcp_dot"}
-    assert AdaptiveFilter(load_rig("paper-2008"), compiled=False).states.gain_shares(None, reference=True) == {}
+    assert (
+        AdaptiveFilter(load_rig("paper-2008"), compiled=False).states.gain_shares(
+            None, reference=True
+        )
+        == {}
+    )

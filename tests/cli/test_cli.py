@@ -1,4 +1,6 @@
-"""The command line as a user runs it: what is printed, what is refused, in one line with exit code 2."""
+"""The command line as a user runs it: what is printed, what is refused, in one line with exit code
+2.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ class Ran:
 def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     def call(*words: object) -> Ran:
         monkeypatch.setattr(sys, "argv", ["distal", *map(str, words)])
-        monkeypatch.setattr("distal.cli.console.QUIET", 60.0)  # a busy machine says no more than an idle one
+        monkeypatch.setattr(
+            "distal.cli.console.QUIET", 60.0
+        )  # a busy machine says no more than an idle one
         capfd.readouterr()
         with pytest.raises(SystemExit) as stopped:
             main()
@@ -58,10 +62,13 @@ def log(tmp_path: Path, simulated: str) -> Path:
 
 
 SET = (
-    "--set", 'drives.0.stops=["-5 mm","20 mm"]',
-    "--set", 'drives.1.stops=["-12 mm","13 mm"]',
-    "--set", 'joints.0.initial="-25 deg"',
-)  # fmt: skip
+    "--set",
+    'drives.0.stops=["-5 mm","20 mm"]',
+    "--set",
+    'drives.1.stops=["-12 mm","13 mm"]',
+    "--set",
+    'joints.0.initial="-25 deg"',
+)
 
 
 def test_simulate_then_estimate(run, log: Path, tmp_path: Path) -> None:
@@ -86,40 +93,72 @@ def test_degrees_and_all_states(run, log: Path, tmp_path: Path) -> None:
     asked = ("estimate", log, "--rig", "paper-2008-printed", "--estimator", "ekf", *SET)
     assert run(*asked, "--out", out, "--unit", "deg").code == 0
     assert pl.read_csv(out).columns == ["t [s]", "theta [deg]", "theta_std [deg]"]
-    row = next(line for line in run(*asked, "--truth", out).out.splitlines() if line.split()[:1] == ["ekf"])
+    row = next(
+        line for line in run(*asked, "--truth", out).out.splitlines() if line.split()[:1] == ["ekf"]
+    )
     assert row.split()[1] == "0.000"  # RMS error against itself [°]
     assert run(*asked, "--out", every, "--all").code == 0
     written = pl.read_csv(every)
-    np.testing.assert_allclose(np.deg2rad(pl.read_csv(out)["theta [deg]"]), written["theta [rad]"], atol=1e-12)
-    assert {"position_left [m]", "position_left_std [m]", "theta_dot [rad/s]"} <= set(written.columns)
+    np.testing.assert_allclose(
+        np.deg2rad(pl.read_csv(out)["theta [deg]"]), written["theta [rad]"], atol=1e-12
+    )
+    assert {"position_left [m]", "position_left_std [m]", "theta_dot [rad/s]"} <= set(
+        written.columns
+    )
     refused = run(*asked, "--out", out, "--unit", "turns")
-    assert (refused.code, refused.err) == (2, "error: --unit turns: angles are written in rad or deg\n")
+    assert (refused.code, refused.err) == (
+        2,
+        "error: --unit turns: angles are written in rad or deg\n",
+    )
 
 
 @pytest.mark.parametrize("name", ["est.xlsx", "est.mcap"])
 def test_no_csv_under_another_formats_name(run, log: Path, tmp_path: Path, name: str) -> None:
-    refused = run("estimate", log, "--rig", "paper-2008-printed", *SET, "-e", "inextensible", "--out", tmp_path / name)
+    refused = run(
+        "estimate",
+        log,
+        "--rig",
+        "paper-2008-printed",
+        *SET,
+        "-e",
+        "inextensible",
+        "--out",
+        tmp_path / name,
+    )
     assert refused.code == 2
-    assert refused.err.endswith(f"{name}: results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)\n")
+    assert refused.err.endswith(
+        f"{name}: results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)\n"
+    )
     assert not (tmp_path / name).exists()
 
 
 def test_both_sides_of_a_gear(run) -> None:
     """2000 counts in a turn of the motor are 0.18°, behind a gear of 30 they are 0.006°."""
     said = run("rig", "check", "lab-bench").out
-    assert "motor_angle is before a gear of 30: resolution 0.18° at the motor, 0.006° at the capstan" in said
+    assert (
+        "motor_angle is before a gear of 30: resolution 0.18° at the motor, 0.006° at the capstan"
+        in said
+    )
     noisy = run("rig", "check", "lab-bench", "--set", 'sensors.motor_angle.noise="0.01 deg"').out
     assert "noise 0.3° at the motor, 0.01° at the capstan" in noisy
 
 
 def test_a_check_names_all_that_is_uncertain(run) -> None:
-    """What sensors err by and where joints start as well, of one joint and of a hand; not what has no std."""
-    said = run("rig", "check", "template", "--set", 'sensors.u1.gain={ value = 1, std = "1 %" }').out
+    """What sensors err by and where joints start as well, of one joint and of a hand; not what has
+    no std.
+    """
+    said = run(
+        "rig", "check", "template", "--set", 'sensors.u1.gain={ value = 1, std = "1 %" }'
+    ).out
     (uncertain,) = (line for line in said.splitlines() if "uncertain" in line)
     assert "stiffness of all tendons; initial of joint link" in uncertain
     assert uncertain.endswith("linearity of sensors x1, x2; gain of sensor u1")
     biased = run(
-        "rig", "check", "hand", "--set", 'sensors.index_flexor_current.bias={ value = 0, std = "0.1 N m" }'
+        "rig",
+        "check",
+        "hand",
+        "--set",
+        'sensors.index_flexor_current.bias={ value = 0, std = "0.1 N m" }',
     ).out
     assert "bias of sensor index_flexor_current" in biased
     assert "gain of sensors thumb_abductor_current, thumb_flexor_current" in biased
@@ -139,7 +178,14 @@ def test_rows_with_one_stamp(run, log: Path, tmp_path: Path) -> None:
 def test_the_command_that_simulate_prints_works(run, tmp_path: Path) -> None:
     import shlex
 
-    said = run("simulate", "series-2", "--out", tmp_path / "log.csv", "--set", "joints.0.friction.coefficient=0.55").out
+    said = run(
+        "simulate",
+        "series-2",
+        "--out",
+        tmp_path / "log.csv",
+        "--set",
+        "joints.0.friction.coefficient=0.55",
+    ).out
     words = shlex.split(said.splitlines()[-1].removeprefix("estimate from it: distal "))
     ran = run(*words, "--estimator", "ekf")
     assert ran.code == 0
@@ -149,19 +195,41 @@ def test_the_command_that_simulate_prints_works(run, tmp_path: Path) -> None:
 
 
 def test_what_the_plant_overrides_is_said(run, tmp_path: Path) -> None:
-    text = run("scenario", "show", "series-2").out + '\n[plant]\n"joints.0.friction.coefficient" = 0.6\n'
+    text = (
+        run("scenario", "show", "series-2").out
+        + '\n[plant]\n"joints.0.friction.coefficient" = 0.6\n'
+    )
     (tmp_path / "s.toml").write_text(text)
     said = run(
-        "simulate", tmp_path / "s.toml", "--out", tmp_path / "log.csv", "--set", "joints.0.friction.coefficient=0.55"
+        "simulate",
+        tmp_path / "s.toml",
+        "--out",
+        tmp_path / "log.csv",
+        "--set",
+        "joints.0.friction.coefficient=0.55",
     )
-    assert "warning: the scenario's [plant] has its own joints.link.friction.coefficient" in said.err
+    assert (
+        "warning: the scenario's [plant] has its own joints.link.friction.coefficient" in said.err
+    )
 
 
 def test_the_same_from_python(run, log: Path, tmp_path: Path) -> None:
     import distal
 
     out = tmp_path / "est.parquet"
-    run("estimate", log, "--rig", "paper-2008-printed", "--out", out, "--estimator", "ekf-2008", "--passes", 2, *SET)
+    run(
+        "estimate",
+        log,
+        "--rig",
+        "paper-2008-printed",
+        "--out",
+        out,
+        "--estimator",
+        "ekf-2008",
+        "--passes",
+        2,
+        *SET,
+    )
     rig = distal.load_rig("paper-2008-printed", SET[1::2])
     result = distal.estimate(log, rig, "ekf-2008", passes=2)
     np.testing.assert_array_equal(pl.read_parquet(out)["theta [rad]"].to_numpy(), result.theta)
@@ -177,7 +245,9 @@ def test_without_truth_one_estimate_and_no_errors(run, log: Path, tmp_path: Path
 
 
 def test_home_without_a_reference(run, log: Path, tmp_path: Path) -> None:
-    """An angle and how far it may be off, in the ways people write it; the angle there is what was said."""
+    """An angle and how far it may be off, in the ways people write it; the angle there is what was
+    said.
+    """
     bare = tmp_path / "bare.csv"
     pl.read_csv(log).select("t", "x1", "x2", "u1", "u2").write_csv(bare)
     command = (
@@ -195,9 +265,17 @@ def test_home_without_a_reference(run, log: Path, tmp_path: Path) -> None:
         out = tmp_path / "out.csv"
         done = run(*command, text, "--out", out)
         assert done.code == 0, done.err
-        assert re.search(r"home: the joint stands at 4(\.0+1?)?° ± 0.\d+° for the first 0.1 s", done.out)
-        assert pl.read_csv(out)["theta [rad]"][8] == pytest.approx(np.deg2rad(4), abs=np.deg2rad(0.3))
-    for text, said in (("4 deg ± 1 ± 2", "written as '0 deg'"), ("± 1 deg", "written as"), ("4 mm", "is no angle")):
+        assert re.search(
+            r"home: the joint stands at 4(\.0+1?)?° ± 0.\d+° for the first 0.1 s", done.out
+        )
+        assert pl.read_csv(out)["theta [rad]"][8] == pytest.approx(
+            np.deg2rad(4), abs=np.deg2rad(0.3)
+        )
+    for text, said in (
+        ("4 deg ± 1 ± 2", "written as '0 deg'"),
+        ("± 1 deg", "written as"),
+        ("4 mm", "is no angle"),
+    ):
         done = run(*command, text)
         assert done.code == 2
         assert said in done.err
@@ -210,8 +288,28 @@ def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:
     sensors, truth = tmp_path / "sensors.csv", tmp_path / "truth.csv"
     frame.select("t", "x1", "x2", "u1", "u2").write_csv(sensors)
     frame.select("t", theta="true_theta").write_csv(truth)
-    by_file = run("estimate", sensors, "--rig", "paper-2008-printed", "--truth", truth, "--estimator", "ekf", *SET)
-    by_column = run("estimate", log, "--rig", "paper-2008-printed", "--truth", "true_theta", "--estimator", "ekf", *SET)
+    by_file = run(
+        "estimate",
+        sensors,
+        "--rig",
+        "paper-2008-printed",
+        "--truth",
+        truth,
+        "--estimator",
+        "ekf",
+        *SET,
+    )
+    by_column = run(
+        "estimate",
+        log,
+        "--rig",
+        "paper-2008-printed",
+        "--truth",
+        "true_theta",
+        "--estimator",
+        "ekf",
+        *SET,
+    )
     assert by_file.code == by_column.code == 0
     assert by_file.out.splitlines()[6:] == by_column.out.splitlines()[6:]
     assert by_file.out.count("ekf") >= 1
@@ -219,7 +317,9 @@ def test_truth_as_column_or_file(run, log: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_gaps_and_missing_values_are_named(run, log: Path, tmp_path: Path) -> None:
-    frame = pl.read_csv(log).with_columns(x1=pl.when(pl.col("t") < 0.055).then(None).otherwise(pl.col("x1")))
+    frame = pl.read_csv(log).with_columns(
+        x1=pl.when(pl.col("t") < 0.055).then(None).otherwise(pl.col("x1"))
+    )
     holed = tmp_path / "holed.csv"
     frame.filter((pl.col("t") < 3) | (pl.col("t") > 3.5)).write_csv(holed)
     ran = run("estimate", holed, "--rig", "paper-2008-printed", *SET)
@@ -263,21 +363,39 @@ def test_bad_input_is_one_line_and_exit_code_2(run, log: Path, tmp_path: Path) -
 def test_bad_rigs_and_options(run, log: Path, tmp_path: Path) -> None:
     missing = tmp_path / "no" / "out.csv"
     cases = [
-        (("estimate", log, "--rig", "paper-208"), ("unknown rig 'paper-208'; did you mean 'paper-2008'?",)),
+        (
+            ("estimate", log, "--rig", "paper-208"),
+            ("unknown rig 'paper-208'; did you mean 'paper-2008'?",),
+        ),
         (
             ("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mass=-1"),
             ("drives.left.mass", "positive", "-1 came"),
         ),
-        (("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mss=1"), ("did you mean 'mass'?",)),
-        (("estimate", log, "--rig", "paper-2008-printed", "--set", 'sensors.x1.unit="s"'), ("wrong dimension",)),
-        (("estimate", log, "--rig", "paper-2008-printed", "--set", "sensors.u1.noise=0"), ("zero noise",)),
+        (
+            ("estimate", log, "--rig", "paper-2008-printed", "--set", "drives.0.mss=1"),
+            ("did you mean 'mass'?",),
+        ),
+        (
+            ("estimate", log, "--rig", "paper-2008-printed", "--set", 'sensors.x1.unit="s"'),
+            ("wrong dimension",),
+        ),
+        (
+            ("estimate", log, "--rig", "paper-2008-printed", "--set", "sensors.u1.noise=0"),
+            ("zero noise",),
+        ),
         (
             ("estimate", log, "--rig", "paper-2008-printed", "--estimator", "efk"),
             ("unknown estimator 'efk'; did you mean 'ekf",),
         ),
-        (("estimate", log, "--rig", "paper-2008-printed", "--truth", "nothing"), ("neither a file nor a column",)),
+        (
+            ("estimate", log, "--rig", "paper-2008-printed", "--truth", "nothing"),
+            ("neither a file nor a column",),
+        ),
         (("estimate", log, "--rig", "paper-2008-printed", "--out", missing), ("does not exist",)),
-        (("estimate", log, "--rig", "paper-2008-printed", "--plot", tmp_path / "a.xyz"), ("cannot be 'xyz'",)),
+        (
+            ("estimate", log, "--rig", "paper-2008-printed", "--plot", tmp_path / "a.xyz"),
+            ("cannot be 'xyz'",),
+        ),
         (("estimate", tmp_path / "none.csv", "--rig", "paper-2008-printed"), ("cannot be read",)),
         (("estimate", log), ("--rig",)),
         (("estimate",), ("'LOG...'",)),
@@ -297,7 +415,10 @@ def test_a_read_only_folder(run, log: Path, tmp_path: Path) -> None:
     folder.mkdir(mode=0o500)
     if os.geteuid() == 0:  # root may write everywhere but where nobody may
         folder = Path("/proc")
-    refused(run("estimate", log, "--rig", "paper-2008-printed", *SET, "--out", folder / "out.csv"), "cannot be written")
+    refused(
+        run("estimate", log, "--rig", "paper-2008-printed", *SET, "--out", folder / "out.csv"),
+        "cannot be written",
+    )
 
 
 @pytest.mark.filterwarnings("default::distal.errors.DistalWarning")
@@ -310,15 +431,30 @@ def test_millimetres_are_a_warning(run, log: Path, tmp_path: Path) -> None:
     assert "is the log in mm?" in ran.err
     assert all(line.startswith("warning:") for line in ran.err.splitlines())
     mended = run(
-        "estimate", path, "--rig", "paper-2008-printed", "--estimator", "inextensible", *SET,
-        "--set", 'sensors.x1.unit="mm"', "--set", 'sensors.x2.unit="mm"',
-    )  # fmt: skip
+        "estimate",
+        path,
+        "--rig",
+        "paper-2008-printed",
+        "--estimator",
+        "inextensible",
+        *SET,
+        "--set",
+        'sensors.x1.unit="mm"',
+        "--set",
+        'sensors.x2.unit="mm"',
+    )
     assert mended.err == ""
 
 
 def test_rigs(run, tmp_path: Path) -> None:
     listed = run("rigs").out
-    for name in ("paper-2008-printed", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"):
+    for name in (
+        "paper-2008-printed",
+        "paper-2008-soft",
+        "paper-2008-observed",
+        "pulley-antagonist",
+        "capstan-joint",
+    ):
         assert name in listed
     checked = run("rig", "check", "paper-2008-printed")
     assert checked.code == 0
@@ -327,7 +463,9 @@ def test_rigs(run, tmp_path: Path) -> None:
     assert run("rig", "new", new).code == 0
     assert run("rig", "check", new).code == 0
     refused(run("rig", "new", new), "exists already")
-    shown = run("rig", "show", "paper-2008-printed", "--set", "joints.0.friction.coefficient=0.4").out
+    shown = run(
+        "rig", "show", "paper-2008-printed", "--set", "joints.0.friction.coefficient=0.4"
+    ).out
     (tmp_path / "shown.toml").write_text(shown)
     assert "0.4" in shown
     assert run("rig", "check", tmp_path / "shown.toml").code == 0
@@ -352,8 +490,11 @@ def test_doctor_says_why_there_are_no_compiled_kernels(tmp_path: Path) -> None:
     environment.pop("CC", None)
     ran = subprocess.run(
         [sys.executable, "-c", "from distal.cli import main; main()", "doctor"],
-        env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert ran.returncode == 0
     assert "kernels: interpreted (no C compiler was found" in ran.stdout
 
@@ -373,9 +514,16 @@ def test_a_rig_is_no_scenario(run, tmp_path: Path) -> None:
 
 def test_a_reader_that_goes_away() -> None:
     ran = subprocess.run(
-        ["bash", "-c", f'"{sys.executable}" -c "from distal.cli import main; main()" rig show paper-2008 | head -n 1'],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            "bash",
+            "-c",
+            f'"{sys.executable}" -c "from distal.cli import main; main()" rig show '
+            "paper-2008 | head -n 1",
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert "Traceback" not in ran.stderr
 
 
@@ -388,7 +536,9 @@ def test_reproduce(run, tmp_path: Path) -> None:
     for i in range(1, 13):
         claim = held[f"C{i}"]
         assert claim["group"] in GROUPS
-        assert all(np.isfinite(list(measure["values"].values())).all() for measure in claim["measures"])
+        assert all(
+            np.isfinite(list(measure["values"].values())).all() for measure in claim["measures"]
+        )
         assert claim["statement"] in ran.out
     assert len(ran.out.splitlines()) <= 32
     # what physics says must come out, whatever the seeds
@@ -404,9 +554,9 @@ def test_reproduce(run, tmp_path: Path) -> None:
     text = re.sub(r"<(script|style|svg).*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
     assert text.split("What the fan is")[0].count("paper") == 0  # the reader's question comes first
     assert not re.search(r"\bC1?[0-9]\b|as printed|as observed", ran.out + text)
-    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
-        "http://creativecommons.org", ""
-    ).replace("https://matplotlib.org", "")
+    assert "http" not in page.replace("http://www.w3.org", "").replace(
+        "http://purl.org", ""
+    ).replace("http://creativecommons.org", "").replace("https://matplotlib.org", "")
     for i in range(2, 6):
         assert (folder / f"figure-{i}.png").stat().st_size > 10_000
         assert (folder / f"figure-{i}.svg").read_text().startswith("<?xml")
@@ -415,7 +565,9 @@ def test_reproduce(run, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
 @pytest.mark.slow
 def test_an_estimator_that_fails_is_a_row(run, log: Path, tmp_path: Path) -> None:
-    """The others are compared and written; where the first fails, they are shown, nothing is written, and it ends."""
+    """The others are compared and written; where the first fails, they are shown, nothing is
+    written, and it ends.
+    """
     out = tmp_path / "out.csv"
     lines = log.read_text().splitlines()
     lines[300] = lines[300].replace(lines[300].split(",")[1], "1000", 1)  # ekf trusts every sample
@@ -453,7 +605,9 @@ def test_the_first_steps_fit_each_other(run, tmp_path: Path) -> None:
 
 
 def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Of at most 400 characters, without any that a terminal obeys; what is no `DistalError` asks for a report."""
+    """Of at most 400 characters, without any that a terminal obeys; what is no `DistalError` asks
+    for a report.
+    """
     loop = tmp_path / "loop.toml"
     loop.symlink_to(loop)
     for words in (
@@ -486,12 +640,16 @@ def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_p
     assert ran.code == 70
     (line,) = ran.err.splitlines()
     assert line.startswith("error: ZeroDivisionError: by \\x1b[31mxxx")
-    assert line.endswith("this is a fault of distal, please report it with what DISTAL_TRACEBACK=1 distal … prints")
+    assert line.endswith(
+        "this is a fault of distal, please report it with what DISTAL_TRACEBACK=1 distal … prints"
+    )
     assert len(line) <= 400
     assert line.isprintable()
 
 
-def test_stopped_while_importing(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stopped_while_importing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     import builtins
 
     import distal_command
@@ -512,18 +670,25 @@ def test_stopped_while_importing(monkeypatch: pytest.MonkeyPatch, capsys: pytest
 
 @pytest.mark.slow  # processes of their own
 def test_closed_and_full_outputs(tmp_path: Path) -> None:
-    """Without a reader the exit code is 141; what is said never goes into the data; a full stderr changes no exit code."""
+    """Without a reader the exit code is 141; what is said never goes into the data; a full stderr
+    changes no exit code.
+    """
     distal = f"'{sys.executable}' -c 'from distal_command import main; main()'"
 
     def bash(text: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(["bash", "-c", text], capture_output=True, text=True, check=False, cwd=tmp_path)
+        return subprocess.run(
+            ["bash", "-c", text], capture_output=True, text=True, check=False, cwd=tmp_path
+        )
 
     assert bash(f"({distal} rig show template; echo $? >&2) | true").stderr.split()[-1] == "141"
     assert bash(f"{distal} estimate none.csv --rig template 2>/dev/full").returncode == 2
     closed = bash(f"{distal} estimate none.csv --rig template 2>&-")
     assert (closed.returncode, closed.stdout) == (2, "")
     lines = "t,x1,x2,u1,u2\\n0,0,0,2,2\\n0.01,0,0,2,2\\n"
-    assert len(bash(f"printf '{lines}' | {distal} stream --rig template 2>&-").stdout.splitlines()) == 3
+    assert (
+        len(bash(f"printf '{lines}' | {distal} stream --rig template 2>&-").stdout.splitlines())
+        == 3
+    )
 
 
 @pytest.mark.slow
@@ -556,12 +721,18 @@ def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: P
     from distal.simulation import build_scenario
 
     rig, position = distal.load_rig("hand"), {"amplitude": 0.3, "frequency": 0.4}
-    drives = {d.name: {"servo": {"angle": position, "stiffness": 20.0, "damping": 0.3}} for d in rig.drives}
+    drives = {
+        d.name: {"servo": {"angle": position, "stiffness": 20.0, "damping": 0.3}}
+        for d in rig.drives
+    }
     scenario = build_scenario({"rig": "hand", "duration": 0.3, "drives": drives}, "hand")
     write_log(distal.simulate(rig, scenario, 1), rig, tmp_path / "hand.csv")
     done = CliRunner().invoke(app, ["estimate", str(tmp_path / "hand.csv"), "--rig", "hand"])
     assert done.exit_code == 0, done.output
-    assert "ekf-2008 and ekf left out: a compiler takes minutes over 16 joints; ask with -e" in done.output
+    assert (
+        "ekf-2008 and ekf left out: a compiler takes minutes over 16 joints; ask with -e"
+        in done.output
+    )
     assert "adaptive" in done.output
 
 
@@ -569,7 +740,9 @@ def test_of_a_hand_the_full_filters_are_compared_only_when_asked_for(tmp_path: P
 def test_the_lab_shows_the_rig_as_it_was_set(
     settings: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rig and estimator come to the page with what --set says, and so does the command that the page names."""
+    """Rig and estimator come to the page with what --set says, and so does the command that the
+    page names.
+    """
     calls: list[tuple[object, ...]] = []
 
     def page(*arguments: object) -> None:
@@ -580,7 +753,9 @@ def test_the_lab_shows_the_rig_as_it_was_set(
     monkeypatch.setattr("distal.lab.check_ziglang", lambda: None)
     words = [word for setting in settings for word in ("--set", setting)]
     out = str(tmp_path / "lab.html")
-    done = CliRunner().invoke(app, ["lab", "paper-2008", "--out", out, "--estimator", "inextensible", *words])
+    done = CliRunner().invoke(
+        app, ["lab", "paper-2008", "--out", out, "--estimator", "inextensible", *words]
+    )
     assert done.exit_code == 0, done.output
     ((shown, path, estimator, source),) = calls
     assert shown == distal.load_rig("paper-2008", settings)

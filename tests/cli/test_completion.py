@@ -1,4 +1,6 @@
-"""What a shell completes: commands, options, shipped rigs and scenarios, estimators; without importing what they need."""
+"""What a shell completes: commands, options, shipped rigs and scenarios, estimators; without
+importing what they need.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def completed(line: str, folder: Path) -> list[str]:
         "COMP_CWORD": str(len(words) - 1),
     }
     made = [sys.executable, "-c", START]
-    ran = subprocess.run(made, env=environment, cwd=folder, capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        made, env=environment, cwd=folder, capture_output=True, text=True, check=True
+    )
     return ran.stdout.split()
 
 

@@ -1,4 +1,6 @@
-"""What takes long is said on stderr: a bar on a terminal, else lines; what is quick says nothing."""
+"""What takes long is said on stderr: a bar on a terminal, else lines; what is quick says
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ def waited_for(capfd: pytest.CaptureFixture[str], text: str) -> str:
     return said
 
 
-def test_a_line_where_a_stage_lasts(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_where_a_stage_lasts(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(console, "QUIET", 0.05)
     with console.working("first") as show:
         show("second")  # the first one was over at once
@@ -34,7 +38,9 @@ def test_a_line_where_a_stage_lasts(capfd: pytest.CaptureFixture[str], monkeypat
     assert said == "second …\n"
 
 
-def test_what_is_quick_says_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_quick_says_nothing(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(console, "QUIET", 0.2)
     with console.working("first"):
         pass
@@ -92,7 +98,11 @@ def test_a_compiler_is_named(
     ],
 )
 def test_commands_say_what_they_do(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: str, said: str
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    words: str,
+    said: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(console, "QUIET", 1e-3)
@@ -106,7 +116,9 @@ def test_commands_say_what_they_do(
 def test_the_lab_and_an_estimate_say_it_too(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """All estimators of a log of a chain, and its test; the lab, whose compiler is left out here."""
+    """All estimators of a log of a chain, and its test; the lab, whose compiler is left out
+    here.
+    """
     monkeypatch.chdir(tmp_path)
     page = tmp_path / "lab.html"
 
@@ -118,7 +130,10 @@ def test_the_lab_and_an_estimate_say_it_too(
     monkeypatch.setattr("distal.lab.check_ziglang", lambda: None)
     commands = [
         ("simulate finger --out log.csv", "simulating"),
-        ("estimate log.csv --rig finger-2n -e inextensible -e elastic", "estimating with inextensible"),
+        (
+            "estimate log.csv --rig finger-2n -e inextensible -e elastic",
+            "estimating with inextensible",
+        ),
         ("lab finger-2n --out lab.html", "compiling them to WebAssembly"),
     ]
     for words, said in commands:
@@ -131,7 +146,9 @@ def test_the_lab_and_an_estimate_say_it_too(
 
 
 def test_a_bar_on_a_terminal_leaves_the_output_where_it_goes(tmp_path: Path) -> None:
-    """Standard error is a terminal, standard output a file: what is printed meanwhile stands in the file."""
+    """Standard error is a terminal, standard output a file: what is printed meanwhile stands in the
+    file.
+    """
     code = """
 from distal.cli.console import progress_bar, say, working
 with working("thinking [1]"):

@@ -49,20 +49,36 @@ def run(*arguments: str) -> str:
 def test_three_feedbacks_side_by_side(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(SHORT)
     said = run("control", str(tmp_path / "short.toml"), "--out", str(tmp_path / "out"))
-    rows = [line.split() for line in said.splitlines() if line.split()[:1] in (["encoder"], ["adaptive"], ["ratio"])]
+    rows = [
+        line.split()
+        for line in said.splitlines()
+        if line.split()[:1] in (["encoder"], ["adaptive"], ["ratio"])
+    ]
     assert [row[0] for row in rows] == ["encoder", "adaptive", "ratio"]
     assert 0.0 < float(rows[0][2]) < 10.0
     for name in ("encoder", "adaptive", "ratio"):
         log = read_log(tmp_path / "out" / f"{name}.csv", load_rig("paper-2008"))
         assert len(log) == 200
     assert (tmp_path / "out" / "control.png").stat().st_size > 10_000
-    said = run("control", str(tmp_path / "short.toml"), "--out", str(tmp_path / "one"), "--feedback", "elastic")
+    said = run(
+        "control",
+        str(tmp_path / "short.toml"),
+        "--out",
+        str(tmp_path / "one"),
+        "--feedback",
+        "elastic",
+    )
     assert "elastic" in said
-    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == ["control.png", "elastic.csv"]
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == [
+        "control.png",
+        "elastic.csv",
+    ]
 
 
 def test_a_scenario_without_a_controller_is_refused() -> None:
-    with pytest.raises(ControlError, match=r"series-1: has no \[control\]; see distal scenario show control-paper"):
+    with pytest.raises(
+        ControlError, match=r"series-1: has no \[control\]; see distal scenario show control-paper"
+    ):
         CliRunner().invoke(app, ["control", "series-1", "--out", "nowhere"], catch_exceptions=False)
     assert not Path("nowhere").exists()
 
@@ -71,9 +87,11 @@ def test_a_scenario_without_a_controller_is_refused() -> None:
 def test_hours_are_told_one_by_one(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG)
     said = run("drift", str(tmp_path / "long.toml"), "--out", str(tmp_path / "out"))
-    assert [line.split()[0] for line in said.splitlines() if line.strip().startswith(("nothing", "rezeroed"))] == [
-        "nothing", "rezeroed"
-    ]  # fmt: skip
+    assert [
+        line.split()[0]
+        for line in said.splitlines()
+        if line.strip().startswith(("nothing", "rezeroed"))
+    ] == ["nothing", "rezeroed"]
     rows = (tmp_path / "out" / "drift.csv").read_text().splitlines()
     assert len(rows) == 3
     assert rows[1].startswith("nothing known,1,")

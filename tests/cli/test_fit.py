@@ -13,10 +13,13 @@ from tests.cli.test_cli import Ran, refused, run  # noqa: F401
 from tests.fitting.helpers import drawn_plant, logs_of, start_rig, without_truth
 
 SET = (
-    "--set", 'drives.0.stops=["-5 mm","15 mm"]',
-    "--set", 'drives.1.stops=["-5 mm","15 mm"]',
-    "--set", "joints.0.friction.preload.std=0",
-)  # fmt: skip
+    "--set",
+    'drives.0.stops=["-5 mm","15 mm"]',
+    "--set",
+    'drives.1.stops=["-5 mm","15 mm"]',
+    "--set",
+    "joints.0.friction.preload.std=0",
+)
 FREE = ("--free", "tendons.*.stiffness", "--free", "joints.link.friction.coefficient")
 
 
@@ -32,9 +35,13 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.mark.slow
-def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
+def test_fit_writes_a_rig_that_the_other_commands_take(
+    run, logs: list[Path], tmp_path: Path
+) -> None:
     out, report = tmp_path / "fitted.toml", tmp_path / "report"
-    ran = run("fit", *logs, "--rig", "paper-2008-printed", *SET, *FREE, "--out", out, "--report", report)
+    ran = run(
+        "fit", *logs, "--rig", "paper-2008-printed", *SET, *FREE, "--out", out, "--report", report
+    )
     assert ran.code == 0, ran.err
     for said in (
         "stiffness of all tendons",
@@ -47,7 +54,9 @@ def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tm
     assert len(ran.out.splitlines()) <= 25
     text = out.read_text()
     assert text.startswith("# Fitted by `distal fit` to 2 logs of 10 s in all")
-    assert "# moment of inertia" in text or "# " in text.split("\n\n", 1)[1]  # the file's own comments stay
+    assert (
+        "# moment of inertia" in text or "# " in text.split("\n\n", 1)[1]
+    )  # the file's own comments stay
     fitted = load_rig(out)
     assert fitted.tendons[0].stiffness.value != 806.0
     assert fitted.drives[0].stops == (-5e-3, 15e-3)
@@ -62,8 +71,10 @@ def test_fit_writes_a_rig_that_the_other_commands_take(run, logs: list[Path], tm
 
 
 @pytest.mark.slow
-def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
-    """What a fit found is written, whatever the logs are called: half characters, line breaks, formulas."""
+def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: Path) -> None:
+    """What a fit found is written, whatever the logs are called: half characters, line breaks,
+    formulas.
+    """
     odd = tmp_path / "caf\udce9\n<b>$x^$.csv"
     try:
         odd.write_bytes(logs[0].read_bytes())
@@ -89,11 +100,16 @@ def test_the_name_of_a_log_does_not_end_a_fit(run, logs: list[Path], tmp_path: P
     assert r"caf\udce9\n&lt;b&gt;$x^$.csv" in (report / "index.html").read_text()
 
 
-def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
+def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(
+    run, logs: list[Path], tmp_path: Path
+) -> None:
     out, rig = tmp_path / "fitted.toml", ("--rig", "paper-2008-printed", *SET)
     out.write_text("what stood here")
     refused(run("fit", logs[0], logs[0], *rig, "--out", out), "came more than once")
-    refused(run("fit", logs[0], *rig, "--free", "tendons.*.stifness", "--out", out), "there is no 'stifness'")
+    refused(
+        run("fit", logs[0], *rig, "--free", "tendons.*.stifness", "--out", out),
+        "there is no 'stifness'",
+    )
     refused(run("fit", logs[0], *rig, "--out", tmp_path / "fitted.csv"), "a rig file ends in .toml")
     refused(run("fit", logs[0], *rig, "--units", "(log)", "--out", out), "at least 2 groups")
     refused(run("fit", logs[0], *rig, "--out", out, "--report", out), "asked for twice")
@@ -101,13 +117,25 @@ def test_what_cannot_be_fitted_is_one_line_and_nothing_is_written(run, logs: lis
     refused(run("fit", logs[0], *rig, "--homing", "30s", "--out", out), "shorter than the log")
     still = tmp_path / "still.csv"
     rows = logs[0].read_text().splitlines()
-    still.write_text("\n".join([rows[0], *(f"{0.01 * i:.2f},{rows[1].split(',', 1)[1]}" for i in range(300))]))
+    still.write_text(
+        "\n".join([rows[0], *(f"{0.01 * i:.2f},{rows[1].split(',', 1)[1]}" for i in range(300))])
+    )
     refused(run("fit", still, *rig, "--out", out), "still.csv: nothing moves")
     assert out.read_text() == "what stood here"
 
 
-def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: Path) -> None:  # noqa: F811
-    ran = run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "1s", "--out", tmp_path / "e.csv")
+def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: Path) -> None:
+    ran = run(
+        "estimate",
+        logs[1],
+        "--rig",
+        "paper-2008-printed",
+        *SET,
+        "--homing",
+        "1s",
+        "--out",
+        tmp_path / "e.csv",
+    )
     assert ran.code == 0
     assert "used for the first 1 s, compared with afterwards" in ran.out
     assert "the band holds the truth (" in ran.out
@@ -115,11 +143,18 @@ def test_homing_uses_the_reference_for_a_while(run, logs: list[Path], tmp_path: 
     bare = without_truth(logs_of(rig, {}, 31, ("servo",), 3.0)[0])
     write_log(bare, rig, tmp_path / "bare.csv")
     refused(
-        run("estimate", tmp_path / "bare.csv", "--rig", "paper-2008-printed", *SET, "--homing", "1s"), "homing needs"
+        run(
+            "estimate", tmp_path / "bare.csv", "--rig", "paper-2008-printed", *SET, "--homing", "1s"
+        ),
+        "homing needs",
     )
-    refused(run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "99s"), "shorter than the log")
     refused(
-        run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "1s", "--smooth"), "give one of them"
+        run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "99s"),
+        "shorter than the log",
+    )
+    refused(
+        run("estimate", logs[1], "--rig", "paper-2008-printed", *SET, "--homing", "1s", "--smooth"),
+        "give one of them",
     )
 
 

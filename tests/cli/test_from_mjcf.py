@@ -20,7 +20,7 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_rig_file_that_the_other_commands_take(run, model: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_a_rig_file_that_the_other_commands_take(run, model: Path, tmp_path: Path) -> None:
     out = tmp_path / "finger.toml"
     ran = run("rig", "from-mjcf", model, "--out", out)
     assert ran.code == 0
@@ -31,13 +31,18 @@ def test_a_rig_file_that_the_other_commands_take(run, model: Path, tmp_path: Pat
     assert run("rig", "draw", out, "--out", tmp_path / "finger.png").code == 0
 
 
-def test_a_vendors_table_with_units_in_its_header(run, model: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_a_vendors_table_with_units_in_its_header(run, model: Path, tmp_path: Path) -> None:
     table = tmp_path / "lengths.csv"
-    table.write_text("mcp [deg],pip [deg],flexor [mm]\n0,0,100\n30,0,95.81\n0,30,95.29\n30,30,91.10\n")
+    table.write_text(
+        "mcp [deg],pip [deg],flexor [mm]\n0,0,100\n30,0,95.81\n0,30,95.29\n30,30,91.10\n"
+    )
     ran = run("rig", "from-mjcf", model, "--out", tmp_path / "rig.toml", "--compare", table)
     assert ran.code == 0
     lines = [line.split() for line in ran.out.splitlines() if line.strip().startswith("flexor")]
-    assert [line[:4] for line in lines] == [["flexor", "mcp", "8.00", "8.00"], ["flexor", "pip", "6.00", "9.00"]]
+    assert [line[:4] for line in lines] == [
+        ["flexor", "mcp", "8.00", "8.00"],
+        ["flexor", "pip", "6.00", "9.00"],
+    ]
     assert ["differs" in line for line in lines] == [False, True]
 
 
@@ -49,7 +54,7 @@ def test_a_vendors_table_with_units_in_its_header(run, model: Path, tmp_path: Pa
         (["--length-unit", "inch"], "--length-unit must be m, cm or mm, 'inch' came"),
     ],
 )
-def test_a_refusal_is_a_line(run, model: Path, tmp_path: Path, words: list[str], said: str) -> None:  # noqa: F811
+def test_a_refusal_is_a_line(run, model: Path, tmp_path: Path, words: list[str], said: str) -> None:
     ran = run("rig", "from-mjcf", model, "--out", tmp_path / "rig.toml", *words)
     assert ran.code == 2
     assert said in ran.err
@@ -57,7 +62,7 @@ def test_a_refusal_is_a_line(run, model: Path, tmp_path: Path, words: list[str],
     assert not (tmp_path / "rig.toml").exists()
 
 
-def test_the_model_is_never_overwritten(run, model: Path) -> None:  # noqa: F811
+def test_the_model_is_never_overwritten(run, model: Path) -> None:
     ran = run("rig", "from-mjcf", model, "--out", model)
     assert ran.code != 0
     assert model.read_text() == FINGER

@@ -46,7 +46,9 @@ def test_an_orca_hand_and_an_sdk_that_is_not_there(tmp_path: Path) -> None:
     assert isinstance(done.exception, RigError)
     assert out.read_text() == before
     assert isinstance(run("rig", "from-aero", str(tmp_path), "--out", str(out)).exception, RigError)
-    assert isinstance(run("rig", "from-orca", str(config), "--out", str(config)).exception, OutputError)
+    assert isinstance(
+        run("rig", "from-orca", str(config), "--out", str(config)).exception, OutputError
+    )
 
 
 @pytest.mark.slow
@@ -54,7 +56,9 @@ def test_a_routine_becomes_a_calibrated_rig_and_says_what_moved(tmp_path: Path) 
     known, hands = orca_like([3], ("index_mcp", "ring_abd"))
     rig = rig_of(known)
     ((_, log),) = calibrated(known, hands, rig)
-    table, hand, routine, out = (tmp_path / name for name in ("hand.csv", "hand.toml", "routine.csv", "out.toml"))
+    table, hand, routine, out = (
+        tmp_path / name for name in ("hand.csv", "hand.toml", "routine.csv", "out.toml")
+    )
     table.write_text(TABLE)
     write_log(log, rig, routine)
     assert run("rig", "from-table", str(table), "--out", str(hand)).exit_code == 0
@@ -63,10 +67,21 @@ def test_a_routine_becomes_a_calibrated_rig_and_says_what_moved(tmp_path: Path) 
     assert "index_mcp" in done.output
     assert "of play" in done.output
     found = load_rig(out)
-    assert out.read_text().startswith("# Fitted by `distal calibrate` to the power-on routine routine.csv")
+    assert out.read_text().startswith(
+        "# Fitted by `distal calibrate` to the power-on routine routine.csv"
+    )
     assert "# not in the table" in out.read_text()
     assert found.sensors_of("position")[0].bias.std < 0.1
-    again = run("calibrate", str(routine), "--rig", str(hand), "--out", str(tmp_path / "b.toml"), "--since", str(out))
+    again = run(
+        "calibrate",
+        str(routine),
+        "--rig",
+        str(hand),
+        "--out",
+        str(tmp_path / "b.toml"),
+        "--since",
+        str(out),
+    )
     assert "nothing moved clearly" in again.output
     still = run("calibrate", str(table), "--rig", str(hand), "--out", str(out))
     assert isinstance(still.exception, LogError)

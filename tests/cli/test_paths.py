@@ -1,7 +1,8 @@
-"""No output replaces an input or another output, and what cannot be written is said before the work begins.
+"""No output replaces an input or another output, and what cannot be written is said before the work
+begins.
 
-Each command is a row of `COMMANDS`: what it reads, the file that it writes, and its words. The tests go over all rows, all
-inputs of a row, and all ways in which two names can be one file.
+Each command is a row of `COMMANDS`: what it reads, the file that it writes, and its words. The
+tests go over all rows, all inputs of a row, and all ways in which two names can be one file.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ Words = Callable[[dict[str, str], str], list[str]]
 
 @dataclass(frozen=True)
 class Command:
-    """A command and one of its outputs: names of inputs, the file that is written, and the words for both.
+    """A command and one of its outputs: names of inputs, the file that is written, and the words
+    for both.
 
     A file in a folder is written as "folder/name", and the words get the folder.
     """
@@ -58,42 +60,108 @@ COMMANDS = {
     "estimate --out": Command(
         ("log", "rig", "truth"),
         "estimate.csv",
-        lambda i, out: ["estimate", i["log"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
+        lambda i, out: [
+            "estimate",
+            i["log"],
+            "--rig",
+            i["rig"],
+            "--truth",
+            i["truth"],
+            "--out",
+            out,
+        ],
     ),
     "estimate --plot": Command(
         ("log", "rig", "truth"),
         "picture.png",
-        lambda i, out: ["estimate", i["log"], "--rig", i["rig"], "--truth", i["truth"], "--plot", out],
+        lambda i, out: [
+            "estimate",
+            i["log"],
+            "--rig",
+            i["rig"],
+            "--truth",
+            i["truth"],
+            "--plot",
+            out,
+        ],
     ),
     "estimate LOGS --out": Command(
         ("log", "other", "rig", "truth"),
         "out/log.csv",
-        lambda i, out: ["estimate", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
+        lambda i, out: [
+            "estimate",
+            i["log"],
+            i["other"],
+            "--rig",
+            i["rig"],
+            "--truth",
+            i["truth"],
+            "--out",
+            out,
+        ],
     ),
     "view --out": Command(
         ("log", "rig", "truth"),
         "page.html",
-        lambda i, out: ["view", i["log"], "--rig", i["rig"], "--truth", i["truth"], "--no-open", "--out", out],
+        lambda i, out: [
+            "view",
+            i["log"],
+            "--rig",
+            i["rig"],
+            "--truth",
+            i["truth"],
+            "--no-open",
+            "--out",
+            out,
+        ],
     ),
-    "simulate --out": Command(("scenario", "rig"), "sim.csv", lambda i, out: ["simulate", i["scenario"], "--out", out]),
+    "simulate --out": Command(
+        ("scenario", "rig"), "sim.csv", lambda i, out: ["simulate", i["scenario"], "--out", out]
+    ),
     "simulate --runs": Command(
-        ("scenario", "rig"), "out/run_1.csv", lambda i, out: ["simulate", i["scenario"], "--runs", "2", "--out", out]
+        ("scenario", "rig"),
+        "out/run_1.csv",
+        lambda i, out: ["simulate", i["scenario"], "--runs", "2", "--out", out],
     ),
     "fit --out": Command(
         ("log", "other", "rig", "truth"),
         "fitted.toml",
-        lambda i, out: ["fit", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--out", out],
+        lambda i, out: [
+            "fit",
+            i["log"],
+            i["other"],
+            "--rig",
+            i["rig"],
+            "--truth",
+            i["truth"],
+            "--out",
+            out,
+        ],
     ),
     "fit --report": Command(
         ("log", "other", "rig", "truth"),
         "out/index.html",
-        lambda i, out: ["fit", i["log"], i["other"], "--rig", i["rig"], "--truth", i["truth"], "--report", out],
+        lambda i, out: [
+            "fit",
+            i["log"],
+            i["other"],
+            "--rig",
+            i["rig"],
+            "--truth",
+            i["truth"],
+            "--report",
+            out,
+        ],
     ),
     "stream --record": Command(
-        ("rig",), "run.mcap", lambda i, out: ["stream", "--rig", i["rig"], "--udp", "9", "--record", out]
+        ("rig",),
+        "run.mcap",
+        lambda i, out: ["stream", "--rig", i["rig"], "--udp", "9", "--record", out],
     ),
     "export-c --out": Command(
-        ("rig",), "out/README.md", lambda i, out: ["export-c", i["rig"], "--name", "joint", "--out", out]
+        ("rig",),
+        "out/README.md",
+        lambda i, out: ["export-c", i["rig"], "--name", "joint", "--out", out],
     ),
     "rig new": Command((), "new.toml", lambda i, out: ["rig", "new", out]),
     "reproduce --out": Command((), "out/index.html", lambda i, out: ["reproduce", "--out", out]),
@@ -107,7 +175,9 @@ class WorkBegan(Exception):
 
 @pytest.fixture(autouse=True)
 def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """Where work would begin, the test fails: `WorkBegan` is no error that the command line knows."""
+    """Where work would begin, the test fails: `WorkBegan` is no error that the command line
+    knows.
+    """
 
     def begin(*_: object, **__: object) -> None:
         raise WorkBegan
@@ -130,7 +200,13 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
 def inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Inputs of every kind in the working folder, name → path."""
     monkeypatch.chdir(tmp_path)
-    names = {"log": "log.csv", "other": "other.csv", "rig": "rig.toml", "truth": "truth.csv", "scenario": "do.toml"}
+    names = {
+        "log": "log.csv",
+        "other": "other.csv",
+        "rig": "rig.toml",
+        "truth": "truth.csv",
+        "scenario": "do.toml",
+    }
     texts = {"log": LOG, "other": LOG, "rig": RIG, "truth": TRUTH, "scenario": SCENARIO}
     made = {}
     for kind, name in names.items():
@@ -146,7 +222,9 @@ def state(folder: Path) -> dict[str, tuple[int, int, bytes | str]]:
     found: dict[str, tuple[int, int, bytes | str]] = {}
     for path in sorted(folder.rglob("*")):
         about = path.lstat()
-        held = os.readlink(path) if path.is_symlink() else path.read_bytes() if path.is_file() else b""
+        held = (
+            os.readlink(path) if path.is_symlink() else path.read_bytes() if path.is_file() else b""
+        )
         found[str(path)] = about.st_mode, about.st_ino, held
     return found
 
@@ -209,11 +287,22 @@ def input_is_a_link(given: dict[str, str], read: str, target: Path) -> str:
     return str(target)
 
 
-WAYS = (absolute, relative, dotted, by_a_linked_folder, symlink, link_to_a_link, hard_link, input_is_a_link)
+WAYS = (
+    absolute,
+    relative,
+    dotted,
+    by_a_linked_folder,
+    symlink,
+    link_to_a_link,
+    hard_link,
+    input_is_a_link,
+)
 
 
 def _ways() -> Iterator[object]:
-    """Return all pairs in all ways; a quarter of them is fast, with every pair in two ways, and every way often."""
+    """Return all pairs in all ways; a quarter of them is fast, with every pair in two ways, and
+    every way often.
+    """
     for i, (name, read) in enumerate(PAIRS):
         for j, way in enumerate(WAYS):
             marks = () if (i + j) % 4 == 0 else pytest.mark.slow
@@ -222,7 +311,7 @@ def _ways() -> Iterator[object]:
 
 @pytest.mark.parametrize(("name", "read", "way"), list(_ways()))
 def test_no_output_replaces_an_input(
-    run,  # noqa: F811
+    run,
     inputs: dict[str, str],
     tmp_path: Path,
     name: str,
@@ -242,12 +331,14 @@ def test_no_output_replaces_an_input(
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_other_names_are_taken_and_the_work_begins(
-    run,  # noqa: F811
+    run,
     inputs: dict[str, str],
     tmp_path: Path,
     name: str,
 ) -> None:
-    """The same commands with a free name go on to where the tests above must not come; nothing is made on the way."""
+    """The same commands with a free name go on to where the tests above must not come; nothing is
+    made on the way.
+    """
     command = COMMANDS[name]
     before = state(tmp_path)
     for target in (command.writes, f"./{command.writes}", str(tmp_path / command.writes)):
@@ -270,20 +361,44 @@ TWO = {
     "estimate --out --plot": Two(
         "one.csv",
         "two.png",
-        lambda i, at: ["estimate", i["log"], "--rig", i["rig"], "--out", f"{at}/one.csv", "--plot", f"{at}/two.png"],
+        lambda i, at: [
+            "estimate",
+            i["log"],
+            "--rig",
+            i["rig"],
+            "--out",
+            f"{at}/one.csv",
+            "--plot",
+            f"{at}/two.png",
+        ],
     ),
     "estimate LOGS": Two(
-        "log.csv", "other.csv", lambda i, at: ["estimate", i["log"], i["other"], "--rig", i["rig"], "--out", at]
+        "log.csv",
+        "other.csv",
+        lambda i, at: ["estimate", i["log"], i["other"], "--rig", i["rig"], "--out", at],
     ),
     "simulate --runs": Two(
-        "run_0.csv", "run_1.csv", lambda i, at: ["simulate", i["scenario"], "--runs", "2", "--out", at]
+        "run_0.csv",
+        "run_1.csv",
+        lambda i, at: ["simulate", i["scenario"], "--runs", "2", "--out", at],
     ),
     "fit --out --report": Two(
         "fitted.toml",
         "index.html",
-        lambda i, at: ["fit", i["log"], "--rig", i["rig"], "--out", f"{at}/fitted.toml", "--report", at],
+        lambda i, at: [
+            "fit",
+            i["log"],
+            "--rig",
+            i["rig"],
+            "--out",
+            f"{at}/fitted.toml",
+            "--report",
+            at,
+        ],
     ),
-    "export-c": Two("README.md", "joint.c", lambda i, at: ["export-c", i["rig"], "--name", "joint", "--out", at]),
+    "export-c": Two(
+        "README.md", "joint.c", lambda i, at: ["export-c", i["rig"], "--name", "joint", "--out", at]
+    ),
     "reproduce": Two("results.json", "index.html", lambda i, at: ["reproduce", "--out", at]),
 }
 
@@ -291,7 +406,7 @@ TWO = {
 @pytest.mark.parametrize("how", ["symlink", "dangling", "hard link"])
 @pytest.mark.parametrize("name", TWO)
 def test_no_two_outputs_are_one_file(
-    run,  # noqa: F811
+    run,
     inputs: dict[str, str],
     tmp_path: Path,
     name: str,
@@ -312,15 +427,24 @@ def test_no_two_outputs_are_one_file(
     assert state(tmp_path) == before
 
 
-def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: Path) -> None:
     log, rig = inputs["log"], ("--rig", inputs["rig"])
     twin = tmp_path / "log.parquet"
     twin.write_text(LOG)
     before = state(tmp_path)
     for words, said in (
-        (("estimate", log, *rig, "--out", "a.png", "--plot", "./a.png"), "asked for twice, by --out and --plot"),
-        (("fit", log, *rig, "--out", "a.toml", "--report", "a.toml"), "asked for twice, by --out and --report"),
-        (("fit", log, *rig, "--out", "a.toml", "--report", "a.toml/below"), "asked for twice, by --out and --report"),
+        (
+            ("estimate", log, *rig, "--out", "a.png", "--plot", "./a.png"),
+            "asked for twice, by --out and --plot",
+        ),
+        (
+            ("fit", log, *rig, "--out", "a.toml", "--report", "a.toml"),
+            "asked for twice, by --out and --report",
+        ),
+        (
+            ("fit", log, *rig, "--out", "a.toml", "--report", "a.toml/below"),
+            "asked for twice, by --out and --report",
+        ),
         (("estimate", log, twin, *rig, "--out", "out"), "another log has the name 'log'"),
         (("estimate", log, *rig, "--out", f"{log}/estimate.csv"), "which is a file"),
         (("fit", log, *rig, "--report", f"{log}/report"), "is a file; give the name of a folder"),
@@ -331,7 +455,7 @@ def test_options_that_ask_for_one_place(run, inputs: dict[str, str], tmp_path: P
 
 
 def test_where_case_does_not_matter_names_are_compared_so(
-    run,  # noqa: F811
+    run,
     inputs: dict[str, str],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -346,7 +470,7 @@ def test_where_case_does_not_matter_names_are_compared_so(
     refused(run(*words), "is asked for twice")
 
 
-def test_a_shipped_file_is_an_input_too(run, inputs: dict[str, str]) -> None:  # noqa: F811
+def test_a_shipped_file_is_an_input_too(run, inputs: dict[str, str]) -> None:
     rig = Path(str(resources.files("distal.rig") / "library" / "paper-2008-printed.toml"))
     scenario = Path(str(resources.files("distal.simulation") / "library" / "series-2.toml"))
     before = rig.read_bytes(), scenario.read_bytes()
@@ -356,7 +480,7 @@ def test_a_shipped_file_is_an_input_too(run, inputs: dict[str, str]) -> None:  #
     assert (rig.read_bytes(), scenario.read_bytes()) == before
 
 
-def test_the_files_of_a_bag_are_inputs(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+def test_the_files_of_a_bag_are_inputs(run, inputs: dict[str, str], tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     bag.mkdir()
     for name in ("metadata.yaml", "bag_0.db3"):
@@ -370,11 +494,20 @@ def test_the_files_of_a_bag_are_inputs(run, inputs: dict[str, str], tmp_path: Pa
             run("estimate", log, "--rig", inputs["rig"], "--out", bag / "estimate.csv")
 
 
-def test_a_column_is_no_input(run, inputs: dict[str, str]) -> None:  # noqa: F811
+def test_a_column_is_no_input(run, inputs: dict[str, str]) -> None:
     with pytest.raises(WorkBegan):
         run("estimate", inputs["log"], "--rig", inputs["rig"], "--truth", "theta", "--out", "theta")
     refused(
-        run("estimate", inputs["log"], "--rig", inputs["rig"], "--truth", "none.csv", "--out", "none.csv"),
+        run(
+            "estimate",
+            inputs["log"],
+            "--rig",
+            inputs["rig"],
+            "--truth",
+            "none.csv",
+            "--out",
+            "none.csv",
+        ),
         "is an input",
     )
 
@@ -393,12 +526,14 @@ def _names() -> Iterator[object]:
     """Return all commands with all odd names; half of them is fast."""
     for i, name in enumerate(COMMANDS):
         for j, odd in enumerate(NAMES):
-            yield pytest.param(name, odd, marks=() if (i + j) % 2 == 0 else pytest.mark.slow, id=f"{name}-{odd}")
+            yield pytest.param(
+                name, odd, marks=() if (i + j) % 2 == 0 else pytest.mark.slow, id=f"{name}-{odd}"
+            )
 
 
 @pytest.mark.parametrize(("name", "odd"), list(_names()))
 def test_names_that_cannot_be_written(
-    run,  # noqa: F811
+    run,
     inputs: dict[str, str],
     tmp_path: Path,
     name: str,
@@ -430,7 +565,7 @@ def places(tmp_path: Path) -> Iterator[tuple[str, str]]:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_places_that_cannot_be_written(
-    run,  # noqa: F811
+    run,
     inputs: dict[str, str],
     tmp_path: Path,
     name: str,
@@ -452,7 +587,10 @@ def test_places_that_cannot_be_written(
     if command.folder:
         refused(run(*words_of(command, inputs, str(tmp_path / "a file" / "name"))), "is a file")
     else:
-        refused(run(*words_of(command, inputs, str(tmp_path / "none" / f"new{suffix}"))), "does not exist")
+        refused(
+            run(*words_of(command, inputs, str(tmp_path / "none" / f"new{suffix}"))),
+            "does not exist",
+        )
         dangling = tmp_path / f"dangling{suffix}"
         dangling.symlink_to(tmp_path / "none" / "new")
         refused(run(*words_of(command, inputs, str(dangling))), "does not exist")
@@ -461,14 +599,16 @@ def test_places_that_cannot_be_written(
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write what is read-only")
-def test_a_read_only_file(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+def test_a_read_only_file(run, inputs: dict[str, str], tmp_path: Path) -> None:
     kept = tmp_path / "kept.csv"
     kept.write_text("kept")
     kept.chmod(0o400)
     refused(run("estimate", inputs["log"], "--rig", inputs["rig"], "--out", kept), "read-only")
 
 
-def test_an_exports_files_are_checked_one_by_one(run, inputs: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+def test_an_exports_files_are_checked_one_by_one(
+    run, inputs: dict[str, str], tmp_path: Path
+) -> None:
     for name in export_files("joint"):
         out = tmp_path / f"out {name}"
         out.mkdir()
@@ -476,13 +616,18 @@ def test_an_exports_files_are_checked_one_by_one(run, inputs: dict[str, str], tm
         refused(run("export-c", inputs["rig"], "--name", "joint", "--out", out), "is an input")
         (out / name).unlink()
         (out / name).write_text("mine")
-        refused(run("export-c", inputs["rig"], "--name", "joint", "--out", out), "was not written by export-c")
+        refused(
+            run("export-c", inputs["rig"], "--name", "joint", "--out", out),
+            "was not written by export-c",
+        )
         assert (out / name).read_text() == "mine"
 
 
 @pytest.mark.slow
 def test_streams_that_the_shell_opened(inputs: dict[str, str], tmp_path: Path) -> None:
-    """Standard input is an input; where standard output goes, no other output goes, and no input stands."""
+    """Standard input is an input; where standard output goes, no other output goes, and no input
+    stands.
+    """
     log = tmp_path / "in" / "log.csv"
     command = f"'{sys.executable}' -m distal"
     for words in (
@@ -492,7 +637,9 @@ def test_streams_that_the_shell_opened(inputs: dict[str, str], tmp_path: Path) -
         "simulate series-2 --out new.csv > new.csv",
         "simulate series-2 --out /dev/stdout > new.csv",
     ):
-        ran = subprocess.run(["bash", "-c", f"{command} {words}"], capture_output=True, text=True, check=False)
+        ran = subprocess.run(
+            ["bash", "-c", f"{command} {words}"], capture_output=True, text=True, check=False
+        )
         assert ran.returncode == 2, words
         assert ran.stderr.startswith("error: ")
         assert len(ran.stderr.splitlines()) == 1

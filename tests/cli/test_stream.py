@@ -1,4 +1,6 @@
-"""`distal stream`: lines in, lines out at once, UDP, recordings; as a process where that matters."""
+"""`distal stream`: lines in, lines out at once, UDP, recordings; as a process where that
+matters.
+"""
 
 from __future__ import annotations
 
@@ -45,19 +47,27 @@ def csv(rig: Rig, log: Log, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def as_json(csv: str) -> list[str]:
-    return [json.dumps(row) for row in pl.read_csv(csv.encode()).select("t", "x1", "u1", "x2", "u2").to_dicts()]
+    return [
+        json.dumps(row)
+        for row in pl.read_csv(csv.encode()).select("t", "x1", "u1", "x2", "u2").to_dicts()
+    ]
 
 
 def own_process(text: str, *options: str) -> tuple[str, str, int]:
     """Return what a process of its own says and writes to stderr, and its code."""
-    done = subprocess.run([*COMMAND, *options], input=text, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [*COMMAND, *options], input=text, capture_output=True, text=True, timeout=60, check=False
+    )
     return done.stdout, done.stderr, done.returncode
 
 
 @pytest.fixture
 def run(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
     """The same within this process, which saves the second that a process takes to begin."""
-    signals = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    signals = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
 
     def call(text: str, *options: str) -> tuple[str, str, int]:
         monkeypatch.setattr(sys, "argv", ["distal", *COMMAND[3:], *options])
@@ -83,7 +93,9 @@ def test_csv_in_csv_out(run: Run, rig: Rig, log: Log, csv: str) -> None:
 
 
 def test_angles_in_degrees(run: Run, csv: str, tmp_path: Path) -> None:
-    """As `distal estimate --unit deg`, in CSV and JSON; a recording stays in the units of its schema."""
+    """As `distal estimate --unit deg`, in CSV and JSON; a recording stays in the units of its
+    schema.
+    """
     mcap_reader = pytest.importorskip("mcap.reader")
     radians = pl.read_csv(run(csv)[0].encode())
     record = tmp_path / "run.mcap"
@@ -91,24 +103,42 @@ def test_angles_in_degrees(run: Run, csv: str, tmp_path: Path) -> None:
     assert code == 0, err
     rows = pl.read_csv(out.encode())
     for name in ("theta", "theta_std"):
-        np.testing.assert_allclose(rows[f"{name} [deg]"], np.rad2deg(radians[f"{name} [rad]"]), rtol=1e-12)
+        np.testing.assert_allclose(
+            rows[f"{name} [deg]"], np.rad2deg(radians[f"{name} [rad]"]), rtol=1e-12
+        )
     first = json.loads(run(csv, "--unit", "deg", "--json")[0].splitlines()[0])
     assert first["theta"] == rows["theta [deg]"][0]
     with record.open("rb") as file:
         (_, _, first), *_ = mcap_reader.make_reader(file).iter_messages("distal/estimate")
     assert json.loads(first.data)["theta"] == pytest.approx(radians["theta [rad]"][0], rel=1e-12)
-    assert run(csv, "--unit", "grad")[1:] == ("error: --unit grad: angles are written in rad or deg\n", 2)
+    assert run(csv, "--unit", "grad")[1:] == (
+        "error: --unit grad: angles are written in rad or deg\n",
+        2,
+    )
 
 
 def test_all_joints_of_a_chain_in_degrees() -> None:
-    command = [sys.executable, "-m", "distal", "stream", "--rig", "finger-underactuated", "--unit", "deg"]
+    command = [
+        sys.executable,
+        "-m",
+        "distal",
+        "stream",
+        "--rig",
+        "finger-underactuated",
+        "--unit",
+        "deg",
+    ]
     text = "time,phi_flexor,tau_flexor\n0,0.1,0.01\n"
-    head, row = subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout.splitlines()
+    head, row = subprocess.run(
+        command, input=text, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
     units = dict(zip(head.split(","), row.split(",")))
     angles = [name for name in units if name.startswith("theta_")]
     assert len(angles) == 6
     assert all(name.endswith(" [deg]") for name in angles)
-    assert float(units["theta_mcp_std [deg]"]) == pytest.approx(3.0, rel=0.5)  # the rig file's 3° at first
+    assert float(units["theta_mcp_std [deg]"]) == pytest.approx(
+        3.0, rel=0.5
+    )  # the rig file's 3° at first
 
 
 @pytest.mark.slow
@@ -118,7 +148,9 @@ def test_a_process_of_its_own_says_the_same(run: Run, csv: str) -> None:
     assert "300 samples in" in err
 
 
-def test_json_in_json_out_and_a_recording(run: Run, rig: Rig, log: Log, csv: str, tmp_path: Path) -> None:
+def test_json_in_json_out_and_a_recording(
+    run: Run, rig: Rig, log: Log, csv: str, tmp_path: Path
+) -> None:
     path = tmp_path / "out.mcap"
     out, err, code = run("\n".join(as_json(csv)), "--record", str(path))
     assert code == 0, err
@@ -140,7 +172,10 @@ def test_other_ways_to_write_csv(run: Run, csv: str) -> None:
         "# a comment\n" + "\n".join(";".join(row) for row in rows),
         "\n".join("\t".join(row) for row in rows),
         "\n".join(",".join(f'"{cell}"' for cell in row) for row in rows),
-        "\n".join(", ".join(["note", *row]) if i == 0 else ", ".join(['"a, b"', *row]) for i, row in enumerate(rows)),
+        "\n".join(
+            ", ".join(["note", *row]) if i == 0 else ", ".join(['"a, b"', *row])
+            for i, row in enumerate(rows)
+        ),
     ):
         out, err, code = run(text)
         assert code == 0, err
@@ -158,7 +193,9 @@ def test_a_stream_that_begins_midway(run: Run, csv: str) -> None:
     assert words == ["bad"] + ["ok"] * 39
 
 
-def test_recordings_keep_to_the_rules_of_files(run: Run, csv: str, tmp_path: Path, rig: Rig) -> None:
+def test_recordings_keep_to_the_rules_of_files(
+    run: Run, csv: str, tmp_path: Path, rig: Rig
+) -> None:
     """A link is followed, and a run without samples leaves what stood there."""
     real, link = tmp_path / "real.mcap", tmp_path / "link.mcap"
     real.write_bytes(b"old")
@@ -177,13 +214,23 @@ def test_recordings_keep_to_the_rules_of_files(run: Run, csv: str, tmp_path: Pat
 
 @pytest.mark.slow
 def test_a_full_disk_ends_the_recording_only(csv: str, tmp_path: Path) -> None:
-    limited = ["bash", "-c", 'ulimit -f 4; exec "$@"', "-", *COMMAND, "--record", str(tmp_path / "full.mcap")]
+    limited = [
+        "bash",
+        "-c",
+        'ulimit -f 4; exec "$@"',
+        "-",
+        *COMMAND,
+        "--record",
+        str(tmp_path / "full.mcap"),
+    ]
     long = csv + "".join(
         line.replace(line.split(",")[0], f"{float(line.split(',')[0]) + 3.0 * k:.2f}", 1) + "\n"
         for k in range(1, 9)
         for line in csv.splitlines()[1:]
     )
-    done = subprocess.run(limited, input=long, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        limited, input=long, capture_output=True, text=True, timeout=60, check=False
+    )
     if "recording ends here" in done.stderr:  # the writer gathers a megabyte before it writes
         assert done.returncode == 2
     assert len(done.stdout.splitlines()) == 2701
@@ -191,7 +238,15 @@ def test_a_full_disk_ends_the_recording_only(csv: str, tmp_path: Path) -> None:
 
 def test_bad_lines_are_answered_and_nothing_ends(run: Run, csv: str) -> None:
     lines = csv.splitlines()
-    odd = ["", "nonsense", "1,2,3", lines[40].replace("0.3", "x", 1), "\x00\xff", '{"t": 1}', "9" * 5000]
+    odd = [
+        "",
+        "nonsense",
+        "1,2,3",
+        lines[40].replace("0.3", "x", 1),
+        "\x00\xff",
+        '{"t": 1}',
+        "9" * 5000,
+    ]
     text = "\n".join([*lines[:41], *odd, *lines[41:]]) + "\n"
     out, err, code = run(text)
     assert code == 0, err
@@ -243,8 +298,12 @@ def test_each_line_is_answered_at_once(csv: str) -> None:
     process.stderr.close()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_stopped_it_closes_its_recording(csv: str, rig: Rig, tmp_path: Path, how: signal.Signals) -> None:
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
+def test_stopped_it_closes_its_recording(
+    csv: str, rig: Rig, tmp_path: Path, how: signal.Signals
+) -> None:
     path = tmp_path / "out.mcap"
     command = [*COMMAND, "--record", str(path)]
     process = subprocess.Popen(
@@ -281,9 +340,16 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
         listener.settimeout(20)
         command = [*COMMAND, "--udp", str(to), "--to-udp", str(back), "--idle", "2"]
         process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
-        answers, first = [], json.dumps({"timestamp": -1.0, "x1": 0.0, "x2": 0.0, "u1": 2.0, "u2": 2.0})
+        answers, first = (
+            [],
+            json.dumps({"timestamp": -1.0, "x1": 0.0, "x2": 0.0, "u1": 2.0, "u2": 2.0}),
+        )
         deadline = time.monotonic() + 20
         listener.settimeout(0.1)
         while time.monotonic() < deadline:  # until it listens
@@ -306,7 +372,10 @@ def test_udp_as_plotjuggler_sends_and_reads_it(log: Log, rig: Rig, csv: str) -> 
         out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
     assert [answer["timestamp"] for answer in answers] == pytest.approx(log.time[:60])
-    assert all(set(answer) == {"timestamp", "t", "theta", "theta_std", "health", "detail"} for answer in answers)
+    assert all(
+        set(answer) == {"timestamp", "t", "theta", "theta_std", "health", "detail"}
+        for answer in answers
+    )
     assert json.loads(out.splitlines()[-1])["health"] == "ok"
     assert answers[-1]["theta"] == pytest.approx(estimate(log, rig).theta[59], abs=0.1)
 
@@ -315,7 +384,10 @@ def test_a_stream_without_its_header_says_what_the_first_line_lacks(run: Run) ->
     """Not what the last row of numbers lacks as a header."""
     out, err, code = run("ms,x_1\n0,1.5\n10,2.5\n")
     assert (out, code) == ("", 2)
-    assert err.splitlines()[-1] == "error: the stream's header lacks the time column 't' (it has ms, x_1)"
+    assert (
+        err.splitlines()[-1]
+        == "error: the stream's header lacks the time column 't' (it has ms, x_1)"
+    )
 
 
 @pytest.mark.slow
@@ -343,7 +415,14 @@ def test_what_cannot_begin_is_one_line(run: Run, csv: str, tmp_path: Path) -> No
 def test_an_empty_last_cell_of_a_line_with_tabs(tmp_path: Path) -> None:
     """It is a cell: the sensor is missing in that sample, and the sample is not lost."""
     rows = ["t\tx1\tx2\tu1\tu2", "0\t0\t0\t2\t2", "0.01\t0\t0\t2\t", "0.02\t0\t0\t2\t2"]
-    words = [sys.executable, "-c", "from distal_command import main; main()", "stream", "--rig", "template"]
+    words = [
+        sys.executable,
+        "-c",
+        "from distal_command import main; main()",
+        "stream",
+        "--rig",
+        "template",
+    ]
     done = subprocess.run(words, input="\n".join(rows), capture_output=True, text=True, check=True)
     health = [line.split(",")[-2] for line in done.stdout.splitlines()[1:]]
     assert len(health) == 3

@@ -19,7 +19,9 @@ def test_a_study_becomes_a_page(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(tomlkit.dumps({**RAW, "designs": 3, "name": "Mine"}))
     out = tmp_path / "out"
     for _ in range(2):  # the second time nothing is left to run
-        done = CliRunner().invoke(app, ["study", str(tmp_path / "mine.toml"), "--out", str(out), "--workers", "1"])
+        done = CliRunner().invoke(
+            app, ["study", str(tmp_path / "mine.toml"), "--out", str(out), "--workers", "1"]
+        )
         assert done.exit_code == 0, done.output
     assert done.output.startswith("Without an encoder: ")
     assert json.loads((out / "answer.json").read_text(encoding="utf-8"))["overall"]["rigs"] == 6
@@ -37,7 +39,8 @@ def test_a_study_becomes_a_page(tmp_path: Path) -> None:
     [
         (
             ["papr", "--out", "{}"],
-            "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, paper-positioned, wrist)",
+            "unknown study 'papr'; did you mean 'paper'? (known: finger, lab-bench, paper, "
+            "paper-positioned, wrist)",
         ),
         (["paper"], "--out is missing: give the folder for rows and answer"),
         (["paper", "--out", "{}/file"], "cannot be made"),

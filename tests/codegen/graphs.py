@@ -1,10 +1,13 @@
-"""Random functions of scalars and of matrices, of all operations that the emitter knows, made so that tests can be strict.
+"""Random functions of scalars and of matrices, of all operations that the emitter knows, made so
+that tests can be strict.
 
-Half of them are *whole*: inputs and constants are small whole numbers, operations keep them whole, and no number grows
-above 2⁵⁰. Sums and products are then exact in any order, so results must be equal. These have the operations that jump.
+Half of them are *whole*: inputs and constants are small whole numbers, operations keep them whole,
+and no number grows above 2⁵⁰. Sums and products are then exact in any order, so results must be
+equal. These have the operations that jump.
 
-The others are *smooth*: each term carries a bound of its numbers and a bound of their rounding errors (running error
-analysis, Higham 2002, §3.3), and a term whose error could exceed `ALLOWED` is thrown away.
+The others are *smooth*: each term carries a bound of its numbers and a bound of their rounding
+errors (running error analysis, Higham 2002, §3.3), and a term whose error could exceed `ALLOWED` is
+thrown away.
 """
 
 from __future__ import annotations
@@ -21,7 +24,9 @@ import numpy as np
 LARGEST = {True: 2.0**50, False: 50.0}
 """Bound of whole and of smooth numbers."""
 ALLOWED = 4e-13
-"""Bound of a smooth term's rounding errors; two results, each with its own order of sums, differ by twice that at most."""
+"""Bound of a smooth term's rounding errors; two results, each with its own order of sums, differ by
+twice that at most.
+"""
 UNIT = 2.0**-52
 N = 4
 
@@ -49,7 +54,9 @@ class Term:
 
 @dataclass(frozen=True)
 class Rule:
-    """A function of one number: up to which bound of its argument it may be used, its own bound, its largest slope."""
+    """A function of one number: up to which bound of its argument it may be used, its own bound,
+    its largest slope.
+    """
 
     function: Callable[[Any], Any]
     bound: Grow
@@ -96,7 +103,11 @@ COMPARED = [
     ca.logic_and,
     ca.logic_or,
 ]
-CHOSEN = [lambda u, v: ca.if_else(u > 0, v, u), lambda u, v: ca.copysign(u, v + 0.5), lambda u, v: ca.if_else(v, u, 0)]
+CHOSEN = [
+    lambda u, v: ca.if_else(u > 0, v, u),
+    lambda u, v: ca.copysign(u, v + 0.5),
+    lambda u, v: ca.if_else(v, u, 0),
+]
 
 
 class Terms:
@@ -146,7 +157,11 @@ class Terms:
             return False
         bound = float(rule.bound(a.bound))
         return self.add(
-            Term(rule.function(a.value), bound, rule.slope(a.bound) * a.error + 8 * UNIT * (bound + a.bound))
+            Term(
+                rule.function(a.value),
+                bound,
+                rule.slope(a.bound) * a.error + 8 * UNIT * (bound + a.bound),
+            )
         )
 
     def binary(self) -> bool:
@@ -168,11 +183,23 @@ class Terms:
             options += [(lambda f=f: f(u, v), added, 0.0) for f in CHOSEN]
         else:
             options += [
-                (lambda: u / (v * v + 1), a.bound, a.error + a.bound * (2 * b.bound + 1) * (b.error + 4 * UNIT)),
-                (lambda: ca.hypot(u, v + 2 * b.bound + 1), 2 * added + 2, 2 * error + 8 * UNIT * (added + 1)),
+                (
+                    lambda: u / (v * v + 1),
+                    a.bound,
+                    a.error + a.bound * (2 * b.bound + 1) * (b.error + 4 * UNIT),
+                ),
+                (
+                    lambda: ca.hypot(u, v + 2 * b.bound + 1),
+                    2 * added + 2,
+                    2 * error + 8 * UNIT * (added + 1),
+                ),
                 (lambda: ca.atan2(u, v * v + 1), 2.0, error * (2 * b.bound + 1) + 8 * UNIT),
                 (lambda: ca.copysign(u, v + b.bound + 1), a.bound, error),
-                (lambda: (u * u + 1) ** ca.tanh(v), a.bound**2 + 1, 8 * (a.bound + 1) ** 3 * (error + 4 * UNIT)),
+                (
+                    lambda: (u * u + 1) ** ca.tanh(v),
+                    a.bound**2 + 1,
+                    8 * (a.bound + 1) ** 3 * (error + 4 * UNIT),
+                ),
             ]
         value, bound, error = self.some(options)
         return self.add(Term(value(), float(bound), float(error)))
@@ -187,7 +214,8 @@ def scalar_graph(seed: int) -> ca.Function:
     graph = Terms(seed, ca.SX)
     carry, x = ca.SX.sym("carry", 5), ca.SX.sym("x", 4)
     graph.terms = [
-        Term(v, graph.size) for v in (*ca.vertsplit(carry), *ca.vertsplit(x), ca.SX(float(graph.numbers(1)[0])))
+        Term(v, graph.size)
+        for v in (*ca.vertsplit(carry), *ca.vertsplit(x), ca.SX(float(graph.numbers(1)[0])))
     ]
     for _ in range(graph.rng.integers(8, 40)):
         graph.some([graph.unary, graph.binary])()
@@ -227,19 +255,29 @@ class Matrices(Terms):
         return self.add(Term(value, a.bound, a.error))
 
     def change(self) -> bool:
-        """Add a term with a slice that is set: to another's numbers, to its own ones, to one number, or added to."""
+        """Add a term with a slice that is set: to another's numbers, to its own ones, to one
+        number, or added to.
+        """
         a = self.drawn(lambda v: v.numel > 3)
         value, size = ca.MX(a.value), a.numel
         at = self.rng.permutation(size)[: int(self.rng.integers(1, size + 1))].tolist()
         way = self.rng.integers(4)
         if way == 0:  # its own numbers, in another order
-            value[at] = ca.reshape(ca.vec(a.value)[self.rng.permutation(size)[: len(at)].tolist()], *value[at].shape)
+            value[at] = ca.reshape(
+                ca.vec(a.value)[self.rng.permutation(size)[: len(at)].tolist()], *value[at].shape
+            )
             return self.add(Term(value, a.bound, a.error))
-        b = self.drawn(lambda v: v.numel >= len(at)) if way < 3 else self.drawn(lambda v: v.numel == 1)
+        b = (
+            self.drawn(lambda v: v.numel >= len(at))
+            if way < 3
+            else self.drawn(lambda v: v.numel == 1)
+        )
         new = ca.reshape(ca.vec(b.value)[: len(at)], *value[at].shape) if way < 3 else b.value
         if way == 1:
             value[at] += new
-            return self.add(Term(value, a.bound + b.bound, a.error + b.error + UNIT * (a.bound + b.bound)))
+            return self.add(
+                Term(value, a.bound + b.bound, a.error + b.error + UNIT * (a.bound + b.bound))
+            )
         value[at] = new
         return self.add(Term(value, max(a.bound, b.bound), a.error + b.error))
 
@@ -257,7 +295,9 @@ class Matrices(Terms):
         """Add a transpose, another shape, or a column."""
         a = self.drawn(lambda v: v.numel > 1)
         n, m = a.shape
-        value = self.some([a.value.T, ca.reshape(a.value, m, n), ca.vec(a.value), ca.reshape(a.value, 1, n * m)])
+        value = self.some(
+            [a.value.T, ca.reshape(a.value, m, n), ca.vec(a.value), ca.reshape(a.value, 1, n * m)]
+        )
         return self.add(Term(value, a.bound, a.error))
 
     def pieces(self) -> bool:
@@ -273,16 +313,24 @@ class Matrices(Terms):
             (ca.vertcat(ca.vec(b.value), ca.vec(a.value)), a, b),
             (ca.horzcat(a.value, c.value), a, c),
             (self.some(ca.vertsplit(a.value, [0, middle, n])), a, a),
-            (self.some([v for v in ca.horzsplit(a.value, sorted({0, right, m})) if v.numel()]), a, a),
+            (
+                self.some([v for v in ca.horzsplit(a.value, sorted({0, right, m})) if v.numel()]),
+                a,
+                a,
+            ),
             (self.some(ca.vertsplit(constant.value, [0, middle, n])), constant, constant),
         ]
         value, one, other = self.some(options)
-        return value.numel() <= 40 and self.add(Term(value, max(one.bound, other.bound), max(one.error, other.error)))
+        return value.numel() <= 40 and self.add(
+            Term(value, max(one.bound, other.bound), max(one.error, other.error))
+        )
 
     def _product(self, value: Any, z: Term, x: Term, y: Term, inner: int) -> bool:
         """Add z + x y with `inner` products in each sum."""
         bound = z.bound + inner * x.bound * y.bound
-        error = z.error + inner * (x.bound * y.error + y.bound * x.error) + (inner + 2) * UNIT * bound
+        error = (
+            z.error + inner * (x.bound * y.error + y.bound * x.error) + (inner + 2) * UNIT * bound
+        )
         return self.add(Term(value, bound, error))
 
     def product(self) -> bool:
@@ -300,11 +348,15 @@ class Matrices(Terms):
         return self._product(ca.mac(x.value, y.value, z.value), z, x, y, inner)
 
     def sparse_product(self) -> bool:
-        """Add a product with one sparse factor, of few or of many numbers, constant or from a call."""
+        """Add a product with one sparse factor, of few or of many numbers, constant or from a
+        call.
+        """
         a = self.matrix()
         n, m = a.shape
         left = self.rng.uniform() < 0.5
-        rows, columns = (int(self.rng.integers(1, 5)), n) if left else (m, int(self.rng.integers(1, 5)))
+        rows, columns = (
+            (int(self.rng.integers(1, 5)), n) if left else (m, int(self.rng.integers(1, 5)))
+        )
         there = self.rng.uniform(size=(rows, columns)) < self.rng.uniform(0.2, 0.8)
         if not there.any() or there.all():
             return False
@@ -316,7 +368,11 @@ class Matrices(Terms):
             scale = self.drawn(lambda v: v.numel == 1)
             one = ca.SX.sym("one")
             made = ca.Function(f"sparse{len(self.terms)}", [one], [ca.SX(factor) * one])
-            b = Term(made(scale.value), b.bound * scale.bound, b.bound * (scale.error + UNIT * scale.bound))
+            b = Term(
+                made(scale.value),
+                b.bound * scale.bound,
+                b.bound * (scale.error + UNIT * scale.bound),
+            )
         shape = (rows, m) if left else (n, columns)
         same = [term for term in self.terms if term.shape == shape]
         z = self.some([*same, Term(ca.MX.zeros(*shape), 0.0)])
@@ -330,7 +386,11 @@ class Matrices(Terms):
         x, y = (self.drawn(lambda v, k=k: v.numel >= k) for k in (n, m))
         alpha = self.some([Term(ca.MX(-1), 1.0), Term(ca.MX(2), 2.0), scale])
         value = ca.rank1(a.value, alpha.value, ca.vec(x.value)[:n], ca.vec(y.value)[-m:])
-        scaled = Term(None, alpha.bound * x.bound, alpha.bound * x.error + x.bound * (alpha.error + alpha.bound * UNIT))
+        scaled = Term(
+            None,
+            alpha.bound * x.bound,
+            alpha.bound * x.error + x.bound * (alpha.error + alpha.bound * UNIT),
+        )
         return self._product(value, a, scaled, y, 1)
 
     def dot(self) -> bool:
@@ -341,7 +401,9 @@ class Matrices(Terms):
         return self._product(ca.dot(ca.vec(x.value), ca.vec(y.value)), nothing, x, y, x.numel)
 
     def call(self) -> bool:
-        """Add what a function of scalars, or of matrices, makes of two terms; one of its results may be unused."""
+        """Add what a function of scalars, or of matrices, makes of two terms; one of its results
+        may be unused.
+        """
         a, b = self.drawn(), self.drawn()
         kind = self.some([ca.SX, ca.MX])
         u, v = kind.sym("u", *a.shape), kind.sym("v", *b.shape)
@@ -350,7 +412,11 @@ class Matrices(Terms):
         called = ca.Function(f"called{len(self.terms)}", [u, v], outputs)
         made = called(a.value, b.value)
         both, error = a.bound + b.bound, a.error + b.error
-        product = Term(made[2], a.bound * b.bound, a.bound * b.error + b.bound * a.error + UNIT * a.bound * b.bound)
+        product = Term(
+            made[2],
+            a.bound * b.bound,
+            a.bound * b.error + b.bound * a.error + UNIT * a.bound * b.bound,
+        )
         terms = [Term(made[0], both, error + 2 * UNIT * both), Term(made[1], both, error), product]
         for i in self.rng.permutation(3)[: int(self.rng.integers(1, 4))]:
             self.add(terms[i])
@@ -358,11 +424,14 @@ class Matrices(Terms):
 
     def constant(self) -> bool:
         """Add a constant matrix."""
-        return self.add(Term(ca.MX(ca.DM(self.numbers(N, int(self.rng.integers(1, N + 1))))), self.size))
+        return self.add(
+            Term(ca.MX(ca.DM(self.numbers(N, int(self.rng.integers(1, N + 1))))), self.size)
+        )
 
 
 def matrix_graph(seed: int) -> ca.Function:
-    """Return a function (carry, x) → (carry, y, z) of matrices; the new carry is made of terms and of its own pieces.
+    """Return a function (carry, x) → (carry, y, z) of matrices; the new carry is made of terms and
+    of its own pieces.
 
     Args:
         seed: of what is drawn; odd ones are whole.
@@ -371,15 +440,32 @@ def matrix_graph(seed: int) -> ca.Function:
     carry, x = ca.MX.sym("carry", N + N * N + 2), ca.MX.sym("x", 6)
     parts = [carry[:N], ca.reshape(carry[N : N + N * N], N, N), carry[N + N * N :]]
     graph.terms = [Term(value, graph.size) for value in (*parts, x, x[:N], x[-1])]
-    ways = [graph.slice, graph.change, graph.gradient, graph.shape, graph.pieces, graph.product, graph.sparse_product]
-    ways += [graph.rank_one, graph.dot, graph.call, graph.constant, *2 * [graph.unary], *4 * [graph.binary]]
+    ways = [
+        graph.slice,
+        graph.change,
+        graph.gradient,
+        graph.shape,
+        graph.pieces,
+        graph.product,
+        graph.sparse_product,
+    ]
+    ways += [
+        graph.rank_one,
+        graph.dot,
+        graph.call,
+        graph.constant,
+        *2 * [graph.unary],
+        *4 * [graph.binary],
+    ]
     for _ in range(graph.rng.integers(8, 30)):
         graph.some(ways)()
     following = []
     for size in (N, N * N, 2):
         known = [term for term in graph.terms if term.numel == size]
         following.append(ca.vec(known[int(len(known) * sqrt(graph.rng.uniform()))].value))
-    shuffled = [following[i] for i in graph.rng.permutation(3)] if graph.rng.uniform() < 0.3 else following
+    shuffled = (
+        [following[i] for i in graph.rng.permutation(3)] if graph.rng.uniform() < 0.3 else following
+    )
     outputs = [
         ca.vertcat(*shuffled),
         ca.vertcat(*(ca.vec(graph.drawn().value) for _ in range(3))),

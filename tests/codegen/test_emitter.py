@@ -1,4 +1,6 @@
-"""C from CasADi's functions: the numbers of CasADi's own evaluation, in each dialect, in place or not."""
+"""C from CasADi's functions: the numbers of CasADi's own evaluation, in each dialect, in place or
+not.
+"""
 
 from __future__ import annotations
 
@@ -14,17 +16,55 @@ from distal.kernels import Feed, LaneKernel, find_compiler
 from distal.kernels.compiler import compiled_source
 from distal.model import soft_moments
 
-pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")]
+pytestmark = [
+    pytest.mark.compiled,
+    pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler"),
+]
 
 
 def scalars() -> ca.Function:
-    """Return a function of every operation that models use, with corners: zeros, equal numbers, both signs."""
+    """Return a function of every operation that models use, with corners: zeros, equal numbers,
+    both signs.
+    """
     a, b, c = ca.SX.sym("a", 4), ca.SX.sym("b", 4), ca.SX.sym("c")
-    unary = [ca.exp, ca.sin, ca.cos, ca.tan, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.fabs, ca.sign, ca.floor, ca.ceil]
-    unary += [ca.expm1, ca.erf, lambda v: ca.sqrt(ca.fabs(v)), lambda v: ca.log(1 + v * v), lambda v: ca.log1p(v * v)]
-    unary += [lambda v: ca.asin(v / 9), lambda v: ca.acos(v / 9), lambda v: 2 * v, lambda v: v * v, lambda v: -v]
+    unary = [
+        ca.exp,
+        ca.sin,
+        ca.cos,
+        ca.tan,
+        ca.atan,
+        ca.sinh,
+        ca.cosh,
+        ca.tanh,
+        ca.fabs,
+        ca.sign,
+        ca.floor,
+        ca.ceil,
+    ]
+    unary += [
+        ca.expm1,
+        ca.erf,
+        lambda v: ca.sqrt(ca.fabs(v)),
+        lambda v: ca.log(1 + v * v),
+        lambda v: ca.log1p(v * v),
+    ]
+    unary += [
+        lambda v: ca.asin(v / 9),
+        lambda v: ca.acos(v / 9),
+        lambda v: 2 * v,
+        lambda v: v * v,
+        lambda v: -v,
+    ]
     unary += [lambda v: 1 / (v + 9), ca.logic_not]
-    binary = [ca.fmin, ca.fmax, ca.atan2, ca.hypot, ca.copysign, lambda u, v: ca.fabs(u) ** v, lambda u, v: u / (v + 9)]
+    binary = [
+        ca.fmin,
+        ca.fmax,
+        ca.atan2,
+        ca.hypot,
+        ca.copysign,
+        lambda u, v: ca.fabs(u) ** v,
+        lambda u, v: u / (v + 9),
+    ]
     binary += [
         lambda u, v: u < v,
         lambda u, v: u <= v,
@@ -33,14 +73,24 @@ def scalars() -> ca.Function:
         ca.logic_and,
         ca.logic_or,
     ]
-    binary += [lambda u, v: ca.if_else(u > 0, v, u), lambda u, v: u - v * 1.25e-3, lambda u, v: u + v]
-    parts = [f(a) for f in unary] + [f(a, b) for f in binary] + [c * a, ca.fabs(a) ** 3.5, ca.if_else(c > 5, np.nan, a)]
+    binary += [
+        lambda u, v: ca.if_else(u > 0, v, u),
+        lambda u, v: u - v * 1.25e-3,
+        lambda u, v: u + v,
+    ]
+    parts = (
+        [f(a) for f in unary]
+        + [f(a, b) for f in binary]
+        + [c * a, ca.fabs(a) ** 3.5, ca.if_else(c > 5, np.nan, a)]
+    )
     y = ca.vertcat(*parts)
     return ca.Function("scalars", [a, b, c], [a + b, y])
 
 
 def matrices() -> ca.Function:
-    """Return a function of every operation on matrices, with a carry that can be changed in place."""
+    """Return a function of every operation on matrices, with a carry that can be changed in
+    place.
+    """
     n = 5
     carry, x, p = ca.MX.sym("carry", n + n * n + 2), ca.MX.sym("x", 4), ca.MX.sym("p", 2)
     mean, rest = carry[:n], carry[n + n * n :]
@@ -65,24 +115,40 @@ def matrices() -> ca.Function:
     pieces = ca.vertsplit(mean, [0, 2, n])
     mean_next = ca.vertcat(pieces[1], pieces[0]) + gain * ca.dot(mean, dense)
     y = ca.vertcat(
-        spread, odd, ca.fmax(rest, x[:2]), ca.mtimes(two, mean), ca.DM([1.0, -2.5, 3.0, 4.0]) * x, two[0, :].T
+        spread,
+        odd,
+        ca.fmax(rest, x[:2]),
+        ca.mtimes(two, mean),
+        ca.DM([1.0, -2.5, 3.0, 4.0]) * x,
+        two[0, :].T,
     )
     following = ca.vertcat(mean_next, flat, ca.vertcat(rest[1], rest[0]) * x[3])
     return ca.Function("matrices", [carry, x, p], [following, y])
 
 
-def run(function: ca.Function, arguments: list[np.ndarray], dialect: Plain, in_place: bool) -> list[np.ndarray]:
+def run(
+    function: ca.Function, arguments: list[np.ndarray], dialect: Plain, in_place: bool
+) -> list[np.ndarray]:
     emitter = Emitter(dialect)
     name = emitter.add(function, in_place)
     kind = np.float32 if dialect.single else np.float64
     skip = 1 if in_place else 0
     names = [f"{dialect.type}* v{i}" for i in range(function.n_in() + function.n_out() - skip)]
-    call = f"void call({', '.join(names)}) {{ {name}({', '.join(f'v{i}' for i in range(len(names)))}); }}"
+    call = (
+        f"void call({', '.join(names)}) {{ "
+        f"{name}({', '.join(f'v{i}' for i in range(len(names)))}); }}"
+    )
     library = ctypes.CDLL(
-        str(compiled_source(f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{call}\n"))
+        str(
+            compiled_source(
+                f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{call}\n"
+            )
+        )
     )
     given = [np.array(a, dtype=kind) for a in arguments]
-    made = [np.full(function.numel_out(i), np.nan, dtype=kind) for i in range(skip, function.n_out())]
+    made = [
+        np.full(function.numel_out(i), np.nan, dtype=kind) for i in range(skip, function.n_out())
+    ]
     library.call(*(ctypes.c_void_p(a.ctypes.data) for a in (*given, *made)))
     return [given[0], *made] if in_place else made
 
@@ -102,7 +168,9 @@ def test_numbers_are_casadis(function: ca.Function, single: bool) -> None:
         expected = [np.array(out).ravel() for out in function(*given)]
         for made, known in zip(run(function, given, Plain(single), False), expected):
             # sums of products are taken in another order than CasADi's
-            np.testing.assert_allclose(made, known, rtol=2e-5 if single else 1e-13, atol=1e-5 if single else 1e-13)
+            np.testing.assert_allclose(
+                made, known, rtol=2e-5 if single else 1e-13, atol=1e-5 if single else 1e-13
+            )
 
 
 def test_in_place_gives_the_same() -> None:
@@ -190,7 +258,10 @@ def test_lanes_have_constants_that_are_no_numbers() -> None:
     emitter = Emitter(Lanes(2))
     x = ca.MX.sym("x", 4)
     emitter.add(ca.Function("masked", [x], [ca.fmax(x, ca.DM([np.nan, np.inf, -np.inf, 1.0]))]))
-    assert "{(double)NAN, (double)NAN}, {INFINITY, INFINITY}, {(-INFINITY), (-INFINITY)}, {1, 1}" in emitter.text
+    assert (
+        "{(double)NAN, (double)NAN}, {INFINITY, INFINITY}, {(-INFINITY), (-INFINITY)}, {1, 1}"
+        in emitter.text
+    )
     compiled_source(f"#include <math.h>\n{emitter.dialect.prelude(emitter.text)}\n{emitter.text}")
 
 
@@ -207,14 +278,18 @@ def test_one_emitter_writes_a_function_in_place_and_apart() -> None:
 
 def test_scalars_are_read_before_they_change_in_place() -> None:
     carry, x = ca.SX.sym("carry", 3), ca.SX.sym("x")
-    function = ca.Function("turned", [carry, x], [ca.vertcat(carry[1], carry[0] * x, carry[0]), carry[2] + x])
+    function = ca.Function(
+        "turned", [carry, x], [ca.vertcat(carry[1], carry[0] * x, carry[0]), carry[2] + x]
+    )
     made = run(function, [np.array([2.0, 3.0, 4.0]), np.array([5.0])], Plain(), True)
     assert [list(each) for each in made] == [[3.0, 10.0, 2.0], [9.0]]
 
 
 def test_what_cannot_be_changed_in_place_is_said() -> None:
     x = ca.MX.sym("x", 3)
-    with pytest.raises(CodeError, match="'longer' has no C in place: its first input and output differ in shape"):
+    with pytest.raises(
+        CodeError, match="'longer' has no C in place: its first input and output differ in shape"
+    ):
         Emitter(Plain()).add(ca.Function("longer", [x], [ca.vertcat(x, x)]), in_place=True)
 
 
@@ -237,14 +312,20 @@ def test_what_has_no_c_is_said() -> None:
 
 
 def test_moments_in_float_are_those_in_double() -> None:
-    """What a small std leaves over stays a part of its square: a float has 7 digits, and none may be lost."""
+    """What a small std leaves over stays a part of its square: a float has 7 digits, and none may
+    be lost.
+    """
     arguments = [ca.SX.sym(name) for name in ("z", "limit", "std")]
     moments = soft_moments(*arguments)
     function = ca.Function("moments", arguments, [moments.mean, moments.slope, moments.rest])
     for z in (-2.0, -0.501, -0.5, 0.0, 0.3, 0.5, 0.5001, 1.7):
         for std in (1e-9, 1e-6, 1e-3, 0.1, 1.0):
             given = [np.array([value]) for value in (z, 0.5, std)]
-            mean, slope, rest = (float(value[0]) for value in run(function, given, Plain(True), False))
-            known = [float(value) for value in function(*np.array(given, dtype=np.float32).astype(float))]
+            mean, slope, rest = (
+                float(value[0]) for value in run(function, given, Plain(True), False)
+            )
+            known = [
+                float(value) for value in function(*np.array(given, dtype=np.float32).astype(float))
+            ]
             assert [mean, slope] == pytest.approx(known[:2], abs=1e-5)
             assert rest == pytest.approx(known[2], abs=1e-4 * std**2)

@@ -1,4 +1,6 @@
-"""Random functions in the emitter's C and in CasADi's interpreter, with the same numbers: in place or not, and in lanes."""
+"""Random functions in the emitter's C and in CasADi's interpreter, with the same numbers: in place
+or not, and in lanes.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,16 @@ from distal.codegen.matrices import WRITERS
 from distal.kernels import find_compiler
 from tests.codegen.graphs import given, matrix_graph, scalar_graph
 
-pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler")]
+pytestmark = [
+    pytest.mark.compiled,
+    pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler"),
+]
 LANES = 4
 TOLERANCE = 1e-12
-"""Of smooth graphs, relative to the largest number of an output, or to 1 if that is less: sums are taken in another order
-than CasADi's, and the generator lets no term in whose rounding errors, in any order, could exceed `ALLOWED`, 4e-13. Whole
-graphs have no rounding errors, and no tolerance."""
+"""Of smooth graphs, relative to the largest number of an output, or to 1 if that is less: sums are
+taken in another order than CasADi's, and the generator lets no term in whose rounding errors, in
+any order, could exceed `ALLOWED`, 4e-13. Whole graphs have no rounding errors, and no tolerance.
+"""
 FLAGS = ["-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w"]
 
 
@@ -31,12 +37,18 @@ def graph(seed: int) -> ca.Function:
 
 
 def caller(name: str, called: str, function: ca.Function, way: str) -> str:
-    """Return a C function whose inputs lie one after the other in one array, and its outputs in another one."""
+    """Return a C function whose inputs lie one after the other in one array, and its outputs in
+    another one.
+    """
     inputs = np.cumsum([0, *(function.nnz_in(i) for i in range(function.n_in()))])
     outputs = np.cumsum([0, *(function.nnz_out(i) for i in range(function.n_out()))])
     head = f"void {name}(const double* in, double* out)"
     if way == "in place":
-        places = ["out", *(f"in + {i}" for i in inputs[1:-1]), *(f"out + {i}" for i in outputs[1:-1])]
+        places = [
+            "out",
+            *(f"in + {i}" for i in inputs[1:-1]),
+            *(f"out + {i}" for i in outputs[1:-1]),
+        ]
         state = f"for (int i = 0; i < {inputs[1]}; ++i) out[i] = in[i];"
         return f"{head} {{ {state} {called}({', '.join(places)}); }}"
     if way == "apart":
@@ -45,14 +57,19 @@ def caller(name: str, called: str, function: ca.Function, way: str) -> str:
     n, m = inputs[-1], outputs[-1]
     places = [*(f"x + {i}" for i in inputs[:-1]), *(f"y + {i}" for i in outputs[:-1])]
     return (
-        f"{head} {{ V x[{n}], y[{m}]; int i, l; for (i = 0; i < {n}; ++i) for (l = 0; l < {LANES}; ++l) "
+        f"{head} {{ V x[{n}], y[{m}]; int i, l; for (i = 0; i < {n}; ++i) for (l = 0; l < "
+        f"{LANES}; ++l) "
         f"x[i][l] = in[l * {n} + i]; {called}({', '.join(places)}); for (i = 0; i < {m}; ++i) "
         f"for (l = 0; l < {LANES}; ++l) out[l * {m} + i] = y[i][l]; }}"
     )
 
 
-def built(functions: dict[int, ca.Function], way: str, folder: Path) -> Callable[[int, np.ndarray], np.ndarray]:
-    """Compile graphs in one file; return what runs one of them, by its seed, over inputs (runs, n)."""
+def built(
+    functions: dict[int, ca.Function], way: str, folder: Path
+) -> Callable[[int, np.ndarray], np.ndarray]:
+    """Compile graphs in one file; return what runs one of them, by its seed, over inputs (runs,
+    n).
+    """
     compiler = find_compiler()
     assert not isinstance(compiler, str)
     emitter = Emitter(Lanes(LANES) if way == "lanes" else Plain())
@@ -61,8 +78,14 @@ def built(functions: dict[int, ca.Function], way: str, folder: Path) -> Callable
         for seed, function in functions.items()
     ]
     source, library = folder / f"{way.replace(' ', '_')}.c", folder / f"{way.replace(' ', '_')}.so"
-    source.write_text("\n".join(["#include <math.h>", emitter.dialect.prelude(emitter.text), emitter.text, *callers]))
-    subprocess.run([*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True, timeout=300)
+    source.write_text(
+        "\n".join(
+            ["#include <math.h>", emitter.dialect.prelude(emitter.text), emitter.text, *callers]
+        )
+    )
+    subprocess.run(
+        [*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True, timeout=300
+    )
     loaded = ctypes.CDLL(str(library))
 
     def run(seed: int, inputs: np.ndarray) -> np.ndarray:
@@ -94,7 +117,9 @@ def disagreements(seeds: range, way: str, folder: Path) -> list[str]:
                 allowed = 0.0 if seed % 2 else TOLERANCE * max(1.0, np.abs(known).max(initial=0.0))
                 assert np.isfinite(known).all(), f"graph {seed} is not what it should be"
                 if not (np.abs(part - known) <= allowed).all():
-                    found.append(f"graph {seed}, {way}, output {i}: {np.abs(part - known).max():.1e}")
+                    found.append(
+                        f"graph {seed}, {way}, output {i}: {np.abs(part - known).max():.1e}"
+                    )
     return found
 
 
@@ -114,5 +139,9 @@ def test_graphs_have_every_operation_on_matrices() -> None:
     seen: set[int] = set()
     for seed in range(60):
         function = graph(seed)
-        seen |= {function.instruction_id(k) for k in range(function.n_instructions())} if seed % 8 < 6 else set()
+        seen |= (
+            {function.instruction_id(k) for k in range(function.n_instructions())}
+            if seed % 8 < 6
+            else set()
+        )
     assert set(WRITERS) <= seen

@@ -29,13 +29,17 @@ def env(scenario: Scenario) -> TendonEnv:
     return TendonEnv(scenario)
 
 
-@pytest.mark.filterwarnings("ignore:.*WARN")  # gymnasium advises bounds and ranges that sensors do not have
+@pytest.mark.filterwarnings(
+    "ignore:.*WARN"
+)  # gymnasium advises bounds and ranges that sensors do not have
 def test_gymnasium_finds_nothing_wrong(scenario: Scenario) -> None:
     check_env(TendonEnv(scenario), skip_render_check=True)
 
 
 class Alone(ParallelEnv[str, Any, Any]):
-    """The environment as PettingZoo's with one agent, for its checks, which share no code with gymnasium's."""
+    """The environment as PettingZoo's with one agent, for its checks, which share no code with
+    gymnasium's.
+    """
 
     metadata = {"name": "tendon"}  # noqa: RUF012
     possible_agents = ["one"]  # noqa: RUF012
@@ -67,7 +71,10 @@ def test_pettingzoo_finds_nothing_wrong(scenario: Scenario) -> None:
 
 def test_it_is_made_by_its_name(scenario: Scenario) -> None:
     made = gymnasium.make(
-        "distal.gym:distal/Tendon-v0", scenario=scenario, rig="paper-2008-soft", disable_env_checker=True
+        "distal.gym:distal/Tendon-v0",
+        scenario=scenario,
+        rig="paper-2008-soft",
+        disable_env_checker=True,
     )
     inside = made.unwrapped
     assert isinstance(inside, TendonEnv)
@@ -100,7 +107,9 @@ def test_an_episode(scenario: Scenario) -> None:
         first.append(observation)
         rewards, done = [], False
         while not done:
-            observation, reward, ended, done, info = env.step(np.array([0.3, 0.2], dtype=np.float32))
+            observation, reward, ended, done, info = env.step(
+                np.array([0.3, 0.2], dtype=np.float32)
+            )
             assert not ended
             rewards.append(reward)
         assert len(rewards) == 100
@@ -116,8 +125,12 @@ def test_an_episode(scenario: Scenario) -> None:
         env.step(np.zeros(2, dtype=np.float32))
 
 
-def test_an_episode_depends_on_its_seed_and_not_on_what_was_before(scenario: Scenario, env: TendonEnv) -> None:
-    """Kernel and filter are kept from reset to reset; an environment made anew gives the same numbers."""
+def test_an_episode_depends_on_its_seed_and_not_on_what_was_before(
+    scenario: Scenario, env: TendonEnv
+) -> None:
+    """Kernel and filter are kept from reset to reset; an environment made anew gives the same
+    numbers.
+    """
 
     def episode(of: TendonEnv) -> list[np.ndarray]:
         return [of.reset(seed=7)[0], *(of.step(np.array([0.3, 0.2]))[0] for _ in range(30))]
@@ -161,7 +174,9 @@ def test_a_reset_compiles_nothing(env: TendonEnv, monkeypatch: pytest.MonkeyPatc
         begun = perf_counter()
         env.reset(seed=seed)
         times.append(perf_counter() - begun)
-    assert min(times) < 0.05  # some 10 ms, of which other work on the machine may make more; it was 80 to 150
+    assert (
+        min(times) < 0.05
+    )  # some 10 ms, of which other work on the machine may make more; it was 80 to 150
 
 
 def test_an_action_is_a_share_of_a_drives_limit(scenario: Scenario) -> None:

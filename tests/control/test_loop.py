@@ -1,4 +1,6 @@
-"""A controller in the loop: the same plant, sensors and filter as in an open loop, and commands that act a period late."""
+"""A controller in the loop: the same plant, sensors and filter as in an open loop, and commands
+that act a period late.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from distal import Scenario, closed_loop, estimate, load_rig, load_scenario, scenario_rig, simulate, simulate_batch
+from distal import (
+    Scenario,
+    closed_loop,
+    estimate,
+    load_rig,
+    load_scenario,
+    scenario_rig,
+    simulate,
+    simulate_batch,
+)
 from distal.control import ControlledPlant, plot_control, track
 from distal.control.loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
@@ -18,12 +29,20 @@ from distal.run import Reading
 from distal.simulation import build_scenario
 from distal.simulation import simulate as simulate_alone
 
-STILL = {"rig": "paper-2008", "duration": "1 s", "drives": {"left": {"force": "2 N"}, "right": {"force": "2 N"}}}
+STILL = {
+    "rig": "paper-2008",
+    "duration": "1 s",
+    "drives": {"left": {"force": "2 N"}, "right": {"force": "2 N"}},
+}
 PID = {
-    "joint": "link", "reference": [["0 s", "0 deg"], ["0.5 s", "0 deg"], ["1 s", "10 deg"]], "co_contraction": "4 N",
-    "proportional": "0.3 N m/rad", "integral": "0.6 N m/(rad s)", "derivative": "0.02 N m s/rad",
+    "joint": "link",
+    "reference": [["0 s", "0 deg"], ["0.5 s", "0 deg"], ["1 s", "10 deg"]],
+    "co_contraction": "4 N",
+    "proportional": "0.3 N m/rad",
+    "integral": "0.6 N m/(rad s)",
+    "derivative": "0.02 N m s/rad",
     "torque_limit": "0.08 N m",
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +59,16 @@ def nothing(time: float, measured: Mapping[str, float], estimate: Reading) -> di
 
 
 def test_without_commands_the_loop_is_the_open_loop(rig: Rig) -> None:
-    """Same motion, same readings to the last bit: the plant steps by the same intervals, the noise by the same draws."""
-    moved = scenario(drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}})
-    alone, looped = simulate_alone(rig, moved, 3), simulate(rig, moved, 3, controller=nothing, period="10 ms")
+    """Same motion, same readings to the last bit: the plant steps by the same intervals, the noise
+    by the same draws.
+    """
+    moved = scenario(
+        drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}}
+    )
+    alone, looped = (
+        simulate_alone(rig, moved, 3),
+        simulate(rig, moved, 3, controller=nothing, period="10 ms"),
+    )
     np.testing.assert_array_equal(alone.time, looped.time)
     for name in alone.truth:
         np.testing.assert_array_equal(alone.truth[name], looped.truth[name], err_msg=name)
@@ -51,7 +77,9 @@ def test_without_commands_the_loop_is_the_open_loop(rig: Rig) -> None:
 
 
 def test_what_the_filter_says_in_the_loop_is_what_it_says_of_the_log(rig: Rig) -> None:
-    """Sample by sample or over the recorded log, where the controller is called less often than the sensors are read."""
+    """Sample by sample or over the recorded log, where the controller is called less often than the
+    sensors are read.
+    """
     described = scenario(control={**PID, "period": "20 ms"})
     run = closed_loop(rig, described, 1)
     again = estimate(run.log, rig)
@@ -61,7 +89,9 @@ def test_what_the_filter_says_in_the_loop_is_what_it_says_of_the_log(rig: Rig) -
 
 
 def test_a_command_acts_one_period_after_the_call(rig: Rig) -> None:
-    """The force of the drive changes in the interval that begins a period after the controller asked for it."""
+    """The force of the drive changes in the interval that begins a period after the controller
+    asked for it.
+    """
 
     def late(time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
         return {"left": 3.0 if time > 0.2999 else 0.0}
@@ -69,12 +99,16 @@ def test_a_command_acts_one_period_after_the_call(rig: Rig) -> None:
     log = simulate(rig, scenario(), controller=late, period="50 ms")
     force = log.truth["force_left"]
     changed = log.time[np.flatnonzero(np.abs(force - force[0]) > 1.0)[0]]
-    assert changed == pytest.approx(0.36)  # asked at 0.30, acts from 0.35 on, read at the end of an interval
+    assert changed == pytest.approx(
+        0.36
+    )  # asked at 0.30, acts from 0.35 on, read at the end of an interval
     assert force[-1] - force[0] == pytest.approx(3.0)
 
 
 def test_drives_saturate_lag_and_do_not_push(rig: Rig) -> None:
-    """At its limit a slider pulls with that; u(t) = u∞ (1 − e^{−t/T}); a negative command is none."""
+    """At its limit a slider pulls with that; u(t) = u∞ (1 − e^{−t/T}); a negative command is
+    none.
+    """
     limited = rig.with_values({"drives.left.limit": "5 N", "drives.left.lag": "0.1 s"})
 
     def much(time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
@@ -102,10 +136,19 @@ def test_a_plant_goes_back_to_its_start(rig: Rig) -> None:
 
 
 def test_sensors_of_other_rates_are_read_at_their_own_stamps(rig: Rig) -> None:
-    """A force read 30 times a second is a line between the plant's intervals, in the loop as alone."""
-    mixed = rig.with_values({"sensors.u1.rate": 30.0, "sensors.u2.rate": 25.0, "sensors.x1.lag": 0.2})
-    moved = scenario(drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}})
-    alone, looped = simulate_alone(mixed, moved, 3), simulate(mixed, moved, 3, controller=nothing, period="10 ms")
+    """A force read 30 times a second is a line between the plant's intervals, in the loop as
+    alone.
+    """
+    mixed = rig.with_values(
+        {"sensors.u1.rate": 30.0, "sensors.u2.rate": 25.0, "sensors.x1.lag": 0.2}
+    )
+    moved = scenario(
+        drives={"left": {"force": [["0 s", "2 N"], ["0.3 s", "6 N"]]}, "right": {"force": "2 N"}}
+    )
+    alone, looped = (
+        simulate_alone(mixed, moved, 3),
+        simulate(mixed, moved, 3, controller=nothing, period="10 ms"),
+    )
     np.testing.assert_array_equal(np.isnan(alone.channels["u1"]), np.isnan(looped.channels["u1"]))
     for name in ("u1", "u2", "x1"):
         np.testing.assert_allclose(looped.channels[name], alone.channels[name], rtol=0, atol=1e-6)
@@ -131,7 +174,10 @@ def test_a_controller_may_end_a_run_only_with_a_line_that_says_why(rig: Rig) -> 
         ({"period": "5 s"}, "period: 5 s is longer than the scenario, 1 s"),
         ({"period": "1 us"}, "period: at least 0.0001 s, 1e-06 s came"),
         ({"period": "5 N"}, "period: "),
-        ({"estimator": "encodr"}, "feedback: 'encodr' is none of encoder, ratio, .*did you mean 'encoder'"),
+        (
+            {"estimator": "encodr"},
+            "feedback: 'encodr' is none of encoder, ratio, .*did you mean 'encoder'",
+        ),
     ):
         with pytest.raises(ControlError, match=said):
             simulate(rig, scenario(), controller=nothing, **given)
@@ -149,8 +195,10 @@ def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
     made = plot_control(runs, tmp_path / "control.png")
     assert (tmp_path / "control.png").stat().st_size > 10_000
     assert [line.get_label() for line in made.axes[0].get_lines()][1:] == [
-        "fed back by encoder", "fed back by adaptive", "fed back by ratio"
-    ]  # fmt: skip
+        "fed back by encoder",
+        "fed back by adaptive",
+        "fed back by ratio",
+    ]
     for run in runs[:2]:
         (one,) = track(run)
         assert np.rad2deg(one.rms) < 5.0
@@ -158,7 +206,9 @@ def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
 
 
 def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> None:
-    """The gains alone are late and wait for friction; the filter runs once, and says what it says over the log."""
+    """The gains alone are late and wait for friction; the filter runs once, and says what it says
+    over the log.
+    """
     time = np.arange(0.0, 6.0, 0.05)
     wanted = np.deg2rad(15.0) * np.sin(2 * np.pi * 0.3 * time) * np.minimum(time / 2.0, 1.0)
     shipped = load_scenario("control-paper", ['duration="6 s"'])
@@ -167,14 +217,20 @@ def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> N
     link = shipped.control.joints["link"]
     smooth = replace(link.reference, times=tuple(time.tolist()), values=tuple(wanted.tolist()))
     joints = {"link": link.model_copy(update={"reference": smooth})}
-    described = shipped.model_copy(update={"control": shipped.control.model_copy(update={"joints": joints})})
+    described = shipped.model_copy(
+        update={"control": shipped.control.model_copy(update={"joints": joints})}
+    )
     run, pid = (closed_loop(rig, described, 1, feedback=name) for name in ("command", "adaptive"))
     again = estimate(run.log, rig)
-    np.testing.assert_allclose(run.estimates, again.angles[: len(run.estimates)], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        run.estimates, again.angles[: len(run.estimates)], rtol=0, atol=1e-12
+    )
     errors = [float(np.rad2deg(track(one)[0].rms)) for one in (run, pid)]
     assert errors[0] < 0.4 * errors[1]
     assert np.all(np.column_stack([*run.commands.values()]) >= 0.0)  # a slider does not push
-    with pytest.raises(ControlError, match=r"feedback: 'comand' is none of .*did you mean 'command'"):
+    with pytest.raises(
+        ControlError, match=r"feedback: 'comand' is none of .*did you mean 'command'"
+    ):
         closed_loop(rig, described, feedback="comand")
 
 
@@ -182,13 +238,17 @@ def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> N
 def test_one_scan_gives_what_calls_give(rig: Rig, feedback: str) -> None:
     """Plant, sensors, filter and PID in one kernel or one after the other: the same to rounding."""
     described = scenario(control={**PID, "deadband": "0.5 deg"}, set={})
-    limited = rig.with_values({"drives.*.lag": "20 ms", "drives.left.limit": "9 N", "sensors.u1.resolution": "0.05 N"})
+    limited = rig.with_values(
+        {"drives.*.lag": "20 ms", "drives.left.limit": "9 N", "sensors.u1.resolution": "0.05 N"}
+    )
     plant = ControlledPlant(limited, described, 0.01)
     scanned, called = _by_scan(plant, feedback, 2), _by_calls(plant, feedback, 2)
     assert scanned is not None
     np.testing.assert_allclose(scanned.time, called.time, rtol=0, atol=1e-12)
     for name in ("angles", "estimates", "stds"):
-        np.testing.assert_allclose(getattr(scanned, name), getattr(called, name), rtol=0, atol=1e-11, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(scanned, name), getattr(called, name), rtol=0, atol=1e-11, err_msg=name
+        )
     for name, values in called.commands.items():
         np.testing.assert_allclose(scanned.commands[name], values, rtol=0, atol=1e-8)
     np.testing.assert_array_equal(scanned.log.time, called.log.time)
@@ -208,11 +268,15 @@ def test_a_scan_is_only_for_sensors_that_are_read_once_a_period(rig: Rig) -> Non
     ):
         other = rig.with_values(changed)
         assert _by_scan(ControlledPlant(other, described, period), "encoder", 0) is None
-        assert len(closed_loop(other, described, period=period, feedback="encoder").time) == round(1.0 / period)
+        assert len(closed_loop(other, described, period=period, feedback="encoder").time) == round(
+            1.0 / period
+        )
 
 
 def test_an_angle_that_is_lost_is_left_to_the_calls_which_say_so(rig: Rig) -> None:
-    """With a filter that begins 60° unsure, and forces that tell nothing, the commands are held at first."""
+    """With a filter that begins 60° unsure, and forces that tell nothing, the commands are held at
+    first.
+    """
     blind = {"sensors.u1.noise": "500 N", "sensors.u2.noise": "500 N"}
     unsure = rig.with_values({"joints.link.initial": {"value": 0.0, "std": "60 deg"}, **blind})
     run = closed_loop(unsure, scenario(control=PID))
@@ -233,7 +297,9 @@ def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
 
 
 def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
-    """A capstan pulls both ways, a slider's tendon one way; where linearity is declared it is defined over that."""
+    """A capstan pulls both ways, a slider's tendon one way; where linearity is declared it is
+    defined over that.
+    """
     from distal.rig import travel_of
 
     capstan = load_rig("capstan-joint").with_values({"drives.motor.limit": "0.3 N m"})
@@ -241,7 +307,9 @@ def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
     assert travel_of(torque, capstan) == (-0.3, 0.3)
     free = load_rig("capstan-joint").with_values({"drives.motor.nominal_force": 0.0})
     assert free.drives[0].limit is None
-    tight = 2.0 * free.drives[0].radius.value * sum(tendon.pretension.value for tendon in free.tendons)
+    tight = (
+        2.0 * free.drives[0].radius.value * sum(tendon.pretension.value for tendon in free.tendons)
+    )
     assert travel_of(torque, free) == pytest.approx((-tight, tight))
     slider = load_rig("paper-2008").with_values({"drives.left.limit": "20 N"})
     force = next(sensor for sensor in slider.sensors_of("force") if sensor.of == "left")
@@ -249,7 +317,9 @@ def test_the_range_of_an_effort_is_what_its_drive_can() -> None:
 
 
 def test_an_encoder_of_a_loop_counts_whole_degrees_unless_it_is_said_otherwise(rig: Rig) -> None:
-    """What the controller is told is the true angle to the nearest step, its std that of rounding."""
+    """What the controller is told is the true angle to the nearest step, its std that of
+    rounding.
+    """
     for said, step in (({}, 1.0), ({"encoder_resolution": "0.25 deg"}, 0.25)):
         run = closed_loop(rig, scenario(control={**PID, **said}), feedback="encoder")
         counts = np.rad2deg(run.estimates) / step

@@ -1,4 +1,6 @@
-"""The shipped controller: its law, its anti-windup, its moment arms, and what it does without an angle."""
+"""The shipped controller: its law, its anti-windup, its moment arms, and what it does without an
+angle.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ DEGREE = np.pi / 180
 
 
 def joint(**gains: object) -> JointControl:
-    return JointControl.model_validate({"reference": "10 deg", "proportional": "1 N m/rad", **gains})
+    return JointControl.model_validate(
+        {"reference": "10 deg", "proportional": "1 N m/rad", **gains}
+    )
 
 
 def seen(*angles: float, health: str = "ok", std: float = 0.01) -> Reading:
@@ -45,13 +49,17 @@ def shared(name: str, tension: float, angles: list[float], torques: list[float])
 
 
 def test_the_law_of_a_pid() -> None:
-    """Two calls by hand: e = 10° then 6°, the speed smoothed by 0.3, the integral of the first error."""
+    """Two calls by hand: e = 10° then 6°, the speed smoothed by 0.3, the integral of the first
+    error.
+    """
     rig = load_rig("paper-2008")
     pid = PID(rig, {"link": joint(integral="2 N m/(rad s)", derivative="0.1 N m s/rad")}, 0.01, 5.0)
     assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(10 * DEGREE, rel=1e-9)
     small = 1e-9 * DEGREE  # the arm is that of the angle
     second = torque_of(pid(0.01, {}, seen(small)))
-    assert second == pytest.approx(10 * DEGREE + 2 * 10 * DEGREE * 0.01 - 0.1 * 0.3 * small / 0.01, rel=1e-6)
+    assert second == pytest.approx(
+        10 * DEGREE + 2 * 10 * DEGREE * 0.01 - 0.1 * 0.3 * small / 0.01, rel=1e-6
+    )
 
 
 def test_tensions_share_a_torque_and_never_push() -> None:
@@ -66,7 +74,12 @@ def test_tensions_share_a_torque_and_never_push() -> None:
 def test_a_finger_gets_its_torques_by_the_transposed_arms() -> None:
     """Two joints, four tendons: A T = τ for the arms of the rig, and no tendon pushes."""
     torques = np.array([0.05, -0.02])
-    tensions = dict(zip(("mcp_f", "mcp_e", "pip_f", "pip_e"), shared("finger-2n", 10.0, [0.0, 0.0], torques.tolist())))
+    tensions = dict(
+        zip(
+            ("mcp_f", "mcp_e", "pip_f", "pip_e"),
+            shared("finger-2n", 10.0, [0.0, 0.0], torques.tolist()),
+        )
+    )
     assert min(tensions.values()) >= 0.0
     pip = tensions["pip_f"] - tensions["pip_e"]
     assert 6e-3 * pip == pytest.approx(torques[1])
@@ -74,9 +87,13 @@ def test_a_finger_gets_its_torques_by_the_transposed_arms() -> None:
 
 
 def test_with_one_tendon_more_than_joints_none_pushes() -> None:
-    """Tendons that are not opposed in pairs: only the right sign of what is missing lifts them all."""
+    """Tendons that are not opposed in pairs: only the right sign of what is missing lifts them
+    all.
+    """
     rig = load_rig("finger-n-plus-1")
-    arms = np.array([[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons])
+    arms = np.array(
+        [[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons]
+    )
     for torques in ([0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, 0.05, -0.02]):
         tensions = np.array(shared("finger-n-plus-1", 2.0, [0.0, 0.0, 0.0], torques))
         assert tensions.min() >= -1e-9
@@ -96,7 +113,9 @@ def test_a_capstan_turns_its_joint_both_ways() -> None:
 
 
 def test_the_integral_stands_while_the_torque_is_cut() -> None:
-    """A minute at the limit leaves no integral behind: the first call within it has that of one period."""
+    """A minute at the limit leaves no integral behind: the first call within it has that of one
+    period.
+    """
     rig = load_rig("paper-2008")
     pid = PID(rig, {"link": joint(integral="1 N m/(rad s)", torque_limit="0.05 N m")}, 0.01, 5.0)
     for k in range(6000):
@@ -107,15 +126,24 @@ def test_the_integral_stands_while_the_torque_is_cut() -> None:
 
 def test_a_small_error_counts_as_none() -> None:
     pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg")}, 0.01, 5.0)
-    assert torque_of(pid(0.0, {}, seen(8.5 * DEGREE))) == pytest.approx(0.0, abs=1e-5)  # the arms differ a little there
+    assert torque_of(pid(0.0, {}, seen(8.5 * DEGREE))) == pytest.approx(
+        0.0, abs=1e-5
+    )  # the arms differ a little there
     pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg")}, 0.01, 5.0)
     assert torque_of(pid(0.0, {}, seen(0.0))) == pytest.approx(8 * DEGREE)
 
 
 def test_a_joint_that_rests_goes_on_resting_until_its_error_has_doubled() -> None:
     """The estimate of a joint at rest wanders: its controller does not follow."""
-    pid = PID(load_rig("paper-2008"), {"link": joint(deadband="2 deg", integral="5 N m/(rad s)")}, 0.01, 5.0)
-    for k, (angle, rests) in enumerate(((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))):
+    pid = PID(
+        load_rig("paper-2008"),
+        {"link": joint(deadband="2 deg", integral="5 N m/(rad s)")},
+        0.01,
+        5.0,
+    )
+    for k, (angle, rests) in enumerate(
+        ((7.0, False), (8.5, True), (6.5, True), (5.9, False), (6.5, False))
+    ):
         before = pid.part("integral")[0]
         pid(0.01 * k, {}, seen(angle * DEGREE))
         assert (pid.part("integral")[0] == before) == rests
@@ -126,7 +154,12 @@ def test_without_an_angle_the_last_commands_are_held() -> None:
     pid = PID(load_rig("paper-2008"), {"link": joint()}, 0.01, 5.0)
     before = pid(0.0, {}, seen(0.0))
     for k, bad in enumerate(
-        (seen(nan, health="bad"), seen(nan, health="bad"), seen(0.1, std=1.0), seen(0.1, health="dead"))
+        (
+            seen(nan, health="bad"),
+            seen(nan, health="bad"),
+            seen(0.1, std=1.0),
+            seen(0.1, health="dead"),
+        )
     ):
         assert pid(0.01 * (k + 1), {}, bad) == before
     assert pid.held == (
@@ -139,9 +172,16 @@ def test_without_an_angle_the_last_commands_are_held() -> None:
 def made(reference: np.ndarray, angle: np.ndarray, time: np.ndarray) -> ClosedLoop:
     log = Log(time, {}, {"theta": angle}, "made up")
     return ClosedLoop(
-        load_rig("paper-2008"), log, "encoder", time, angle[:, None], angle[:, None] + 0.01, 0.0 * angle[:, None],
-        {"left": 0 * time + 3.0, "right": 0 * time + 4.0}, {"link": reference},
-    )  # fmt: skip
+        load_rig("paper-2008"),
+        log,
+        "encoder",
+        time,
+        angle[:, None],
+        angle[:, None] + 0.01,
+        0.0 * angle[:, None],
+        {"left": 0 * time + 3.0, "right": 0 * time + 4.0},
+        {"link": reference},
+    )
 
 
 def test_figures_of_a_step_response() -> None:
@@ -177,11 +217,15 @@ def test_a_joint_that_never_arrives_and_one_that_hunts() -> None:
 
 
 def test_a_joint_that_swings_from_the_start_hunts() -> None:
-    """Two seconds of a constant reference: the first is that of the motion before, the second tells."""
+    """Two seconds of a constant reference: the first is that of the motion before, the second
+    tells.
+    """
     time = np.arange(0, 2, 0.005)
     (one,) = track(made(0 * time + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time), time))
     assert [hunt.begin for hunt in one.hunting] == [pytest.approx(1.0)]
-    (one,) = track(made(0 * time[:380] + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time[:380]), time[:380]))
+    (one,) = track(
+        made(0 * time[:380] + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time[:380]), time[:380])
+    )
     assert one.hunting == ()
 
 
@@ -192,15 +236,24 @@ def test_where_a_reference_is_constant() -> None:
 
 
 def test_the_figure_shows_angles_errors_and_the_band_of_what_was_told() -> None:
-    """Of a loop fed by a filter that tells 0.01 rad too much ± 0.02: its error lies in a band of 1.96 times that."""
+    """Of a loop fed by a filter that tells 0.01 rad too much ± 0.02: its error lies in a band of
+    1.96 times that.
+    """
     time = np.arange(0, 3, 0.01)
-    reference, angle = 20 * DEGREE * np.sin(time), 20 * DEGREE * np.sin(time) + np.where(time < 1, 2, -1) * DEGREE
-    best = replace(made(reference, angle, time), feedback="adaptive", stds=np.full((len(time), 1), 0.02))
+    reference, angle = (
+        20 * DEGREE * np.sin(time),
+        20 * DEGREE * np.sin(time) + np.where(time < 1, 2, -1) * DEGREE,
+    )
+    best = replace(
+        made(reference, angle, time), feedback="adaptive", stds=np.full((len(time), 1), 0.02)
+    )
     worse = replace(made(reference, angle + 4 * DEGREE, time), feedback="encoder")
     top, middle, low = plot_control([best, worse]).axes
     np.testing.assert_allclose(top.get_lines()[0].get_ydata(), np.rad2deg(reference))
     np.testing.assert_allclose(top.get_lines()[2].get_ydata(), np.rad2deg(angle) + 4)
-    np.testing.assert_allclose(middle.get_lines()[0].get_ydata(), np.where(time < 1, 2, -1), atol=1e-9)
+    np.testing.assert_allclose(
+        middle.get_lines()[0].get_ydata(), np.where(time < 1, 2, -1), atol=1e-9
+    )
     np.testing.assert_allclose(middle.get_lines()[2].get_ydata(), np.rad2deg(0.01))
     (band,) = middle.collections
     heights = band.get_paths()[0].vertices[:, 1]

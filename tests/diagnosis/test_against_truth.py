@@ -1,4 +1,6 @@
-"""What a known truth says of a wrong rig: the cause is named, with its size, on logs that are written without the model."""
+"""What a known truth says of a wrong rig: the cause is named, with its size, on logs that are
+written without the model.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,15 @@ def finger() -> Rig:
 
 
 def log_of(
-    arms: Floats = ARMS, stiffness: float = STIFFNESS, delay: float = 0.0, scale: float = 1.0, zero: float = 0.0
+    arms: Floats = ARMS,
+    stiffness: float = STIFFNESS,
+    delay: float = 0.0,
+    scale: float = 1.0,
+    zero: float = 0.0,
 ) -> Log:
-    """Return places s = A θ + F/k of both joints in motion, the first drive's otherwise scaled, late, or off."""
+    """Return places s = A θ + F/k of both joints in motion, the first drive's otherwise scaled,
+    late, or off.
+    """
     time = np.arange(0.0, 12.0, 0.01)
 
     def places(at: Floats) -> tuple[Floats, Floats, Floats]:
@@ -63,16 +71,27 @@ def turned(joint: int, factor: float) -> Floats:
         (log_of(scale=-1.0), "x_mcp_f looks as if its sign, or the side of its tendon, were wrong"),
         (
             log_of(scale=-2.0),
-            "x_mcp_f looks as if its sign, or the side of its tendon, were wrong (and 2 times too large)",
+            "x_mcp_f looks as if its sign, or the side of its tendon, were wrong (and 2 times too "
+            "large)",
         ),
         (log_of(scale=1000.0), "x_mcp_f looks like millimetres"),
         (log_of(zero=2e-3), "x_mcp_f looks 2 mm off: its zero, or the pre-tension"),
-        (log_of(arms=turned(1, 1.5)), "pip_f at pip looks as if its moment arm were 1.5 times the rig's"),
-        (log_of(arms=turned(0, 0.5)), "pip_f at mcp looks as if its moment arm were 0.5 times the rig's"),
-        (log_of(arms=turned(1, -1.0)), "pip_f at pip looks as if its moment arm were -1 times the rig's (wrong side)"),
+        (
+            log_of(arms=turned(1, 1.5)),
+            "pip_f at pip looks as if its moment arm were 1.5 times the rig's",
+        ),
+        (
+            log_of(arms=turned(0, 0.5)),
+            "pip_f at mcp looks as if its moment arm were 0.5 times the rig's",
+        ),
+        (
+            log_of(arms=turned(1, -1.0)),
+            "pip_f at pip looks as if its moment arm were -1 times the rig's (wrong side)",
+        ),
         (
             log_of(stiffness=STIFFNESS / 2),
-            "F_mcp_f looks as if it stretched the tendons of mcp_f 2 times as far: their stiffness, its scale, or friction "
+            "F_mcp_f looks as if it stretched the tendons of mcp_f 2 times as far: their "
+            "stiffness, its scale, or friction "
             "in it",
         ),
     ],
@@ -95,7 +114,8 @@ def test_a_delay_is_named_but_for_its_curvature(finger: Rig, delay: float) -> No
 def test_two_drives_with_one_cause_are_one_line(finger: Rig) -> None:
     log = log_of()
     doubled = {
-        name: (2 * values if name in ("x_mcp_f", "x_mcp_e") else values) for name, values in log.channels.items()
+        name: (2 * values if name in ("x_mcp_f", "x_mcp_e") else values)
+        for name, values in log.channels.items()
     }
     found = causes(replace(log, channels=doubled), finger, ERROR)
     assert found[0].text == "x_mcp_f and x_mcp_e look 2 times too large: unit or moment arm"
@@ -120,7 +140,9 @@ def seen() -> Log:
 
 @pytest.mark.parametrize("factor", [0.67, 1.5])
 def test_the_last_word_is_the_truths(seen: Log, finger: Rig, factor: float) -> None:
-    """A log of the rig itself, its first place scaled: never "consistent", and the scale is named to 3 %."""
+    """A log of the rig itself, its first place scaled: never "consistent", and the scale is named
+    to 3 %.
+    """
     wrong = replace(seen, channels={**seen.channels, "x_mcp_f": factor * seen.channels["x_mcp_f"]})
     result = estimate(wrong, finger, compiled=False)
     said = diagnose(result, wrong, finger, what_if=False, compiled=False)
@@ -136,14 +158,21 @@ def test_a_band_that_holds_the_truth_is_believed(seen: Log, finger: Rig) -> None
 
 
 def test_an_arm_beyond_its_stds_is_named_inside_a_wide_band_too(finger: Rig) -> None:
-    """Of `beyond` only scales and arms that are more than three of their stds off: 1.15 % is taken as 3 %."""
-    far, near = (causes(log_of(arms=turned(1, factor)), finger, ERROR / 10, beyond=True) for factor in (1.15, 1.06))
+    """Of `beyond` only scales and arms that are more than three of their stds off: 1.15 % is taken
+    as 3 %.
+    """
+    far, near = (
+        causes(log_of(arms=turned(1, factor)), finger, ERROR / 10, beyond=True)
+        for factor in (1.15, 1.06)
+    )
     assert [finding.subject for finding in far] == ["pip_f at pip"]
     assert near == []
 
 
 def test_why_a_run_left_all_bounds_is_said(seen: Log, finger: Rig) -> None:
-    """Millimetres for metres, by the truth; without one by running the filter with what is tried."""
+    """Millimetres for metres, by the truth; without one by running the filter with what is
+    tried.
+    """
     wrong = replace(seen, channels={**seen.channels, "x_mcp_f": 1000 * seen.channels["x_mcp_f"]})
     assert why_diverged(wrong, finger, compiled=False)[0].text == "x_mcp_f looks like millimetres"
     rig = load_rig("paper-2008")
@@ -153,9 +182,14 @@ def test_why_a_run_left_all_bounds_is_said(seen: Log, finger: Rig) -> None:
 
 
 def test_a_pull_stretches_from_pre_tension_on(finger: Rig) -> None:
-    """s = A θ + (F − F_0)/k: with the pre-tension in the rig file that was in the log, nothing is off."""
+    """s = A θ + (F − F_0)/k: with the pre-tension in the rig file that was in the log, nothing is
+    off.
+    """
     tense, log = finger.with_values({f"tendons.{k}.pretension": 5.0 for k in range(4)}), log_of()
-    shifted = {name: values - 5.0 / STIFFNESS * name.startswith("x_") for name, values in log.channels.items()}
+    shifted = {
+        name: values - 5.0 / STIFFNESS * name.startswith("x_")
+        for name, values in log.channels.items()
+    }
     assert causes(replace(log, channels=shifted), tense, np.deg2rad(0.1)) == []
     assert "look 2 mm off: its zero, or the pre-tension" in causes(log, tense, ERROR)[0].text
 
@@ -171,10 +205,14 @@ def test_the_truth_contradicts_where_less_than_85_percent_are_inside(
     result = estimate(seen, finger, compiled=False)
     truths = np.array(result.angles)
     for joint in joints:
-        within = slice(round((outside + 0.01 * joint) * len(truths)))  # the second one is a little worse
+        within = slice(
+            round((outside + 0.01 * joint) * len(truths))
+        )  # the second one is a little worse
         truths[within, joint] += 10 * result.angle_stds[within, joint]
     said = [
-        one for one in against_truth(replace(result, truths=truths), seen, finger) if one.kind == "against the truth"
+        one
+        for one in against_truth(replace(result, truths=truths), seen, finger)
+        if one.kind == "against the truth"
     ]
     assert [one.subject for one in said] == (["pip"] if contradicts else [])
     if contradicts:
@@ -182,23 +220,31 @@ def test_the_truth_contradicts_where_less_than_85_percent_are_inside(
 
 
 def errors_of(result: Estimate, share: float) -> Estimate:
-    """Return the result with a truth that is off by a share of the band's median half-width, everywhere."""
+    """Return the result with a truth that is off by a share of the band's median half-width,
+    everywhere.
+    """
     offset = share * 1.96 * np.median(result.angle_stds, axis=0)
-    return replace(result, truths=np.array(result.angles) + np.minimum(offset, 1.9 * result.angle_stds))
+    return replace(
+        result, truths=np.array(result.angles) + np.minimum(offset, 1.9 * result.angle_stds)
+    )
 
 
 @pytest.mark.parametrize(("share", "is_said"), [(0.25, False), (0.4, True)])
 def test_an_error_that_the_band_allows_is_not_called_consistent(
     seen: Log, finger: Rig, share: float, is_said: bool
 ) -> None:
-    """Above 0.3 of the half-width: said first, without contradiction, and what is said of the innovations stays."""
+    """Above 0.3 of the half-width: said first, without contradiction, and what is said of the
+    innovations stays.
+    """
     result = errors_of(estimate(seen, finger, compiled=False), share)
     found = against_truth(result, seen, finger)
     assert [finding.kind for finding in found][:1] == (["errs inside"] if is_said else [])
     assert not any(finding.contradicts for finding in found)
     said = diagnose_estimate(result, found[:1])
     assert said.consistent
-    assert said.text.startswith("the band holds the truth (100 %), but " if is_said else "consistent: ")
+    assert said.text.startswith(
+        "the band holds the truth (100 %), but " if is_said else "consistent: "
+    )
     assert "agree with the rig" in said.text
 
 
@@ -218,7 +264,8 @@ class Halved:
 
 
 @pytest.mark.parametrize(
-    ("channel", "left", "named"), [("F_mcp_f", 0.4, True), ("F_mcp_f", 0.6, False), ("u", 0.1, False)]
+    ("channel", "left", "named"),
+    [("F_mcp_f", 0.4, True), ("F_mcp_f", 0.6, False), ("u", 0.1, False)],
 )
 def test_a_cause_inside_the_band_is_named_where_the_filter_is_right_without_it(
     seen: Log, finger: Rig, channel: str, left: float, named: bool
@@ -235,7 +282,9 @@ def test_what_would_explain_an_error_inside_the_band_is_named(seen: Log, finger:
     log = log_of(stiffness=STIFFNESS / 2)
     result = errors_of(estimate(seen, finger, compiled=False), 0.45)
     assert len(against_truth(result, log, finger)) == 1
-    inside, *explained = against_truth(result, log, finger, lambda: Halved(log, finger, "F_mcp_f", 0.1))  # type: ignore[arg-type, return-value]
+    inside, *explained = against_truth(
+        result, log, finger, lambda: Halved(log, finger, "F_mcp_f", 0.1)
+    )  # type: ignore[arg-type, return-value]
     assert inside.kind == "errs inside"
     assert {finding.kind for finding in explained} == {"would explain"}
     assert explained[0].subject == "F_mcp_f"
@@ -244,7 +293,9 @@ def test_what_would_explain_an_error_inside_the_band_is_named(seen: Log, finger:
 
 
 def test_a_gear_is_not_taken_for_a_force_of_the_wrong_sign(data: Path, tmp_path: Path) -> None:
-    """A pull that rises with the angle goes with it as a gear does: its sign has to explain four times as much."""
+    """A pull that rises with the angle goes with it as a gear does: its sign has to explain four
+    times as much.
+    """
     rig = load_rig(data / "newcomer" / "joint.toml", ["sensors.encoder.gear=33"])
     log = read_log(log_of_plant("joint", 5006, tmp_path), rig)
     found = causes(log, rig, np.deg2rad(4.0))
@@ -262,7 +313,9 @@ def test_a_truth_of_one_joint_of_a_chain_is_enough_for_its_own_drives(finger: Ri
 
 
 def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
-    """A place twice too large is halved, a tendon that stretches half as far is twice as stiff, a zero is taken off."""
+    """A place twice too large is halved, a tendon that stretches half as far is twice as stiff, a
+    zero is taken off.
+    """
     doubled = log_of(scale=2.0)
     (scale,) = _likeliest(doubled, finger, ERROR)[:1]
     assert [change.channels for change in scale.undone] == [{"x_mcp_f": pytest.approx(0.5)}]
@@ -271,18 +324,26 @@ def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
     by_reading, by_number = force.undone
     assert by_reading.channels == {"F_mcp_f": pytest.approx(2.0, rel=0.05)}
     assert by_number.numbers == {"tendons.0.stiffness": pytest.approx(0.5, rel=0.05)}
-    (arm,) = (one for one in _likeliest(log_of(arms=turned(1, 1.3)), finger, ERROR) if one.kind == "arm")
+    (arm,) = (
+        one for one in _likeliest(log_of(arms=turned(1, 1.3)), finger, ERROR) if one.kind == "arm"
+    )
     assert [*arm.undone[0].numbers.values()] == [pytest.approx(1.3, rel=0.05)]
-    assert all(path.startswith("tendons.") and path.endswith(".radius") for path in arm.undone[0].numbers)
+    assert all(
+        path.startswith("tendons.") and path.endswith(".radius") for path in arm.undone[0].numbers
+    )
 
 
 @pytest.mark.parametrize("channel", ["x_mcp_f", "x_mcp_e", "x_pip_e"])
 def test_without_a_truth_a_wrong_sign_comes_before_units_that_make_a_force_small(
     channel: str,
 ) -> None:
-    """A force read as if in other units is near zero, and agrees with much: the sign contradicts nothing either."""
+    """A force read as if in other units is near zero, and agrees with much: the sign contradicts
+    nothing either.
+    """
     scenario = load_scenario("finger").model_copy(update={"plant": {}})
     rig = load_rig("finger-2n")
     seen = simulate(rig, scenario, 5)
     turned = replace(seen, channels={**seen.channels, channel: -seen.channels[channel]}, truth={})
-    assert why_diverged(turned, rig)[0].text.startswith(f"{channel} looks as if its sign were wrong")
+    assert why_diverged(turned, rig)[0].text.startswith(
+        f"{channel} looks as if its sign were wrong"
+    )

@@ -1,4 +1,6 @@
-"""A diagnosis with log and rig: what explains a disagreement, what hangs on the start, what no sensor tests."""
+"""A diagnosis with log and rig: what explains a disagreement, what hangs on the start, what no
+sensor tests.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,18 @@ from benchmarks.cases import paper_log, paper_rig
 from benchmarks.ladder import log_of
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
-from distal import Log, Rig, diagnose, estimate, learn_affine, load_rig, load_scenario, read_log, scenario_rig, simulate
+from distal import (
+    Log,
+    Rig,
+    diagnose,
+    estimate,
+    learn_affine,
+    load_rig,
+    load_scenario,
+    read_log,
+    scenario_rig,
+    simulate,
+)
 from distal.diagnosis import Finding, cannot_test
 from distal.diagnosis.comparison import disagreement
 from distal.diagnosis.diagnose import elsewhere, out_of_range
@@ -60,7 +73,8 @@ class TestRerun:
         path = "tendons.0.insertion.radius"
         other = rerun(Change(numbers={path: 1.1}))
         radius = rig.tendons[0].insertion.radius.value
-        # the joint's own load is computed from the rig's values, and a float factor rounds: not to the last bit
+        # the joint's own load is computed from the rig's values, and a float factor rounds: not to
+        # the last bit
         wide = estimate(log, rig.with_values({path: 1.1 * radius}))
         np.testing.assert_allclose(other.means[:, 0], wide.theta, atol=2e-4)
 
@@ -74,10 +88,15 @@ class TestRerun:
     def test_several_side_by_side_are_those_one_by_one(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         factors = np.linspace(0.8, 1.2, 9)  # more than there are lanes
-        changes = [Change(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor}) for factor in factors]
+        changes = [
+            Change(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor})
+            for factor in factors
+        ]
         for change, one in zip(changes, rerun.each(changes), strict=True):
             np.testing.assert_array_equal(one.means, rerun(change).means)
-            np.testing.assert_array_equal(one.innovation_variances, rerun(change).innovation_variances)
+            np.testing.assert_array_equal(
+                one.innovation_variances, rerun(change).innovation_variances
+            )
 
 
 class TestExplanations:
@@ -87,16 +106,24 @@ class TestExplanations:
         ("factors", "subject", "words"),
         [
             ({"x2": -1.0}, "x2", "x2 looks as if its sign, or the side of its tendon, were wrong"),
-            pytest.param({"u1": -1.0}, "u1", "u1 looks as if its sign were wrong", marks=pytest.mark.slow),
+            pytest.param(
+                {"u1": -1.0}, "u1", "u1 looks as if its sign were wrong", marks=pytest.mark.slow
+            ),
             ({"u1": 1 / 4.4482216}, "u1", "u1 looks like pounds"),
-            pytest.param({"u2": 1000.0}, "u2", "u2 looks like millinewtons", marks=pytest.mark.slow),
+            pytest.param(
+                {"u2": 1000.0}, "u2", "u2 looks like millinewtons", marks=pytest.mark.slow
+            ),
         ],
     )
-    def test_a_sign_or_a_unit(self, factors: dict[str, float], subject: str, words: str, rig: Rig, log: Log) -> None:
+    def test_a_sign_or_a_unit(
+        self, factors: dict[str, float], subject: str, words: str, rig: Rig, log: Log
+    ) -> None:
         wrong = scaled(log, **factors)
         kinds = {(one.kind, one.subject): one.text for one in found(wrong, rig)}
         assert kinds[("looks like", subject)] == words
-        assert words in diagnose(estimate(wrong, rig), wrong, rig).text  # and it is not among "and 2 more"
+        assert (
+            words in diagnose(estimate(wrong, rig), wrong, rig).text
+        )  # and it is not among "and 2 more"
 
     def test_two_signs_that_nothing_tells_apart_are_both_named(self) -> None:
         scenario = load_scenario("lab-bench")
@@ -123,12 +150,18 @@ class TestCannotTest:
 
     @pytest.mark.parametrize(
         ("number", "group"),
-        [("sensors.encoder.gear=19", SCALE), ("tendons.cable.stiffness=3000", COMPLIANCE), ("zero", ZERO)],
+        [
+            ("sensors.encoder.gear=19", SCALE),
+            ("tendons.cable.stiffness=3000", COMPLIANCE),
+            ("zero", ZERO),
+        ],
     )
     def test_what_is_wrong_and_not_seen_is_in_a_group(
         self, data: Path, tmp_path: Path, number: str, group: str
     ) -> None:
-        """A gear of 19 for 30, a quarter of the stiffness, a zero 20° off: no innovation tells any of them."""
+        """A gear of 19 for 30, a quarter of the stiffness, a zero 20° off: no innovation tells any
+        of them.
+        """
         rig = load_rig(data / "newcomer" / "joint.toml", [] if number == "zero" else [number])
         log = replace(read_log(log_of("joint", 5006, tmp_path), rig), truth={})
         if number == "zero":
@@ -139,8 +172,12 @@ class TestCannotTest:
         assert f"{group} of motor" in subjects
         assert len(subjects) <= 3
 
-    def test_a_change_that_moves_less_than_half_of_the_band_is_not_named(self, rig: Rig, log: Log) -> None:
-        """What is shifted by a share of what it covers moves the angle by as much: of a wide band by less than half."""
+    def test_a_change_that_moves_less_than_half_of_the_band_is_not_named(
+        self, rig: Rig, log: Log
+    ) -> None:
+        """What is shifted by a share of what it covers moves the angle by as much: of a wide band
+        by less than half.
+        """
         runner = runner_for(log, rig, "adaptive")
         assert isinstance(runner, AdaptiveFilter)
         rerun = Rerun(log, runner)
@@ -149,11 +186,18 @@ class TestCannotTest:
         assert untestable(rerun) == []
 
     def test_what_is_named_is_true(self, rig: Rig, log: Log) -> None:
-        """With arms 20 % too large in the rig, the estimate is a sixth too small, and innovations as they were."""
-        arms = {f"tendons.{i}.insertion.radius": 1.2 * rig.tendons[i].insertion.radius.value for i in range(2)}
+        """With arms 20 % too large in the rig, the estimate is a sixth too small, and innovations
+        as they were.
+        """
+        arms = {
+            f"tendons.{i}.insertion.radius": 1.2 * rig.tendons[i].insertion.radius.value
+            for i in range(2)
+        }
         right, wrong = estimate(log, rig), estimate(log, rig.with_values(arms))
         assert wrong.rms_error() > 3 * right.rms_error()
-        ratios = [np.nanmean(each.innovations**2 / each.innovation_variances) for each in (right, wrong)]
+        ratios = [
+            np.nanmean(each.innovations**2 / each.innovation_variances) for each in (right, wrong)
+        ]
         assert abs(ratios[0] - ratios[1]) < 0.1
 
 
@@ -170,17 +214,23 @@ class TestFurther:
         assert out_of_range(log, {"u1": (low, high)}) == []
         beyond = out_of_range(log, {"u1": (low, (low + high) / 2), "not there": (0.0, 1.0)})
         assert [(one.kind, one.subject) for one in beyond] == [("out of range", "u1")]
-        verdict = diagnose(estimate(log, rig), log, rig, ranges={"u1": (low, (low + high) / 2)}, what_if=False)
+        verdict = diagnose(
+            estimate(log, rig), log, rig, ranges={"u1": (low, (low + high) / 2)}, what_if=False
+        )
         assert not verdict.consistent
 
-    def test_elastic_agrees_with_a_right_rig_and_not_with_a_wrong_side(self, rig: Rig, log: Log) -> None:
+    def test_elastic_agrees_with_a_right_rig_and_not_with_a_wrong_side(
+        self, rig: Rig, log: Log
+    ) -> None:
         assert disagreement(estimate(log, rig), log, rig) == []
         wrong = scaled(log, x2=-1.0)
         assert [one.subject for one in disagreement(estimate(log, rig), wrong, rig)] == ["elastic"]
 
     @pytest.mark.slow
     def test_a_band_that_hangs_on_the_start(self, rig: Rig, log: Log) -> None:
-        """A rig whose stds are what its log forgets; then the same runs with bands ten times too narrow."""
+        """A rig whose stds are what its log forgets; then the same runs with bands ten times too
+        narrow.
+        """
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         assert overconfidence(rerun) == []
         base = rerun.base
@@ -190,7 +240,9 @@ class TestFurther:
 
 @pytest.mark.slow
 def test_what_logs_taught_is_asked_too() -> None:
-    """A map in the rig file that says otherwise, and readings that its logs never had, are told by name."""
+    """A map in the rig file that says otherwise, and readings that its logs never had, are told by
+    name.
+    """
     log = finger_log(3, 8.0)
     rig = learn_affine([finger_log(seed, 8.0) for seed in range(3)], finger_rig()).rig
     result = estimate(log, rig, compiled=False)
@@ -200,6 +252,10 @@ def test_what_logs_taught_is_asked_too() -> None:
     found = diagnose(sure, log, rig, compiled=False, what_if=False)
     assert any(one.kind == "other estimate" and one.subject == "affine" for one in found.findings)
     assert not any(one.kind == "out of range" for one in found.findings)
-    far = Log(log.time, {**log.channels, "motor_angle": log.channels["motor_angle"] + 1.5}, log.truth)
+    far = Log(
+        log.time, {**log.channels, "motor_angle": log.channels["motor_angle"] + 1.5}, log.truth
+    )
     found = diagnose(estimate(far, rig, compiled=False), far, rig, compiled=False, what_if=False)
-    assert any(one.kind == "out of range" and one.subject == "motor_angle" for one in found.findings)
+    assert any(
+        one.kind == "out of range" and one.subject == "motor_angle" for one in found.findings
+    )

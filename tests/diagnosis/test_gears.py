@@ -21,7 +21,9 @@ ERROR = np.deg2rad(20.0)
 def rig() -> Rig:
     """The bench's rig, to whose file nobody wrote that the encoder is before a gear."""
     bench = load_rig("lab-bench")
-    return bench.with_values({"sensors.motor_angle.gear": 1.0, "sensors.motor_angle.resolution": "0.006 deg"})
+    return bench.with_values(
+        {"sensors.motor_angle.gear": 1.0, "sensors.motor_angle.resolution": "0.006 deg"}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,9 @@ def log() -> Log:
 
 
 def scaled(log: Log, factor: float) -> Log:
-    return replace(log, channels={**log.channels, "motor_angle": factor * log.channels["motor_angle"]})
+    return replace(
+        log, channels={**log.channels, "motor_angle": factor * log.channels["motor_angle"]}
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,12 +67,16 @@ def test_a_gear_that_is_wrong_in_the_rig_file(log: Log, tmp_path: Path, gear: in
     finding = causes(read_log(tmp_path / "log.csv", other), other, ERROR)[0]
     instead = "that the rig file does not have" if gear == 1 else f", where the rig file has {gear}"
     number = finding.text.split("about ")[1].split()[0].rstrip(",")
-    assert finding.text == f"motor_angle looks like a gear of about {number} {instead}".replace(" ,", ",")
+    assert finding.text == f"motor_angle looks like a gear of about {number} {instead}".replace(
+        " ,", ","
+    )
     assert float(number) == pytest.approx(30, rel=0.05)
 
 
 def test_a_log_of_another_program(rig: Rig) -> None:
-    """Motor and joint as a test of its own makes them: the joint lags behind by stretch, and the encoder is noisy."""
+    """Motor and joint as a test of its own makes them: the joint lags behind by stretch, and the
+    encoder is noisy.
+    """
     rng, time = np.random.default_rng(0), np.arange(0.0, 8.0, 0.01)
     motor = 1.5 * np.sin(1.3 * time)
     tendon, drive = rig.tendons[0], rig.drives[0]
@@ -94,7 +102,9 @@ def test_degrees_are_no_gear(rig: Rig, log: Log) -> None:
 
 
 def test_without_the_joints_angle_the_least_ratio_is_named(rig: Rig, log: Log) -> None:
-    """The joint can turn between its stops: what the motor asks for beyond that is a gear's, or a unit's."""
+    """The joint can turn between its stops: what the motor asks for beyond that is a gear's, or a
+    unit's.
+    """
     wrong = replace(scaled(log, 30.0), truth={})
     (finding,) = out_of_reach(wrong, rig)
     least = float(finding.text.split("gear of ")[1].split()[0])

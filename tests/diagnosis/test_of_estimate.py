@@ -42,7 +42,9 @@ def made(
     friction: float = 0.0,
     priors: bool = True,
 ) -> Estimate:
-    """Return a constructed estimate: an angle, a factor with prior 1 ± 0.1 that is `end` ± `std` in the end, a friction."""
+    """Return a constructed estimate: an angle, a factor with prior 1 ± 0.1 that is `end` ± `std` in
+    the end, a friction.
+    """
     k = 1000
     time = np.arange(k) / 100.0
     factor = np.full(k, end) if middle is None else np.where(np.arange(k) <= k // 2, middle, end)
@@ -68,7 +70,9 @@ def made(
 
 
 class TestConstructed:
-    """Each finding on an estimate that is made for it; white innovations of variance 1 are the reference."""
+    """Each finding on an estimate that is made for it; white innovations of variance 1 are the
+    reference.
+    """
 
     def test_white_innovations_are_consistent_and_say_what_was_tested(self) -> None:
         found = diagnose(made())
@@ -95,7 +99,9 @@ class TestConstructed:
         assert diagnose(made(end=1.32, std=0.05)).consistent
 
     def test_a_state_that_goes_on_walking(self) -> None:
-        """It moves by 1.5 prior stds where it has learned nothing since the middle: 150 times what it may."""
+        """It moves by 1.5 prior stds where it has learned nothing since the middle: 150 times what
+        it may.
+        """
         found = diagnose(made(middle=0.9, end=1.05))
         assert "does not settle" in found.text
         assert not found.consistent
@@ -104,7 +110,9 @@ class TestConstructed:
         assert diagnose(made(end=0.065, priors=False)).consistent
 
     def test_innovations_too_small_test_nothing(self) -> None:
-        """ν²/S of 0.02 is no agreement: S is then what the filter does not believe of the sensor."""
+        """ν²/S of 0.02 is no agreement: S is then what the filter does not believe of the
+        sensor.
+        """
         values = np.random.default_rng(4).normal(size=(1000, 2))
         both = diagnose(made(np.sqrt(0.02) * values))
         assert not both.consistent
@@ -134,19 +142,27 @@ class TestConstructed:
 
     def test_drift_of_all_innovations(self) -> None:
         noise = np.random.default_rng(5).normal(size=(1001, 2))
-        found = diagnose(made((noise[1:] + noise[:-1]) / np.sqrt(2) + np.sin(np.arange(1000) / 30)[:, None] * 0.5))
+        found = diagnose(
+            made(
+                (noise[1:] + noise[:-1]) / np.sqrt(2) + np.sin(np.arange(1000) / 30)[:, None] * 0.5
+            )
+        )
         assert "drift" in found.text  # correlations of 0.56: half a noise's own, and the wave's
         assert not found.consistent
 
     @pytest.mark.parametrize(("weight", "white"), [(0.2, True), (0.5, False)])
     def test_one_channel_that_is_not_white(self, weight: float, white: bool) -> None:
-        """ν_k = (w_k + a w_{k−1})/√(1 + a²) has the correlation a/(1 + a²): 0.19 and 0.4, ± 0.03 over 1000 samples."""
+        """ν_k = (w_k + a w_{k−1})/√(1 + a²) has the correlation a/(1 + a²): 0.19 and 0.4, ± 0.03
+        over 1000 samples.
+        """
         noise = np.random.default_rng(5).normal(size=(1001, 2))
         values = noise[1:].copy()
         values[:, 1] = (noise[1:, 1] + weight * noise[:-1, 1]) / np.sqrt(1 + weight**2)
         found = diagnose(made(values))
         assert found.consistent is white
-        assert [(one.kind, one.subject) for one in found.findings] == ([] if white else [("drifts", "u2")])
+        assert [(one.kind, one.subject) for one in found.findings] == (
+            [] if white else [("drifts", "u2")]
+        )
 
     def test_what_else_was_found_counts_too(self) -> None:
         other = Finding("other estimate", "elastic", "elastic lies elsewhere")
@@ -161,7 +177,10 @@ class TestConstructed:
         text = of_estimate(made(), many).text
         assert len(text) <= LONGEST
         assert text.endswith("; …")
-        loud = [Finding("looks like", f"u{i}", f"u{i} looks like pounds, and so on and so forth") for i in range(20)]
+        loud = [
+            Finding("looks like", f"u{i}", f"u{i} looks like pounds, and so on and so forth")
+            for i in range(20)
+        ]
         text = of_estimate(made(), loud).text
         assert len(text) <= LONGEST + len("; and 20 more")
         assert "more" in text
@@ -177,7 +196,11 @@ class TestLogs:
         assert text.startswith("sensor u2 disagrees from ")
         assert 5.5 <= float(text.split("from ")[1].split(" s")[0]) <= 8.0
         noisy = changed(
-            log, **{f"u{i}": log.channels[f"u{i}"] + np.random.default_rng(i).normal(0, 0.9, len(log)) for i in (1, 2)}
+            log,
+            **{
+                f"u{i}": log.channels[f"u{i}"] + np.random.default_rng(i).normal(0, 0.9, len(log))
+                for i in (1, 2)
+            },
         )
         assert "larger than expected" in diagnose(estimate(noisy, rig)).text
         assert "not checked" in diagnose(estimate(log, rig, "elastic")).text
@@ -189,7 +212,9 @@ class TestLogs:
         assert "'left'" in text
 
     def test_what_is_not_compared_is_said(self, rig: Rig, log: Log) -> None:
-        """A window of the stops that is far too small: forces count for nothing, and that is said."""
+        """A window of the stops that is far too small: forces count for nothing, and that is
+        said.
+        """
         narrow = rig.with_values({f"drives.{i}.stops": [0.0, 0.002] for i in range(2)})
         result = estimate(log, narrow)
         assert np.mean(np.isfinite(result.innovations)) < 0.5
@@ -198,7 +223,9 @@ class TestLogs:
         assert "could be compared" not in diagnose(estimate(log, rig)).text
 
     def test_a_stiffness_that_is_three_times_too_large(self, rig: Rig, log: Log) -> None:
-        """806 N/m ± 10 % that the rig calls 2418 ± 10 %: the filter walks there, six stds from its prior."""
+        """806 N/m ± 10 % that the rig calls 2418 ± 10 %: the filter walks there, six stds from its
+        prior.
+        """
         stiff = rig.with_values({f"tendons.{i}.stiffness": 2418.0 for i in range(2)})
         found = diagnose(estimate(log, stiff))
         assert not found.consistent
@@ -233,7 +260,9 @@ class TestLogs:
 
 
 def test_the_limit_is_that_of_the_issue() -> None:
-    """Plants are drawn from two standard deviations at most, and three are what a rig's std allows."""
+    """Plants are drawn from two standard deviations at most, and three are what a rig's std
+    allows.
+    """
     assert LARGE_PRIOR == 3.0
 
 
@@ -244,8 +273,12 @@ QUANTILES = np.array([NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)]
 
 
 @pytest.mark.parametrize(("times", "large"), [(1.97, False), (2.03, True)])
-def test_a_channel_disagrees_once_its_innovations_are_twice_as_large(times: float, large: bool) -> None:
-    """Six seconds of 1 σ, then four of so many: from the seventh on, at the first value beyond 3 σ about its begin."""
+def test_a_channel_disagrees_once_its_innovations_are_twice_as_large(
+    times: float, large: bool
+) -> None:
+    """Six seconds of 1 σ, then four of so many: from the seventh on, at the first value beyond 3 σ
+    about its begin.
+    """
     time = np.arange(1000) / 100.0
     scaled = np.concatenate([np.tile(QUANTILES, 6), np.tile(times * QUANTILES, 4)])
     since = _since(time, scaled)
@@ -256,15 +289,23 @@ def test_a_channel_disagrees_once_its_innovations_are_twice_as_large(times: floa
 
 
 def test_a_channel_that_was_large_before_agrees_again() -> None:
-    """Large for a while, or from the start on, is no day on which a sensor broke; nor are four values in a window."""
+    """Large for a while, or from the start on, is no day on which a sensor broke; nor are four
+    values in a window.
+    """
     time, large = np.arange(1000) / 100.0, np.tile(3.0 * QUANTILES, 10)
     assert np.isnan(_since(time, large))
     assert np.isnan(_since(time, np.where((time > 3) & (time < 8), large, large / 3.0)))
     # now and then in more than half of the windows, and in the last one
     windows = time.astype(int)
-    assert _since(time, np.where(np.isin(windows, (4, 6, 7, 9)), large, large / 3.0)) == pytest.approx(4.0, abs=0.2)
-    assert _since(time, np.where(np.isin(windows, (2, 7, 9)), large, large / 3.0)) == pytest.approx(7.0, abs=0.2)
-    assert _since(time, np.where(np.isin(windows, (0, 5, 9)), large, large / 3.0)) == pytest.approx(9.0, abs=0.2)
+    assert _since(
+        time, np.where(np.isin(windows, (4, 6, 7, 9)), large, large / 3.0)
+    ) == pytest.approx(4.0, abs=0.2)
+    assert _since(time, np.where(np.isin(windows, (2, 7, 9)), large, large / 3.0)) == pytest.approx(
+        7.0, abs=0.2
+    )
+    assert _since(time, np.where(np.isin(windows, (0, 5, 9)), large, large / 3.0)) == pytest.approx(
+        9.0, abs=0.2
+    )
     few = np.full(1000, np.nan)
     few[windows < 9] = np.tile(QUANTILES, 9)
     few[996:] = 9.0

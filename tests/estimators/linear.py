@@ -1,4 +1,6 @@
-"""A linear rig and its textbook filter, written without the package's model: what filters must equal."""
+"""A linear rig and its textbook filter, written without the package's model: what filters must
+equal.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,19 @@ def linear_rig() -> Rig:
     """Pulleys, no friction, tendons always taut: everything is linear."""
     values: dict[str, object] = {"joints.0.friction": None}
     for i in range(2):
-        values |= {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0}, f"tendons.{i}.damping": 0.0}
+        values |= {
+            f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0},
+            f"tendons.{i}.damping": 0.0,
+        }
         values[f"tendons.{i}.pretension"] = 20.0
     return load_rig("pulley-antagonist").with_values(values)
 
 
 @dataclass(frozen=True)
 class LinearModel:
-    """x⁺ = Φ x + G₀ u₀ + G₁ u₁ + c of the linear rig over one interval, u going from u₀ to u₁ in a straight line."""
+    """x⁺ = Φ x + G₀ u₀ + G₁ u₁ + c of the linear rig over one interval, u going from u₀ to u₁ in a
+    straight line.
+    """
 
     transition: Floats
     input_maps: tuple[Floats, Floats]
@@ -45,7 +52,13 @@ def linear_model(dt: float, count: int) -> LinearModel:
         pull = (b[:, None] * np.eye(3))[:, 1:]
         # acts on (q, v, u0, u1, 1)
         matrix = np.eye(11)
-        blocks = [b[:, None] * stiffness, np.diag(a), (1 - along) * pull, along * pull, (b * bias)[:, None]]
+        blocks = [
+            b[:, None] * stiffness,
+            np.diag(a),
+            (1 - along) * pull,
+            along * pull,
+            (b * bias)[:, None],
+        ]
         matrix[3:6] = np.hstack(blocks)
         return matrix
 

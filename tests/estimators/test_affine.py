@@ -1,4 +1,6 @@
-"""`affine`: least squares of what the sensors read, its covariance, its band, its range, homing, and its refusals."""
+"""`affine`: least squares of what the sensors read, its covariance, its band, its range, homing,
+and its refusals.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from distal import LiveEstimator, Log, Rig, estimate, estimate_batch, export_c, learn_affine, load_rig, make_estimator
+from distal import (
+    LiveEstimator,
+    Log,
+    Rig,
+    estimate,
+    estimate_batch,
+    export_c,
+    learn_affine,
+    load_rig,
+    make_estimator,
+)
 from distal.errors import EstimationError, FitError, RigError
 from distal.estimators.affine import OUTSIDE, affine_function, affine_of, affine_samples, start_of
 from distal.regression import learn_map, numbers_of, predict
@@ -37,7 +49,8 @@ def linear_log(
     duration: float = 20.0,
     size: float = 1.0,
 ) -> Log:
-    """Return a log of a joint that is linear in the drive's angle and torque, with AR(1) noise, and its own coefficients.
+    """Return a log of a joint that is linear in the drive's angle and torque, with AR(1) noise, and
+    its own coefficients.
 
     Args:
         rng: of motion and noise.
@@ -50,8 +63,22 @@ def linear_log(
     """
     time = np.arange(0.0, duration, 0.02)
     periods, phases = rng.uniform(1.0, 3.0, 4), rng.uniform(0.0, 2 * np.pi, 4)
-    drive = size * 0.4 * (np.sin(2 * np.pi * time / periods[0] + phases[0]) + np.sin(time / periods[1] + phases[1]))
-    torque = size * 0.05 * (np.sin(2 * np.pi * time / periods[2] + phases[2]) + np.sin(time / periods[3] + phases[3]))
+    drive = (
+        size
+        * 0.4
+        * (
+            np.sin(2 * np.pi * time / periods[0] + phases[0])
+            + np.sin(time / periods[1] + phases[1])
+        )
+    )
+    torque = (
+        size
+        * 0.05
+        * (
+            np.sin(2 * np.pi * time / periods[2] + phases[2])
+            + np.sin(time / periods[3] + phases[3])
+        )
+    )
     white = rng.normal(size=len(time) + 500) * np.sqrt(1.0 - correlation**2)
     errors = noise * lfilter([1.0], [1.0, -correlation], white)[500:]
     own = spread * rng.normal(size=3) * [1.0, 0.1, 0.1]
@@ -66,7 +93,9 @@ def logs_of(seed: int, count: int, **options: float) -> list[Log]:
 
 
 def in_si(rig: Rig) -> tuple[float, float, float]:
-    """Return offset, slope and compliance of the one joint for readings in SI, as the map has them."""
+    """Return offset, slope and compliance of the one joint for readings in SI, as the map has
+    them.
+    """
     affine = rig.affine
     assert affine is not None
     b = np.array(affine.joints[0].coefficients)
@@ -96,8 +125,12 @@ def test_directions_are_used_where_they_help_on_left_out_logs(rig: Rig) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "inside"), [(5, (0.88, 1.0)), (12, (0.90, 0.99))])
-def test_the_band_holds_on_logs_that_were_not_seen(rig: Rig, count: int, inside: tuple[float, float]) -> None:
-    """15 made-up kinds of rig, each judged on 20 logs beyond those it learned from; errors correlated over 1 s."""
+def test_the_band_holds_on_logs_that_were_not_seen(
+    rig: Rig, count: int, inside: tuple[float, float]
+) -> None:
+    """15 made-up kinds of rig, each judged on 20 logs beyond those it learned from; errors
+    correlated over 1 s.
+    """
     shares, ratios = [], []
     for seed in range(15):
         logs = logs_of(100 + seed, count + 20, noise=0.01, correlation=0.98, spread=0.02)
@@ -115,7 +148,9 @@ def test_the_band_holds_on_logs_that_were_not_seen(rig: Rig, count: int, inside:
 
 @pytest.mark.slow
 def test_a_homing_band_holds_with_correlated_errors(rig: Rig) -> None:
-    """3 s of a log, alone: the errors of its window are worth few samples, and the band knows it."""
+    """3 s of a log, alone: the errors of its window are worth few samples, and the band knows
+    it.
+    """
     shares = []
     for log in logs_of(7, 60, noise=0.01, correlation=0.95, spread=0.1):
         result = estimate(log, rig, "affine", homing=3.0, compiled=False)
@@ -128,7 +163,8 @@ def test_few_logs_are_said_and_widen_the_band(rig: Rig) -> None:
     found = {count: learn_affine(logs[:count], rig) for count in (1, 2, 3, 6)}
     for count in (1, 2, 3):
         assert any(
-            f"{count} log" in note and "is hardly known, and the band is widened" in note for note in found[count].notes
+            f"{count} log" in note and "is hardly known, and the band is widened" in note
+            for note in found[count].notes
         )
     assert not any("are needed" in note for note in found[6].notes)
     assert not found[2].left_out
@@ -138,7 +174,9 @@ def test_few_logs_are_said_and_widen_the_band(rig: Rig) -> None:
 
 
 def test_a_map_and_a_homing_move_beat_either(rig: Rig) -> None:
-    """The move finds the log's offset, the logs know the slopes: a short move alone knows neither range nor slopes."""
+    """The move finds the log's offset, the logs know the slopes: a short move alone knows neither
+    range nor slopes.
+    """
     logs = logs_of(9, 18, noise=0.005, correlation=0.9, spread=0.05)
     known = learn_affine(logs[:10], rig).rig
     rms = {"logs": [], "move": [], "both": []}
@@ -160,7 +198,9 @@ def test_a_homing_move_that_contradicts_the_map_wins_and_is_said(rig: Rig) -> No
     turned = Log(log.time, log.channels, {"theta": log.truth["theta"] + 1.0}, "turned")
     result = estimate(turned, known, "affine", homing=3.0)
     assert result.rms_error() < 0.02
-    assert any("standard deviations from the map that the rig file has" in note for note in result.notes)
+    assert any(
+        "standard deviations from the map that the rig file has" in note for note in result.notes
+    )
     expected = estimate(log, known, "affine", homing=3.0).notes
     assert not any("standard deviations from the map" in note for note in expected)
 
@@ -181,15 +221,23 @@ def test_outside_the_learned_range_the_band_grows_and_it_is_said(rig: Rig) -> No
     assert np.all(std[outside] >= found.learned.joints[0].std * far[outside])
     assert np.all(np.diff(std[ramp > high]) > 0.0)
     assert len(result.notes) == 1
-    assert "are outside the range of the 5 logs that it was learned from (motor_angle)" in result.notes[0]
+    assert (
+        "are outside the range of the 5 logs that it was learned from (motor_angle)"
+        in result.notes[0]
+    )
 
 
 def test_a_combination_that_never_came_is_outside(rig: Rig) -> None:
-    """Angle and torque rise together in the logs: each within its range, the other way round, is far."""
+    """Angle and torque rise together in the logs: each within its range, the other way round, is
+    far.
+    """
     rng = np.random.default_rng(13)
     time = np.arange(0.0, 10.0, 0.02)
     wave = np.sin(time)
-    channels = {"motor_angle": wave, "motor_torque": 0.1 * wave + 0.005 * rng.normal(size=len(time))}
+    channels = {
+        "motor_angle": wave,
+        "motor_torque": 0.1 * wave + 0.005 * rng.normal(size=len(time)),
+    }
     known = learn_affine(Log(time, channels, {"theta": wave}), rig).rig
     against = Log(time, {"motor_angle": wave, "motor_torque": -0.1 * wave})
     result = estimate(against, known, "affine")
@@ -201,12 +249,18 @@ def test_what_tells_nothing_is_dropped_and_named(rig: Rig) -> None:
     rng = np.random.default_rng(14)
     (log,) = logs_of(14, 1)
     drive = log.channels["motor_angle"]
-    still = Log(log.time, {"motor_angle": drive, "motor_torque": np.full(len(drive), 0.03)}, {"theta": 0.9 * drive})
+    still = Log(
+        log.time,
+        {"motor_angle": drive, "motor_torque": np.full(len(drive), 0.03)},
+        {"theta": 0.9 * drive},
+    )
     found = learn_affine(still, rig)
     assert found.learned.dropped == ("motor_torque: was constant",)
     assert found.learned.joints[0].coefficients[2] == 0.0
     tied = 0.1 * drive + 1e-3 * rng.normal(size=len(drive))  # half the noise of the torque sensor
-    found = learn_affine(Log(log.time, {"motor_angle": drive, "motor_torque": tied}, {"theta": 0.9 * drive}), rig)
+    found = learn_affine(
+        Log(log.time, {"motor_angle": drive, "motor_torque": tied}, {"theta": 0.9 * drive}), rig
+    )
     assert found.learned.dropped == ("motor_torque: follows from the others",)
     assert in_si(found.rig)[1] == pytest.approx(0.9, rel=1e-6)
     result = estimate(still, rig, "affine", homing=3.0)
@@ -268,7 +322,9 @@ def test_the_kernel_has_several_joints() -> None:
     )
     function, n = affine_function(affine, 3), 3
     assert function.numel_in(0) == n + n * n + 2 * 3 + 1
-    following, _ = function(np.zeros(function.numel_in(0)), [0.1, 0.5, 0, 0, 1, 1, 1], numbers_of(affine))
+    following, _ = function(
+        np.zeros(function.numel_in(0)), [0.1, 0.5, 0, 0, 1, 1, 1], numbers_of(affine)
+    )
     after = np.array(following).ravel()
     np.testing.assert_allclose(after[:3], [0.5, 1.0, 0.0])
     np.testing.assert_allclose(after[3:12].reshape(3, 3), np.diag([0.01, 0.04, 0.0]))
@@ -320,9 +376,15 @@ def test_a_wrong_table_is_refused(rig: Rig, tmp_path: Path) -> None:
         with pytest.raises(RigError, match=match):
             build_rig({**raw, "affine": table}, "known.toml")
 
-    refused({"channels": ["motor_angle", "torque"], "terms": ["1", "motor_angle", "torque"]}, "no sensor is called")
+    refused(
+        {"channels": ["motor_angle", "torque"], "terms": ["1", "motor_angle", "torque"]},
+        "no sensor is called",
+    )
     refused({"channels": ["motor_angle", "torque"]}, "'motor_torque' is no variable")
-    refused({"centre": [0.0]}, "centre must have 2 entries, one for each channel, or 3 with joints; 1 came")
+    refused(
+        {"centre": [0.0]},
+        "centre must have 2 entries, one for each channel, or 3 with joints; 1 came",
+    )
     refused({"scale": [0.0, 1.0]}, "every scale, width and band must be positive")
     refused({"low": [9.0, 9.0]}, "low must not be above high")
     refused({"coefficients": [1.0]}, "covariance must be 1 rows of 1 numbers", joint=True)
@@ -330,13 +392,17 @@ def test_a_wrong_table_is_refused(rig: Rig, tmp_path: Path) -> None:
     refused({"joint": "wrist"}, r"one for each joint is needed \(jaw\)", joint=True)
     wrong = np.array(raw["affine"]["joints"][0]["covariance"])
     wrong[0, 0] = -1.0
-    refused({"covariance": wrong.tolist()}, "must be symmetric and positive semidefinite", joint=True)
+    refused(
+        {"covariance": wrong.tolist()}, "must be symmetric and positive semidefinite", joint=True
+    )
 
 
 def test_without_a_map_it_is_refused_by_name(rig: Rig) -> None:
     (log,) = logs_of(25, 1)
     for ask in (lambda: make_estimator("affine", rig), lambda: estimate(log, rig, "affine")):
-        with pytest.raises(EstimationError, match=r"affine: .*it needs \[affine\] in the rig file .*--homing 3s"):
+        with pytest.raises(
+            EstimationError, match=r"affine: .*it needs \[affine\] in the rig file .*--homing 3s"
+        ):
             ask()
 
 
@@ -344,11 +410,19 @@ def test_a_map_of_other_sensors_is_refused(rig: Rig) -> None:
     known = learn_affine(logs_of(26, 3), rig).rig
     raw = known.model_dump()
     kept = [sensor for sensor in raw["sensors"] if sensor["name"] != "encoder"]
-    added = {**kept[1], "name": "second", "column": "second", "measures": "tension", "of": "opening", "unit": "N"}
+    added = {
+        **kept[1],
+        "name": "second",
+        "column": "second",
+        "measures": "tension",
+        "of": "opening",
+        "unit": "N",
+    }
     for key in ("torque_constant", "torque_constant_motor", "gear", "lever", "si"):
         added.pop(key)
     with pytest.raises(
-        EstimationError, match=r"was learned from the sensors motor_angle, motor_torque, the rig now has"
+        EstimationError,
+        match=r"was learned from the sensors motor_angle, motor_torque, the rig now has",
     ):
         make_estimator("affine", build_rig({**raw, "sensors": [*kept, added]}, "more"))
 
@@ -360,13 +434,19 @@ def test_logs_without_truth_teach_nothing(rig: Rig) -> None:
         learn_affine(blind, rig)
     with pytest.raises(EstimationError, match="homing needs the joint's angle"):
         estimate(blind, rig, "affine", homing=3.0)
-    short = Log(log.time, log.channels, {"theta": np.where(log.time < 0.05, log.truth["theta"], np.nan)})
-    with pytest.raises(EstimationError, match=r"has 3 samples with a reference, affine needs 5 or more"):
+    short = Log(
+        log.time, log.channels, {"theta": np.where(log.time < 0.05, log.truth["theta"], np.nan)}
+    )
+    with pytest.raises(
+        EstimationError, match=r"has 3 samples with a reference, affine needs 5 or more"
+    ):
         estimate(short, rig, "affine", homing=3.0)
 
 
 def test_a_filter_begins_where_the_map_says() -> None:
-    """b0 + Σ b z with its variance, where that is surer than the rig; not without a reading, nor far outside."""
+    """b0 + Σ b z with its variance, where that is surer than the rig; not without a reading, nor
+    far outside.
+    """
     rig = load_rig("capstan-joint").with_values({"joints.0.initial": {"value": 0.3, "std": 0.2}})
     joint = {"joint": "jaw", "coefficients": [0.1, 0.4, -0.05, 0.01], "std": 0.004}
     covariance = np.diag([1e-6, 4e-6, 9e-6, 0.0])
@@ -391,7 +471,9 @@ def test_a_filter_begins_where_the_map_says() -> None:
     assert first.carry[0] == pytest.approx(0.1 + 0.4 * 0.4 + 0.05 * 1.5, abs=1e-12)
     expected = z @ covariance[:3, :3] @ z + 0.004**2 + 0.01**2
     assert first.carry[n] == pytest.approx(expected, rel=1e-9)
-    further = runner.initial(0.0, np.array([0.8 + 0.7 * 0.5, -0.1]))  # half of half the range beyond its end
+    further = runner.initial(
+        0.0, np.array([0.8 + 0.7 * 0.5, -0.1])
+    )  # half of half the range beyond its end
     assert further.carry[n] > 20 * expected
     for sample in ([0.4, np.nan], [0.8 + 0.7 * 1.5, -0.1]):
         plain = runner.initial(0.0, np.array(sample))
@@ -402,22 +484,30 @@ def test_a_filter_begins_where_the_map_says() -> None:
 
 
 def test_a_filter_begins_where_a_play_may_be(rig: Rig) -> None:
-    """At the first reading a play is there, give or take its half-width: its coefficient counts, and its room is doubt."""
+    """At the first reading a play is there, give or take its half-width: its coefficient counts,
+    and its room is doubt.
+    """
     made = learn_affine(logs_of(6, 5, noise=0.002), rig).learned
     joint = made.joints[0]
     size = len(joint.coefficients)
     whole = replace_terms(made, joint, size)
-    readings = {name: (made.centre[i] + 0.5 * made.scale[i], 1.0) for i, name in enumerate(made.channels)}
+    readings = {
+        name: (made.centre[i] + 0.5 * made.scale[i], 1.0) for i, name in enumerate(made.channels)
+    }
     before, after = (start_of(each, 0, readings) for each in (made, whole))
     assert float(after[0]) == pytest.approx(float(before[0]) + 0.3 * 0.5)
     assert float(after[1]) == pytest.approx(float(before[1]) + (0.3 * 0.2) ** 2 / 3.0)
 
 
 def replace_terms(made: Affine, joint: JointMap, size: int) -> Affine:
-    """Return the map with a play of its first channel, half-width 0.2, whose coefficient is 0.3 for certain."""
+    """Return the map with a play of its first channel, half-width 0.2, whose coefficient is 0.3 for
+    certain.
+    """
     covariance = np.zeros((size + 1, size + 1))
     covariance[:size, :size] = joint.covariance
     rows = tuple(tuple(float(value) for value in row) for row in covariance)
-    wider = joint.model_copy(update={"coefficients": (*joint.coefficients, 0.3), "covariance": rows})
+    wider = joint.model_copy(
+        update={"coefficients": (*joint.coefficients, 0.3), "covariance": rows}
+    )
     terms, width = (*made.terms, f"play({made.channels[0]})"), (0.2,) * len(made.channels)
     return made.model_copy(update={"terms": terms, "width": width, "joints": (wider,)})

@@ -39,8 +39,13 @@ def log(rig: Rig) -> Log:
 
 
 def moved(rig: Rig, seed: int) -> Log:
-    """The link turns by 80° while one pull rises slowly: no swinging weight, whose force few samples cannot follow."""
-    rising = {"points": [["0 s", "2 N"], ["0.5 s", "2 N"], ["2.5 s", "6 N"]], "interpolation": "linear"}
+    """The link turns by 80° while one pull rises slowly: no swinging weight, whose force few
+    samples cannot follow.
+    """
+    rising = {
+        "points": [["0 s", "2 N"], ["0.5 s", "2 N"], ["2.5 s", "6 N"]],
+        "interpolation": "linear",
+    }
     scenario = {
         "rig": "paper-2008-printed",
         "duration": "3.2 s",
@@ -96,17 +101,23 @@ def test_inputs_are_not_modified_and_beliefs_cannot_be(name: str, rig: Rig, log:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_covariance_stays_symmetric_and_positive_semidefinite(name: str, rig: Rig, log: Log) -> None:
+def test_covariance_stays_symmetric_and_positive_semidefinite(
+    name: str, rig: Rig, log: Log
+) -> None:
     result = estimate(log, rig, name)
     np.testing.assert_array_equal(result.covariances, np.swapaxes(result.covariances, 1, 2))
-    scale = np.sqrt(np.maximum(np.diagonal(result.covariances, axis1=1, axis2=2).max(axis=0), 1e-300))
+    scale = np.sqrt(
+        np.maximum(np.diagonal(result.covariances, axis1=1, axis2=2).max(axis=0), 1e-300)
+    )
     smallest = np.linalg.eigvalsh(result.covariances / np.outer(scale, scale)).min()
     assert smallest > -1e-9
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_missing_sample_is_prediction_only(name: str, rig: Rig, log: Log) -> None:
-    """NaN for everything: no innovation, and the covariance is that of a step whose values have no weight."""
+    """NaN for everything: no innovation, and the covariance is that of a step whose values have no
+    weight.
+    """
     made = make_estimator(name, rig)
     samples = samples_of(log, made.channels)
     belief = made.initial(log.time[0], samples[0])
@@ -124,9 +135,13 @@ def test_a_missing_sample_is_prediction_only(name: str, rig: Rig, log: Log) -> N
 @pytest.mark.parametrize("name", NAMES)
 def test_missing_values_are_bridged(name: str, rig: Rig, log: Log) -> None:
     rng = np.random.default_rng(0)
-    holes = {key: np.where(rng.random(len(log)) < 0.3, np.nan, values) for key, values in log.channels.items()}
+    holes = {
+        key: np.where(rng.random(len(log)) < 0.3, np.nan, values)
+        for key, values in log.channels.items()
+    }
     whole, part = estimate(log, rig, name), estimate(with_channels(log, **holes), rig, name)
-    # the kinematic ones have no model to bridge with: they hold the last value, while the link turns by up to 2°
+    # the kinematic ones have no model to bridge with: they hold the last value, while the link
+    # turns by up to 2°
     allowed = 2.0 if name in KINEMATIC else 1.0
     assert np.rad2deg(np.sqrt(np.mean((whole.theta - part.theta) ** 2))) < allowed
 
@@ -192,12 +207,16 @@ def test_an_endless_gap_is_refused(name: str, rig: Rig, log: Log) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_zero_noise_is_refused(name: str, rig: Rig) -> None:
-    with pytest.raises(EstimationError, match=r"sensor 'u1' has zero noise.*--set sensors.u1.noise="):
+    with pytest.raises(
+        EstimationError, match=r"sensor 'u1' has zero noise.*--set sensors.u1.noise="
+    ):
         make_estimator(name, rig.with_values({"sensors.u1.noise": 0.0}))
 
 
 def drawn(rig: Rig) -> Log:
-    """A log of any rig's sensors that is white noise: enough for a map that is not used for its angles."""
+    """A log of any rig's sensors that is white noise: enough for a map that is not used for its
+    angles.
+    """
     rng = np.random.default_rng(0)
     channels = {s.name: 1e-3 * rng.normal(size=200) for s in rig.sensors if s.measures != "angle"}
     return Log(0.01 * np.arange(200), channels, {"theta": 0.1 * rng.normal(size=200)})
@@ -205,7 +224,14 @@ def drawn(rig: Rig) -> Log:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
-    "which", ["paper-2008-printed", "paper-2008-soft", "paper-2008-observed", "pulley-antagonist", "capstan-joint"]
+    "which",
+    [
+        "paper-2008-printed",
+        "paper-2008-soft",
+        "paper-2008-observed",
+        "pulley-antagonist",
+        "capstan-joint",
+    ],
 )
 def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
     described = load_rig(which)
@@ -213,7 +239,9 @@ def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
         described = learn_affine(drawn(described), described).rig
     made = make_estimator(name, described, compiled=False)
     n = len(made.channels)
-    samples = np.column_stack([np.full(20, 5e-3 if c.startswith("x") else 1e-3) for c in made.channels])
+    samples = np.column_stack(
+        [np.full(20, 5e-3 if c.startswith("x") else 1e-3) for c in made.channels]
+    )
     means, *_ = made.scan(made.initial(0.0, samples[0]), 0.01 * np.arange(20), samples)
     assert means.shape == (20, len(made.state_names))
     assert np.all(np.isfinite(means))
@@ -224,16 +252,25 @@ def test_runs_on_every_shipped_rig(name: str, which: str) -> None:
 def test_one_sensor_per_thing(name: str, rig: Rig) -> None:
     dumped = rig.model_dump()
     dumped["affine"] = None
-    dumped["sensors"] = [*dumped["sensors"], {**dumped["sensors"][0], "name": "again", "column": "again"}]
+    dumped["sensors"] = [
+        *dumped["sensors"],
+        {**dumped["sensors"][0], "name": "again", "column": "again"},
+    ]
     from distal.rig import build_rig
 
-    with pytest.raises(EstimationError, match="'x1' and 'again' both measure the position of 'left'"):
+    with pytest.raises(
+        EstimationError, match="'x1' and 'again' both measure the position of 'left'"
+    ):
         make_estimator(name, build_rig(dumped, "double"))
-    dumped["sensors"] = [sensor for sensor in rig.model_dump()["sensors"] if sensor["measures"] != "position"]
+    dumped["sensors"] = [
+        sensor for sensor in rig.model_dump()["sensors"] if sensor["measures"] != "position"
+    ]
     with pytest.raises(EstimationError, match="no sensor that measures the position of a drive"):
         make_estimator(name, build_rig(dumped, "blind"))
 
 
 def test_unknown_estimators() -> None:
-    with pytest.raises(EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"):
+    with pytest.raises(
+        EstimationError, match=r"unknown estimator 'ekf-2009'; did you mean 'ekf-2008'\?"
+    ):
         make_estimator("ekf-2009", load_rig("paper-2008-printed"))

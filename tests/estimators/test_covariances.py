@@ -1,4 +1,6 @@
-"""Every reported covariance is positive semidefinite to rounding: estimators, rigs, learned maps, missing readings."""
+"""Every reported covariance is positive semidefinite to rounding: estimators, rigs, learned maps,
+missing readings.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,16 @@ def least_eigenvalue(covariances: np.ndarray) -> float:
         sure = np.sqrt(np.diagonal(covariance))
         kept = sure > 0.0
         correlations = covariance[np.ix_(kept, kept)] / np.outer(sure[kept], sure[kept])
-        least = min(least, float(np.linalg.eigvalsh((correlations + correlations.T) / 2).min(initial=0.0)))
+        least = min(
+            least, float(np.linalg.eigvalsh((correlations + correlations.T) / 2).min(initial=0.0))
+        )
     return least
 
 
 def motion(rig: Rig, missing: float) -> Log:
-    """Return readings of every sensor that move, with a share of them missing; fewer of a rig with many joints."""
+    """Return readings of every sensor that move, with a share of them missing; fewer of a rig with
+    many joints.
+    """
     rng, count = np.random.default_rng(3), 150 if len(rig.joints) < 10 else 20
     rate = max(sensor.rate for sensor in rig.sensors)
     time = np.arange(count) / rate
@@ -45,10 +51,17 @@ def motion(rig: Rig, missing: float) -> Log:
 
 
 def with_maps(rig: Rig) -> Rig:
-    """Return a rig with a discrepancy and a contact that use all kinds of terms and overstate the filter's own angle."""
+    """Return a rig with a discrepancy and a contact that use all kinds of terms and overstate the
+    filter's own angle.
+    """
     positions = [s.name for s in rig.sensors if s.measures == "position"]
     channels = list(make_estimator("adaptive", rig, compiled=False).channels)
-    terms = ["1", *channels, f"slip({positions[0]})", *(f"angle({joint.name})" for joint in rig.joints)]
+    terms = [
+        "1",
+        *channels,
+        f"slip({positions[0]})",
+        *(f"angle({joint.name})" for joint in rig.joints),
+    ]
     rng, m, n = np.random.default_rng(1), len(channels), len(channels) + len(rig.joints)
     root = 0.05 * rng.normal(size=(len(terms), len(terms)))
     joints = [
@@ -82,7 +95,9 @@ def with_maps(rig: Rig) -> Rig:
     return rig.with_values({**torques, "discrepancy": learned, "contact": learned})
 
 
-@pytest.mark.parametrize("name", ["adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible"])
+@pytest.mark.parametrize(
+    "name", ["adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible"]
+)
 @pytest.mark.parametrize("rig_name", shipped_rigs())
 def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
     """With every reading there, and with a third of them missing."""
@@ -109,7 +124,9 @@ def test_maps_keep_it_one_in_logs_and_live(rig_name: str) -> None:
     assert least_eigenvalue(result.covariances) > ROUNDING
     bare = estimate(log, rig.bare(), compiled=False)
     assert np.abs(result.angles - bare.angles).max() > 0.01  # the maps say something
-    np.testing.assert_allclose(result.innovations, bare.innovations)  # and the filter goes on as without them
+    np.testing.assert_allclose(
+        result.innovations, bare.innovations
+    )  # and the filter goes on as without them
     live, samples = LiveEstimator(rig, runner), samples_of(log, runner.channels)
     for k in range(60):
         live.step(log.time[k], samples[k])
@@ -131,6 +148,8 @@ def test_the_report_is_g_p_g_plus_u() -> None:
     gains = np.diag([1.0, 0.5, 1.0, 0.0])
     expected = gains @ covariance @ gains + np.diag([0.0, 0.04, 0.0, 0.09])
     np.testing.assert_allclose(report.covariances(covariance[None], y[None])[0], expected)
-    np.testing.assert_allclose(report.variances_of(np.diag(covariance)[None], y[None])[0], np.diag(expected))
+    np.testing.assert_allclose(
+        report.variances_of(np.diag(covariance)[None], y[None])[0], np.diag(expected)
+    )
     np.testing.assert_allclose(report.means(np.zeros((1, 4)), y[None])[0], [0.0, 0.3, 0.0, -0.7])
     assert dataclasses.astuple(report.only([3])) == ((3,), (3,), (5,), (7,))

@@ -1,4 +1,6 @@
-"""What is learned of the model's error: the correction and its band against a naive copy, its range, homing, refusals."""
+"""What is learned of the model's error: the correction and its band against a naive copy, its
+range, homing, refusals.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal import LiveEstimator, Log, Rig, estimate, estimate_batch, load_rig, make_estimator, smooth
+from distal import (
+    LiveEstimator,
+    Log,
+    Rig,
+    estimate,
+    estimate_batch,
+    load_rig,
+    make_estimator,
+    smooth,
+)
 from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter
 from distal.export.source import c_filter
@@ -42,7 +53,9 @@ TERMS = (
         (("1", "motor_torque", "angle(jaw)"), (1, 2)),
     ],
 )
-def test_a_reading_counts_as_used_where_it_stands_in_a_term(terms: tuple[str, ...], used: tuple[int, ...]) -> None:
+def test_a_reading_counts_as_used_where_it_stands_in_a_term(
+    terms: tuple[str, ...], used: tuple[int, ...]
+) -> None:
     """Only what stands in a term is held within its range: each reading by its own name."""
     assert made().model_copy(update={"terms": terms}).used == used
 
@@ -102,8 +115,14 @@ def log() -> Log:
 def naive(
     d: Discrepancy, place: Floats, torque: Floats, angle: Floats, own: Floats, dt: float
 ) -> tuple[Floats, Floats]:
-    """Return δ and the variance of the corrected angle, sample by sample, from docs/explanation/discrepancy.md."""
-    b, covariance, std = np.array(d.joints[0].coefficients), np.array(d.joints[0].covariance), d.joints[0].std
+    """Return δ and the variance of the corrected angle, sample by sample, from
+    docs/explanation/discrepancy.md.
+    """
+    b, covariance, std = (
+        np.array(d.joints[0].coefficients),
+        np.array(d.joints[0].covariance),
+        d.joints[0].std,
+    )
     low, high, centre, scale = (np.array(x) for x in (d.low, d.high, d.centre, d.scale))
     half = (high - low) / 2
     held, age, play = d.centre[1], 1e6, None
@@ -118,21 +137,32 @@ def naive(
         phi = np.array([1.0, x, x * y, play, y * abs(y), a])
         z = (raw[:2] - centre[:2]) / scale[:2]
         far = max(
-            0.0, np.sqrt(z @ np.array(d.distance) @ z) / d.reach - 1.0, *((low - raw) / half), *((raw - high) / half)
+            0.0,
+            np.sqrt(z @ np.array(d.distance) @ z) / d.reach - 1.0,
+            *((low - raw) / half),
+            *((raw - high) / half),
         )
         faded = 1.0 / (1.0 + (4.0 * far) ** 2)
         phi[1:] *= faded
         total = phi @ covariance @ phi + std**2 + far**2 * (std**2 + d.spread[0] ** 2)
         inside = low[2] - 0.5 * half[2] < theta < high[2] + 0.5 * half[2]
-        total += (d.own * (1.0 + (faded * drawn * b[5] / scale[2] if inside else 0.0))) ** 2 * variance
+        total += (
+            d.own * (1.0 + (faded * drawn * b[5] / scale[2] if inside else 0.0))
+        ) ** 2 * variance
         if age > 0.0 and low[1] - 0.5 * half[1] < held < high[1] + 0.5 * half[1]:
             step = 1e-6
             ends = []
             for moved in (held - step, held + step):
                 m = (middle[1] + drawn * (moved - middle[1]) - centre[1]) / scale[1]
-                p = min(max(play, m - d.width[1]), m + d.width[1]) if abs(abs(y - play) - d.width[1]) < 1e-12 else play
+                p = (
+                    min(max(play, m - d.width[1]), m + d.width[1])
+                    if abs(abs(y - play) - d.width[1]) < 1e-12
+                    else play
+                )
                 ends.append(b[2] * x * m + b[3] * p + b[4] * m * abs(m))
-            total += (faded * (ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])) ** 2
+            total += (
+                faded * (ends[1] - ends[0]) / (2 * step) * min(d.rate[1] * age, 2 * half[1])
+            ) ** 2
         deltas.append(float(phi @ b))
         variances.append(float(total))
     return np.array(deltas), np.array(variances)
@@ -146,7 +176,9 @@ def test_the_correction_and_its_band(plain: Rig, rig: Rig, log: Log) -> None:
     belief = runner.initial(log.time[0], samples[0])
     rows, last = runner.checked_rows(belief, log.time, samples)
     place = runner.kernel.scan(belief.carry, rows, runner.numbers)[0][last][:, runner.places[0]]
-    deltas, variances = naive(made(), place, log.channels["motor_torque"], bare.theta, bare.theta_std**2, 0.005)
+    deltas, variances = naive(
+        made(), place, log.channels["motor_torque"], bare.theta, bare.theta_std**2, 0.005
+    )
     np.testing.assert_allclose(corrected.theta - bare.theta, deltas, rtol=0, atol=1e-12)
     there = np.ones(len(log), dtype=bool)
     # where the play turns over while the reading is missing its slope has two values
@@ -154,11 +186,15 @@ def test_the_correction_and_its_band(plain: Rig, rig: Rig, log: Log) -> None:
     np.testing.assert_allclose(corrected.theta_std[there] ** 2, variances[there], rtol=1e-6)
     whole = {**log.channels, "motor_torque": np.nan_to_num(log.channels["motor_torque"], nan=0.05)}
     known = estimate(Log(log.time, whole, log.truth), rig, compiled=False)
-    assert corrected.theta_std[128] > 1.2 * known.theta_std[128]  # a torque that is missing is not told as known
+    assert (
+        corrected.theta_std[128] > 1.2 * known.theta_std[128]
+    )  # a torque that is missing is not told as known
 
 
 def test_a_reading_that_is_missing_loses_its_worth_with_time(plain: Rig) -> None:
-    """At rest, with nothing of the filter's own doubt: what is added to the variance is (∂δ/∂reading · rate · age)²."""
+    """At rest, with nothing of the filter's own doubt: what is added to the variance is
+    (∂δ/∂reading · rate · age)².
+    """
     rig = plain.with_values({"discrepancy": made(own=0.0).model_dump()})
     time = np.arange(0.0, 1.0, 0.005)
     torque = np.full(len(time), 0.03)
@@ -171,7 +207,9 @@ def test_a_reading_that_is_missing_loses_its_worth_with_time(plain: Rig) -> None
     x, y = (0.2 - d.centre[0]) / d.scale[0], (0.03 - d.centre[1]) / d.scale[1]
     slope = abs(b[2] * x + 2 * b[4] * y) / d.scale[1]  # the play rests
     np.testing.assert_allclose(added[:60], slope * d.rate[1] * age[:60], rtol=0.02)
-    assert added[-1] <= slope * 2 * 0.5 * (d.high[1] - d.low[1]) * 1.02  # never more than the whole range
+    assert (
+        added[-1] <= slope * 2 * 0.5 * (d.high[1] - d.low[1]) * 1.02
+    )  # never more than the whole range
 
 
 def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log) -> None:
@@ -180,7 +218,9 @@ def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log
     np.testing.assert_allclose(corrected.innovations, bare.innovations, rtol=0, atol=1e-11)
     assert corrected.covariances is not None
     assert bare.covariances is not None
-    np.testing.assert_allclose(corrected.covariances[:, 1:, 1:], bare.covariances[:, 1:, 1:], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        corrected.covariances[:, 1:, 1:], bare.covariances[:, 1:, 1:], rtol=0, atol=1e-11
+    )
 
 
 def test_sample_by_sample_live_and_in_a_batch(rig: Rig, log: Log) -> None:
@@ -238,9 +278,13 @@ def test_homing_is_bayes_rule() -> None:
     x, y = design(d, run)[window], run.targets[window, 0]
     prior = np.linalg.inv(np.array(own.covariance))
     information = prior + x.T @ x / (3 * own.std**2)
-    mean = np.linalg.solve(information, prior @ np.array(own.coefficients) + x.T @ y / (3 * own.std**2))
+    mean = np.linalg.solve(
+        information, prior @ np.array(own.coefficients) + x.T @ y / (3 * own.std**2)
+    )
     np.testing.assert_allclose(after.joints[0].coefficients, mean, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(after.joints[0].covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(
+        after.joints[0].covariance, np.linalg.inv(information), rtol=1e-5, atol=1e-12
+    )
     assert surprise < 3.0
     # an angle that is off by far more than any log was makes the prior count less
     far = Samples(**{**run.__dict__, "targets": run.targets + 0.5})
@@ -277,6 +321,11 @@ def test_refusals(plain: Rig, rig: Rig) -> None:
         build_rig(swapped, "swapped")
     fewer = {**raw, "channels": ("motor_torque", "motor_angle")}
     with pytest.raises(
-        EstimationError, match=r"was learned from the sensors motor_torque, motor_angle.*learn it again"
+        EstimationError,
+        match=r"was learned from the sensors motor_torque, motor_angle.*learn it again",
     ):
-        make_estimator("adaptive", plain.with_values({"discrepancy": {**fewer, "terms": TERMS}}), compiled=False)
+        make_estimator(
+            "adaptive",
+            plain.with_values({"discrepancy": {**fewer, "terms": TERMS}}),
+            compiled=False,
+        )

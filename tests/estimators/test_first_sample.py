@@ -1,4 +1,6 @@
-"""What the first sample tells of the drives: readings less their known offsets, over their gains."""
+"""What the first sample tells of the drives: readings less their known offsets, over their
+gains.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ def test_offsets_and_gains_are_taken_off(name: str) -> None:
     rig = load_rig("template")
     plain = make_estimator(name, rig, compiled=False)
     changed = make_estimator(
-        name, rig.with_values({"sensors.0.bias": 1e-3, "sensors.2.bias": 0.5, "sensors.2.gain": 1.25}), compiled=False
+        name,
+        rig.with_values({"sensors.0.bias": 1e-3, "sensors.2.bias": 0.5, "sensors.2.gain": 1.25}),
+        compiled=False,
     )
     sample = np.array([4e-3, 2e-3, 3.0, 2.0])
     values = dict(zip(("x1", "x2", "u1", "u2"), sample))

@@ -34,7 +34,10 @@ def textbook(log: Log, gaps: bool = False) -> tuple[np.ndarray, np.ndarray]:
             x = steady.transition @ x + first @ held + last @ u + steady.constant
             # a force's noise is taken as a shift of the whole line
             shift = first + last
-            covariance = steady.transition @ covariance @ steady.transition.T + shift @ np.diag(noise.inputs) @ shift.T
+            covariance = (
+                steady.transition @ covariance @ steady.transition.T
+                + shift @ np.diag(noise.inputs) @ shift.T
+            )
         held = u
         z = np.array([log.channels["x1"][k], log.channels["x2"][k]])
         innovation_covariance = measure @ covariance @ measure.T + r
@@ -68,7 +71,9 @@ def test_equals_filterpy_on_the_same_discrete_model() -> None:
     peer = KalmanFilter(dim_x=7, dim_z=2, dim_u=4)
     # the constant pre-tension is a seventh state that is always one
     peer.x = np.array([[0.0, log.channels["x1"][0], log.channels["x2"][0], 0, 0, 0, 1.0]]).T
-    peer.F = np.block([[steady.transition, steady.constant[:, None]], [np.zeros((1, 6)), np.ones((1, 1))]])
+    peer.F = np.block(
+        [[steady.transition, steady.constant[:, None]], [np.zeros((1, 6)), np.ones((1, 1))]]
+    )
     peer.B = np.vstack([np.hstack(steady.input_maps), np.zeros((1, 4))])
     peer.H = np.eye(7)[1:3]
     peer.P = np.diag([*noise.initial, 0.0])
@@ -93,7 +98,13 @@ def test_sequential_joseph_equals_the_update_with_all_values_at_once() -> None:
     root = rng.normal(size=(n, n))
     covariance, jacobian, r = root @ root.T, rng.normal(size=(m, n)), rng.uniform(0.1, 1, m)
     mean, residual = rng.normal(size=n), rng.normal(size=m)
-    symbols = [ca.SX.sym("x", n), ca.SX.sym("P", n, n), ca.SX.sym("e", m), ca.SX.sym("H", m, n), ca.SX.sym("r", m)]
+    symbols = [
+        ca.SX.sym("x", n),
+        ca.SX.sym("P", n, n),
+        ca.SX.sym("e", m),
+        ca.SX.sym("H", m, n),
+        ca.SX.sym("r", m),
+    ]
     mask = ca.SX.sym("mask", m)
     function = ca.Function("update", [*symbols, mask], list(update(*symbols, mask)))
     x, p, innovations, variances = (
@@ -104,7 +115,9 @@ def test_sequential_joseph_equals_the_update_with_all_values_at_once() -> None:
     np.testing.assert_allclose(x.ravel(), mean + gain @ residual, rtol=1e-12)
     np.testing.assert_allclose(p, covariance - gain @ together @ gain.T, rtol=1e-10, atol=1e-12)
     # the scalar innovations are the whitened ones: same NIS, same determinant
-    assert np.sum(innovations**2 / variances) == pytest.approx(residual @ np.linalg.solve(together, residual))
+    assert np.sum(innovations**2 / variances) == pytest.approx(
+        residual @ np.linalg.solve(together, residual)
+    )
     assert np.prod(variances) == pytest.approx(np.linalg.det(together))
     # a masked value changes nothing
     part = [entry.full() for entry in function(mean, covariance, residual, jacobian, r, [1, 0, 1])]
@@ -118,8 +131,12 @@ def test_covariance_prediction() -> None:
     rng = np.random.default_rng(1)
     a, b, root = rng.normal(size=(4, 4)), rng.normal(size=(4, 2)), rng.normal(size=(4, 4))
     q_u, q_x = np.array([0.5, 2.0]), np.array([1.0, 0, 0, 3])
-    got = ca.evalf(predict_covariance(ca.DM(root @ root.T), ca.DM(a), ca.DM(b), ca.DM(q_u), ca.DM(q_x))).full()
-    np.testing.assert_allclose(got, a @ root @ root.T @ a.T + b @ np.diag(q_u) @ b.T + np.diag(q_x), rtol=1e-12)
+    got = ca.evalf(
+        predict_covariance(ca.DM(root @ root.T), ca.DM(a), ca.DM(b), ca.DM(q_u), ca.DM(q_x))
+    ).full()
+    np.testing.assert_allclose(
+        got, a @ root @ root.T @ a.T + b @ np.diag(q_u) @ b.T + np.diag(q_x), rtol=1e-12
+    )
     np.testing.assert_array_equal(got, got.T)
 
 
@@ -160,7 +177,9 @@ def test_a_tension_sensor_is_a_measurement(paper_rig: object) -> None:
     rig = scenario_rig(scenario)
     dumped = rig.model_dump()
     for i, name in enumerate(("left", "right")):
-        dumped["sensors"][2 * i + 1].update(name=f"t{i}", measures="tension", of=name, column=f"t{i}", noise=0.05)
+        dumped["sensors"][2 * i + 1].update(
+            name=f"t{i}", measures="tension", of=name, column=f"t{i}", noise=0.05
+        )
     from distal.rig import build_rig
 
     other = build_rig(dumped, "with tension sensors")
@@ -173,7 +192,9 @@ def test_a_tension_sensor_is_a_measurement(paper_rig: object) -> None:
 
 
 def test_a_delay_is_not_modelled_and_said() -> None:
-    """s − ṡ · delay was tried: with a slider that rings at 143 Hz it makes 12° of 0.7° (20 ms, Series 2)."""
+    """s − ṡ · delay was tried: with a slider that rings at 143 Hz it makes 12° of 0.7° (20 ms,
+    Series 2).
+    """
     rig = scenario_rig(load_scenario("series-2"))
     with pytest.warns(DistalWarning, match="sensor 'x1' is late by 0.02 s.*shift the column"):
         make_estimator("ekf", rig.with_values({"sensors.x1.delay": "20 ms"}))

@@ -35,7 +35,9 @@ def test_each_tendon_and_their_mean(paper_rig: Rig) -> None:
 
 
 def test_elastic_removes_the_stretch(pulley_rig: Rig) -> None:
-    """A held link, pulled harder: inextensible sees motion, elastic none once the low-pass has settled."""
+    """A held link, pulled harder: inextensible sees motion, elastic none once the low-pass has
+    settled.
+    """
     n = 200
     pull = np.where(np.arange(n) < 50, 2.0, 6.0)
     log = still_log(n, x1=pull / 806, u1=pull, x2=np.full(n, 2 / 806), u2=np.full(n, 2.0))

@@ -8,7 +8,16 @@ import pytest
 from distal import Rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.gaps import rows_of
-from distal.kernels.mask import COMPARED_ONLY, MISSING, READ, bridge, is_bridge, is_read, is_there, share_used
+from distal.kernels.mask import (
+    COMPARED_ONLY,
+    MISSING,
+    READ,
+    bridge,
+    is_bridge,
+    is_read,
+    is_there,
+    share_used,
+)
 
 
 def test_each_value_of_a_mask_says_one_thing() -> None:
@@ -35,8 +44,12 @@ def test_a_gap_is_bridged_by_displacements_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("mask", [MISSING, COMPARED_ONLY])
-def test_what_is_compared_only_has_an_innovation_and_corrects_nothing(pulley_rig: Rig, mask: float) -> None:
-    """The state after it is that of a sample in which the value is missing; a value that is read corrects."""
+def test_what_is_compared_only_has_an_innovation_and_corrects_nothing(
+    pulley_rig: Rig, mask: float
+) -> None:
+    """The state after it is that of a sample in which the value is missing; a value that is read
+    corrects.
+    """
     runner = AdaptiveFilter(pulley_rig, compiled=False)
     sample = np.array([1e-3 if name in ("x1", "x2") else 3.0 for name in runner.channels])
     belief = runner.initial(0.0, sample)

@@ -1,4 +1,6 @@
-"""A place that is not read for long becomes unknown, whatever the drive did before; no angle is then said to be known."""
+"""A place that is not read for long becomes unknown, whatever the drive did before; no angle is
+then said to be known.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,22 @@ from distal.kernels.mask import MISSING
 
 
 def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
-    """A drive that stood still: nothing but noise for half a second, then w (t − dead) as its std."""
+    """A drive that stood still: nothing but noise for half a second, then w (t − dead) as its
+    std.
+    """
     memory, dt, dead, wandering, noise = ca.SX.sym("memory", MEMORY), 0.01, 0.5, 0.02, 1e-10
-    drive = track(memory, ca.SX(0), ca.SX(MISSING), ca.SX(noise), ca.SX(dt), robustness=Robustness.usual(1),
-                  silence=Silence(ca.SX(dead), ca.SX(wandering)))  # fmt: skip
-    kept = ca.vertcat(drive.place, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost, 0, 0, 0)
+    drive = track(
+        memory,
+        ca.SX(0),
+        ca.SX(MISSING),
+        ca.SX(noise),
+        ca.SX(dt),
+        robustness=Robustness.usual(1),
+        silence=Silence(ca.SX(dead), ca.SX(wandering)),
+    )
+    kept = ca.vertcat(
+        drive.place, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost, 0, 0, 0
+    )
     step, now, found = ca.Function("step", [memory], [kept]), np.zeros(MEMORY), []
     for _ in range(200):
         now = np.array(step(now)).ravel()
@@ -27,10 +40,14 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "channel"), [("lab-bench", "motor_angle"), ("wrist", "phi_pitch")])
+@pytest.mark.parametrize(
+    ("name", "channel"), [("lab-bench", "motor_angle"), ("wrist", "phi_pitch")]
+)
 @pytest.mark.parametrize("share", [0.0, 0.25])
 def test_nothing_wrong_is_said_to_be_sure(name: str, channel: str, share: float) -> None:
-    """From the second sample on, or while it stands still: two seconds later the angle is not said to be known."""
+    """From the second sample on, or while it stands still: two seconds later the angle is not said
+    to be known.
+    """
     scenario = load_scenario(name)
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario, 1).select(slice(0, 1000))

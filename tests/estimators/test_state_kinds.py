@@ -30,15 +30,22 @@ def test_every_state_says_what_it_is_and_of_what(name: str) -> None:
     runner = AdaptiveFilter(rig, compiled=False)
     joints, count = [joint.name for joint in rig.joints], len(rig.joints)
     assert len(runner.state_kinds) == len(runner.state_parts) == len(runner.state_names)
-    assert runner.state_kinds[: 2 * count] == (StateKind.ANGLE,) * count + (StateKind.SPEED,) * count
+    assert (
+        runner.state_kinds[: 2 * count] == (StateKind.ANGLE,) * count + (StateKind.SPEED,) * count
+    )
     assert list(runner.state_parts[: 2 * count]) == 2 * joints
     parts = {part.name for part in (*rig.joints, *rig.drives, *rig.tendons, *rig.sensors)}
-    for state, kind, part in list(zip(runner.state_names, runner.state_kinds, runner.state_parts))[2 * count :]:
+    for state, kind, part in list(zip(runner.state_names, runner.state_kinds, runner.state_parts))[
+        2 * count :
+    ]:
         assert kind is not StateKind.OTHER, state
         if kind is StateKind.EXTERNAL_TORQUE:
             assert external_torques_of(runner)[part] == runner.state_names.index(state)
         elif kind is StateKind.PARAMETER:
-            assert state in (in_words(rig, part), f"common factor of {part.removesuffix('.factor')}")
+            assert state in (
+                in_words(rig, part),
+                f"common factor of {part.removesuffix('.factor')}",
+            )
             assert not any(key.isdigit() for key in part.split(".")), part
         else:
             assert state.startswith(STEMS[kind].format(part)), state
@@ -49,8 +56,15 @@ def test_every_state_has_a_unit() -> None:
     runner = AdaptiveFilter(load_rig("lab-bench"), compiled=False)
     units = dict(zip(runner.state_names, state_units(runner)))
     assert all(units.values())
-    assert (units["theta"], units["theta_dot"], units["inertia of joint finger"]) == ("rad", "rad/s", "kg m^2")
-    assert (units["friction coefficient of joint finger"], units["common factor of cable"]) == ("1", "1")
+    assert (units["theta"], units["theta_dot"], units["inertia of joint finger"]) == (
+        "rad",
+        "rad/s",
+        "kg m^2",
+    )
+    assert (units["friction coefficient of joint finger"], units["common factor of cable"]) == (
+        "1",
+        "1",
+    )
     full = make_estimator("ekf", load_rig("paper-2008"), False)
     assert dict(zip(full.state_names, state_units(full)))["velocity_left"] == "m/s"
 

@@ -17,7 +17,9 @@ def missing_tools() -> str:
 
 
 def spoiled(log: Log) -> Log:
-    """Return the log with two gaps, scattered missing values and a sensor that is dead for a while."""
+    """Return the log with two gaps, scattered missing values and a sensor that is dead for a
+    while.
+    """
     rng = np.random.default_rng(8)
     keep = np.ones(len(log), dtype=bool)
     keep[200:215] = keep[500:503] = False

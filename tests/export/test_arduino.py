@@ -1,4 +1,6 @@
-"""The library for Arduino and PlatformIO: its layout by the published rules, and a sketch that compiles for a Cortex-M."""
+"""The library for Arduino and PlatformIO: its layout by the published rules, and a sketch that
+compiles for a Cortex-M.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,29 @@ from tests.export.helpers import missing_tools
 from tests.export.test_microcontroller import CORTEX, FIRMWARE
 
 # https://arduino.github.io/arduino-cli/latest/library-specification and the rules of arduino-lint
-REQUIRED = ("name", "version", "author", "maintainer", "sentence", "paragraph", "category", "url", "architectures")
-CATEGORIES = ("Display", "Communication", "Signal Input/Output", "Sensors", "Device Control", "Timing", "Data Storage",
-              "Data Processing", "Other", "Uncategorized")  # fmt: skip
+REQUIRED = (
+    "name",
+    "version",
+    "author",
+    "maintainer",
+    "sentence",
+    "paragraph",
+    "category",
+    "url",
+    "architectures",
+)
+CATEGORIES = (
+    "Display",
+    "Communication",
+    "Signal Input/Output",
+    "Sensors",
+    "Device Control",
+    "Timing",
+    "Data Storage",
+    "Data Processing",
+    "Other",
+    "Uncategorized",
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +60,9 @@ def made(folder: Path) -> Exported:
 
 
 def test_the_layout_follows_the_rules(folder: Path, made: Exported) -> None:
-    """Those that arduino-lint checks with --compliance strict --library-manager submit, of what can be read here."""
+    """Those that arduino-lint checks with --compliance strict --library-manager submit, of what can
+    be read here.
+    """
     assert made.single
     lines = (folder / "library.properties").read_text().splitlines()
     fields = dict(line.split("=", 1) for line in lines)
@@ -54,15 +78,25 @@ def test_the_layout_follows_the_rules(folder: Path, made: Exported) -> None:
     assert (folder / "src" / fields["includes"]).is_file()
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert names == {
-        "library.properties", "library.json", "keywords.txt", "README.md", "LICENSE", f"src/{made.name}.h",
-        f"src/{made.name}.c", f"examples/{SKETCH}/{SKETCH}.ino",
-    }  # fmt: skip
+        "library.properties",
+        "library.json",
+        "keywords.txt",
+        "README.md",
+        "LICENSE",
+        f"src/{made.name}.h",
+        f"src/{made.name}.c",
+        f"examples/{SKETCH}/{SKETCH}.ino",
+    }
     for line in (folder / "keywords.txt").read_text().splitlines():
         if not line.startswith("#"):
             assert re.fullmatch(r"\w+\t(KEYWORD1|KEYWORD2|LITERAL1)", line)
             assert line.split("\t")[0] in made.header
     said = json.loads((folder / "library.json").read_text())
-    assert (said["name"], said["version"], said["headers"]) == (fields["name"], fields["version"], fields["includes"])
+    assert (said["name"], said["version"], said["headers"]) == (
+        fields["name"],
+        fields["version"],
+        fields["includes"],
+    )
     assert "replay" not in (folder / "README.md").read_text()
 
 
@@ -89,7 +123,9 @@ def test_titles_are_anything(tmp_path: Path) -> None:
 )
 @pytest.mark.parametrize("name", ["template", "capstan-joint", "wrist-instrument"])
 def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
-    """As C++ with all warnings, on a board of a few functions; of one joint it takes at most 32 kB of flash."""
+    """As C++ with all warnings, on a board of a few functions; of one joint it takes at most 32 kB
+    of flash.
+    """
     rig = load_rig(name)
     made = export_arduino(rig, tmp_path / "library", name="joint")
     source = tmp_path / "library"
@@ -106,21 +142,41 @@ def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
         "c++",
     ]
     compiled = {
-        "joint.o": ["arm-none-eabi-gcc", "-std=c99", *cpu, *warned, str(source / "src" / "joint.c")],
+        "joint.o": [
+            "arm-none-eabi-gcc",
+            "-std=c99",
+            *cpu,
+            *warned,
+            str(source / "src" / "joint.c"),
+        ],
         "startup.o": ["arm-none-eabi-gcc", *cpu, *warned, str(FIRMWARE / "startup.c")],
         "sketch.o": [
-            "arm-none-eabi-g++", *cpu, *warned, *plus, str(source / "examples" / SKETCH / f"{SKETCH}.ino"),
+            "arm-none-eabi-g++",
+            *cpu,
+            *warned,
+            *plus,
+            str(source / "examples" / SKETCH / f"{SKETCH}.ino"),
         ],
         "board.o": ["arm-none-eabi-g++", *cpu, *warned, *plus, str(FIRMWARE / "board.cpp")],
-    }  # fmt: skip
+    }
     commands = [[*command, "-c", "-o", object_] for object_, command in compiled.items()]
-    linked = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", str(FIRMWARE / "mps2.ld")]
+    linked = [
+        "-nostartfiles",
+        "--specs=nano.specs",
+        "-Wl,--gc-sections",
+        "-T",
+        str(FIRMWARE / "mps2.ld"),
+    ]
     commands += [["arm-none-eabi-gcc", *cpu, *linked, *compiled, "-lm", "-o", "sketch.elf"]]
     for command in commands:
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     sizes = subprocess.run(
-        ["arm-none-eabi-size", "sketch.elf"], cwd=tmp_path, capture_output=True, text=True, check=True
+        ["arm-none-eabi-size", "sketch.elf"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     text, data = map(int, sizes.stdout.splitlines()[1].split()[:2])
     assert made.channels
@@ -128,7 +184,9 @@ def test_the_sketch_compiles_for_a_board(name: str, tmp_path: Path) -> None:
 
 
 def test_factors_of_counts_and_currents_are_the_rigs(tmp_path: Path) -> None:
-    """An encoder that counts the other way has a negative factor; what the rig does not say is to be set."""
+    """An encoder that counts the other way has a negative factor; what the rig does not say is to
+    be set.
+    """
     changed = {"sensors.0.sign": -1, "sensors.0.unit": "count", "sensors.0.counts_per_turn": 4000}
     raw = load_rig("capstan-joint").model_dump()
     for path, value in changed.items():
@@ -153,12 +211,17 @@ def test_what_the_user_edits_stays(tmp_path: Path) -> None:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["export-c", "capstan-joint", "--arduino", str(tmp_path / "joint")])
+    done = CliRunner().invoke(
+        app, ["export-c", "capstan-joint", "--arduino", str(tmp_path / "joint")]
+    )
     assert done.exit_code == 0, done.output
     assert "float" in done.output
     sketch = (tmp_path / "joint" / "examples" / SKETCH / f"{SKETCH}.ino").read_text()
     assert "out.angle_std" in sketch
-    for bad in (["export-c", "capstan-joint"], ["export-c", "capstan-joint", "--out", "a", "--arduino", "b"]):
+    for bad in (
+        ["export-c", "capstan-joint"],
+        ["export-c", "capstan-joint", "--out", "a", "--arduino", "b"],
+    ):
         done = CliRunner().invoke(app, bad)
         assert done.exit_code != 0
         assert "--arduino" in done.output

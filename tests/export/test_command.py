@@ -47,15 +47,27 @@ int commanded(double dt, const f_real* values, const f_real* wanted, int trusted
         pytest.param("finger-2n", "finger", False, 1e-9, marks=pytest.mark.slow),
     ],
 )
-def test_c_says_what_python_says(name: str, scenario: str, single: bool, near: float, tmp_path: Path) -> None:
-    """The same places [m]; a wanted angle that is missing, a value that is, and an estimate that is not trusted."""
+def test_c_says_what_python_says(
+    name: str, scenario: str, single: bool, near: float, tmp_path: Path
+) -> None:
+    """The same places [m]; a wanted angle that is missing, a value that is, and an estimate that is
+    not trusted.
+    """
     rig = load_rig(name)
     export_c(rig, tmp_path, single=single, name="f", command=True)
     (tmp_path / "glue.c").write_text(GLUE)
     sources = [str(tmp_path / file) for file in ("f.c", "f_command.c", "glue.c")]
-    strict = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", *(["-Wdouble-promotion"] if single else [])]
+    strict = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Werror",
+        *(["-Wdouble-promotion"] if single else []),
+    ]
     subprocess.run(
-        ["cc", *strict, "-O1", "-fPIC", "-shared", *sources, "-o", str(tmp_path / "f.so"), "-lm"], check=True
+        ["cc", *strict, "-O1", "-fPIC", "-shared", *sources, "-o", str(tmp_path / "f.so"), "-lm"],
+        check=True,
     )
     call = ctypes.CDLL(str(tmp_path / "f.so")).commanded
     real = np.float32 if single else np.float64
@@ -66,16 +78,23 @@ def test_c_says_what_python_says(name: str, scenario: str, single: bool, near: f
     drives, out = len(rig.drives), np.zeros(3 * len(rig.drives), dtype=real)
     for k, sample in enumerate(samples):
         wanted = (
-            np.full(len(inverse.joints), 0.2 + 0.1 * np.sin(0.1 * k)) if k % 7 else np.full(len(inverse.joints), np.nan)
+            np.full(len(inverse.joints), 0.2 + 0.1 * np.sin(0.1 * k))
+            if k % 7
+            else np.full(len(inverse.joints), np.nan)
         )
         expected = inverse.step(float(log.time[k] - log.time[0]), wanted, sample)
         arrays = [np.ascontiguousarray(part, dtype=real) for part in (sample, wanted)]
         trusted = expected.reading.health not in ("bad", "dead")
         dt = 0.0 if k == 0 else float(log.time[k] - log.time[k - 1])
         pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
-        assert call(ctypes.c_double(dt), *pointers, int(trusted), ctypes.c_void_p(out.ctypes.data)) == 0
+        assert (
+            call(ctypes.c_double(dt), *pointers, int(trusted), ctypes.c_void_p(out.ctypes.data))
+            == 0
+        )
         np.testing.assert_allclose(out[:drives], expected.places, rtol=0, atol=near)
-        np.testing.assert_allclose(out[drives : 2 * drives], expected.speeds, rtol=0, atol=near * 500)
+        np.testing.assert_allclose(
+            out[drives : 2 * drives], expected.speeds, rtol=0, atol=near * 500
+        )
         np.testing.assert_allclose(out[2 * drives :], expected.forces, rtol=0, atol=near * 5000)
 
 
@@ -95,18 +114,27 @@ def test_commands_are_for_adaptive(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {missing_tools()}")
 def test_on_a_cortex_m4f_a_step_takes_few_instructions(tmp_path: Path) -> None:
-    """Filter and commands in one step, less the filter alone: 30,000 instructions are allowed for one joint."""
+    """Filter and commands in one step, less the filter alone: 30,000 instructions are allowed for
+    one joint.
+    """
     name, rig, scenario = cases()[0]
     made = c_filter(rig, "adaptive", True, "filter")
     command = c_command(rig, "command", "filter", Plain(single=True))
-    body = command.header.replace('#include "filter.h"\n', "") + command.source.replace('#include "command.h"\n', "")
+    body = command.header.replace('#include "filter.h"\n', "") + command.source.replace(
+        '#include "command.h"\n', ""
+    )
     # in one file: names of its own for what both have
     for shared in {
-        word for word in re.findall(r"static [^(;={]*?(\w+)[(\[]", body) if re.search(rf"\b{word}\b", made.source)
+        word
+        for word in re.findall(r"static [^(;={]*?(\w+)[(\[]", body)
+        if re.search(rf"\b{word}\b", made.source)
     }:
         body = re.sub(rf"\b{shared}\b", f"own_{shared}", body)
     first, *rest = made.source.split("int filter_step(")
-    both = f"{first}int filter_alone(filter_state* state, float dt, const float* values, filter_output* out);\n{body}"
+    both = (
+        f"{first}int filter_alone(filter_state* state, float dt, const float* values, "
+        f"filter_output* out);\n{body}"
+    )
     both += "static command_state commanding;\nint filter_alone(" + "int filter_step(".join(rest)
     both += """
 int filter_step(filter_state* state, float dt, const float* values, filter_output* out) {

@@ -15,7 +15,17 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from distal import Log, Rig, estimate, load_rig, load_scenario, make_estimator, read_log, scenario_rig, simulate
+from distal import (
+    Log,
+    Rig,
+    estimate,
+    load_rig,
+    load_scenario,
+    make_estimator,
+    read_log,
+    scenario_rig,
+    simulate,
+)
 from distal.cli.app import app
 from distal.errors import EstimationError, ExportError, OutputError, RigError
 from distal.estimators import first_values
@@ -52,7 +62,11 @@ def log(plain: Log) -> Log:
 
 def build(made: Exported, folder: Path, *options: str) -> Path:
     """Write and compile a filter with its replay program; return the program."""
-    for name, text in ((f"{made.name}.h", made.header), (f"{made.name}.c", made.source), ("replay.c", made.replay)):
+    for name, text in (
+        (f"{made.name}.h", made.header),
+        (f"{made.name}.c", made.source),
+        ("replay.c", made.replay),
+    ):
         (folder / name).write_text(text)
     command = [*CC.command, *STRICT, *options, "replay.c", f"{made.name}.c", "-lm", "-o", "replay"]  # type: ignore[union-attr]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -71,24 +85,38 @@ def replayed(program: Path, log: Path) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adaptive", "ekf-2008", "ekf"])
 @pytest.mark.parametrize("single", [False, True], ids=["double", "float"])
-def test_a_whole_log_under_sanitizers(rig: Rig, log: Log, plain: Log, name: str, single: bool, tmp_path: Path) -> None:
-    """As Python to 1e-9 in double, to 0.02° in float; no address or undefined behaviour is reported.
+def test_a_whole_log_under_sanitizers(
+    rig: Rig, log: Log, plain: Log, name: str, single: bool, tmp_path: Path
+) -> None:
+    """As Python to 1e-9 in double, to 0.02° in float; no address or undefined behaviour is
+    reported.
 
-    The full-state filters jump where a linearisation changes from sticking to slipping: in float, the spoiled log is for
-    the sanitizers only, and bands of ±24° are compared to 1 %; see docs/how-to/microcontroller.md.
+    The full-state filters jump where a linearisation changes from sticking to slipping: in float,
+    the spoiled log is for the sanitizers only, and bands of ±24° are compared to 1 %; see
+    docs/how-to/microcontroller.md.
     """
     program = build(
-        c_filter(rig, name, single), tmp_path, "-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
+        c_filter(rig, name, single),
+        tmp_path,
+        "-g",
+        "-O1",
+        "-fsanitize=address,undefined",
+        "-fno-sanitize-recover=all",
     )
     tolerance = np.deg2rad(0.02) if single else 1e-9
-    for each, compared in ((log, not single or name == "adaptive"), (plain, name != "ekf" or not single)):
+    for each, compared in (
+        (log, not single or name == "adaptive"),
+        (plain, name != "ekf" or not single),
+    ):
         write_log(each, rig, tmp_path / "log.csv")
         rows, known = replayed(program, tmp_path / "log.csv"), estimate(each, rig, name)
         np.testing.assert_allclose(rows[:, 0], each.time, atol=1e-12)
         assert np.isfinite(rows).all()
         if compared:
             np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
-            np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=tolerance, rtol=0.01 if single else 0.0)
+            np.testing.assert_allclose(
+                rows[:, 2], known.theta_std, atol=tolerance, rtol=0.01 if single else 0.0
+            )
 
 
 @needs_compiler
@@ -104,11 +132,15 @@ def test_a_whole_log_under_sanitizers(rig: Rig, log: Log, plain: Log, name: str,
 def test_other_rigs(name: str, single: bool, tmp_path: Path) -> None:
     """One drive, external torque, hysteresis with a considered state."""
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-    scenario = build_scenario({"rig": name, "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    scenario = build_scenario(
+        {"rig": name, "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo"
+    )
     described = scenario_rig(scenario)
     made = simulate(described, scenario, 2)
     write_log(made, described, tmp_path / "log.csv")
-    rows = replayed(build(c_filter(described, "adaptive", single), tmp_path, "-O0"), tmp_path / "log.csv")
+    rows = replayed(
+        build(c_filter(described, "adaptive", single), tmp_path, "-O0"), tmp_path / "log.csv"
+    )
     known = estimate(made, described)
     tolerance = np.deg2rad(0.02) if single else 1e-9
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=tolerance)
@@ -116,7 +148,9 @@ def test_other_rigs(name: str, single: bool, tmp_path: Path) -> None:
     assert rows.shape[1] == (5 if described.joints[0].external_torque.std > 0.0 else 3)
     if rows.shape[1] == 5:
         np.testing.assert_allclose(rows[:, 3], known.external_torque, atol=1e-5 if single else 1e-9)
-        np.testing.assert_allclose(rows[:, 4], known.external_torque_std, atol=1e-5 if single else 1e-9)
+        np.testing.assert_allclose(
+            rows[:, 4], known.external_torque_std, atol=1e-5 if single else 1e-9
+        )
 
 
 @needs_compiler
@@ -137,10 +171,24 @@ def test_a_board_that_is_too_slow_is_told(rig: Rig, plain: Log, tmp_path: Path) 
     """Half of a step's interval is told by nothing, one and a half of it by a line."""
     short = plain.select(slice(0, 60))
     write_log(short, rig, tmp_path / "log.csv")
-    for taken, said in ((0.005, ""), (0.015, "59 of 60 steps took longer than their interval, at most 0.015 s")):
-        (tmp_path / "timer.h").write_text(f"static double timer_now;\n#define CLOCK() (timer_now += {taken})\n")
-        program = build(c_filter(rig, "ekf-2008"), tmp_path, "-O1", "-include", "timer.h", "-Wno-unused-variable")
-        done = subprocess.run([str(program), str(tmp_path / "log.csv")], capture_output=True, text=True, check=False)
+    for taken, said in (
+        (0.005, ""),
+        (0.015, "59 of 60 steps took longer than their interval, at most 0.015 s"),
+    ):
+        (tmp_path / "timer.h").write_text(
+            f"static double timer_now;\n#define CLOCK() (timer_now += {taken})\n"
+        )
+        program = build(
+            c_filter(rig, "ekf-2008"),
+            tmp_path,
+            "-O1",
+            "-include",
+            "timer.h",
+            "-Wno-unused-variable",
+        )
+        done = subprocess.run(
+            [str(program), str(tmp_path / "log.csv")], capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0
         assert said in done.stderr
         assert bool(said) == bool(done.stderr)
@@ -153,19 +201,35 @@ def test_what_moves_inside(tmp_path: Path) -> None:
         {
             "drives.0.backlash.width": {"value": 4e-3, "std": 1e-3},
             "drives.0.cogging": {"periods": 21, "cosine": {"value": 0.0, "std": 2e-3}},
-            "tendons.0.creep": {"share": {"value": 0.2, "std": 0.1}, "time": {"value": 3.0, "std": 1.0}},
+            "tendons.0.creep": {
+                "share": {"value": 0.2, "std": 0.1},
+                "time": {"value": 3.0, "std": 1.0},
+            },
             "tendons.1.stiffening": {"value": 200.0, "std": 40.0},
-            "tendons.1.path": {"friction": {"value": 0.1, "std": 0.03}, "wrap": 1.5, "nodes": 2, "let_out": 0.8},
+            "tendons.1.path": {
+                "friction": {"value": 0.1, "std": 0.03},
+                "wrap": 1.5,
+                "nodes": 2,
+                "let_out": 0.8,
+            },
             "sensors.motor_torque.gain": {"value": 1.0, "std": 0.02},
         }
     )
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-    scenario = build_scenario({"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    scenario = build_scenario(
+        {"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo"
+    )
     made = simulate(rig, scenario, 2)
     write_log(made, rig, tmp_path / "log.csv")
     rows = replayed(build(c_filter(rig, "adaptive", False), tmp_path, "-O0"), tmp_path / "log.csv")
     known = estimate(made, rig)
-    inside = {"backlash_motor", "creep_flexor", "sheath_extensor_0", "sheath_extensor_1", "gain_motor_torque"}
+    inside = {
+        "backlash_motor",
+        "creep_flexor",
+        "sheath_extensor_0",
+        "sheath_extensor_1",
+        "gain_motor_torque",
+    }
     assert inside <= set(known.state_names)
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=1e-9)
     np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=1e-9)
@@ -173,7 +237,9 @@ def test_what_moves_inside(tmp_path: Path) -> None:
 
 @needs_compiler
 def test_springs_slack_and_counts(tmp_path: Path) -> None:
-    """Springs that are not linear, a slack tendon, an encoder in counts and a motor's current: the same in C."""
+    """Springs that are not linear, a slack tendon, an encoder in counts and a motor's current: the
+    same in C.
+    """
     changed = {
         "joints.0.spring": {"stiffness": 0.3, "cubic": {"value": 0.2, "std": 0.05}},
         "joints.0.extension_spring": {
@@ -196,19 +262,31 @@ def test_springs_slack_and_counts(tmp_path: Path) -> None:
         set_value(raw, path, value, RigError)
     described = build_rig(raw, "sprung")
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-    scenario = build_scenario({"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    scenario = build_scenario(
+        {"rig": "capstan-joint", "duration": 3.0, "drives": {"motor": {"servo": servo}}}, "servo"
+    )
     made = simulate(described, scenario, 2)
     write_log(made, described, tmp_path / "log.csv")
     again = read_log(tmp_path / "log.csv", described)
-    np.testing.assert_allclose(again.channels["motor_torque"], made.channels["motor_torque"], rtol=1e-12)
-    rows = replayed(build(c_filter(described, "adaptive", False), tmp_path, "-O0"), tmp_path / "log.csv")
+    np.testing.assert_allclose(
+        again.channels["motor_torque"], made.channels["motor_torque"], rtol=1e-12
+    )
+    rows = replayed(
+        build(c_filter(described, "adaptive", False), tmp_path, "-O0"), tmp_path / "log.csv"
+    )
     head, rest = (tmp_path / "log.csv").read_text().split("\n", 1)
     units = {"t": "s", "motor_angle": "count", "motor_torque": "mA"}
-    said = ",".join(f"{column} [{units[column]}]" if column in units else column for column in head.split(","))
+    said = ",".join(
+        f"{column} [{units[column]}]" if column in units else column for column in head.split(",")
+    )
     (tmp_path / "said.csv").write_text(f"{said}\n{rest}")
     np.testing.assert_array_equal(replayed(tmp_path / "replay", tmp_path / "said.csv"), rows)
     known = estimate(made, described)
-    sprung = {"slack of tendon flexor", "spring cubic of joint jaw", "extension spring stiffness of joint jaw"}
+    sprung = {
+        "slack of tendon flexor",
+        "spring cubic of joint jaw",
+        "extension spring stiffness of joint jaw",
+    }
     assert sprung <= set(known.state_names)
     np.testing.assert_allclose(rows[:, 1], known.theta, atol=1e-9)
     np.testing.assert_allclose(rows[:, 2], known.theta_std, atol=1e-9)
@@ -220,7 +298,17 @@ class Library:
     def __init__(self, made: Exported, folder: Path) -> None:
         (folder / f"{made.name}.h").write_text(made.header)
         (folder / f"{made.name}.c").write_text(made.source)
-        command = [*CC.command, *STRICT, "-O2", "-fPIC", "-shared", f"{made.name}.c", "-lm", "-o", "f.so"]  # type: ignore[union-attr]
+        command = [
+            *CC.command,
+            *STRICT,
+            "-O2",
+            "-fPIC",
+            "-shared",
+            f"{made.name}.c",
+            "-lm",
+            "-o",
+            "f.so",
+        ]  # type: ignore[union-attr]
         subprocess.run(command, cwd=folder, check=True)
         self.made, self.code = made, ctypes.CDLL(str(folder / "f.so"))
         self.state = np.zeros(made.carry + 1)
@@ -231,7 +319,9 @@ class Library:
 
     def step(self, dt: float, values: np.ndarray) -> int:
         call = getattr(self.code, f"{self.made.name}_step")
-        return int(call(self._at(self.state), ctypes.c_double(dt), self._at(values), self._at(self.out)))
+        return int(
+            call(self._at(self.state), ctypes.c_double(dt), self._at(values), self._at(self.out))
+        )
 
     @staticmethod
     def _at(array: np.ndarray) -> ctypes.c_void_p:
@@ -287,7 +377,15 @@ def test_what_a_step_refuses(rig: Rig, log: Log, tmp_path: Path) -> None:
 
 def test_the_header_says_shapes_units_and_order(rig: Rig) -> None:
     made = c_filter(rig, "adaptive", True)
-    for said in ("#define", "[m]", "[N]", " 0  theta [rad]", " 18  friction_right", "u1: force of left", "float"):
+    for said in (
+        "#define",
+        "[m]",
+        "[N]",
+        " 0  theta [rad]",
+        " 18  friction_right",
+        "u1: force of left",
+        "float",
+    ):
         assert said in made.header
     assert not re.search(r"20\d\d-\d\d|\d\d:\d\d:\d\d", made.header + made.source + made.replay)
     assert len(made.states) == 19
@@ -298,8 +396,12 @@ def test_float_calls_only_float_functions(rig: Rig) -> None:
     for name in ("adaptive", "ekf-2008"):
         source = re.sub(r"/\*.*?\*/", "", c_filter(rig, name, True).source, flags=re.S)
         assert "double" not in source
-        assert not re.search(r"\b(sqrt|exp|expm1|cos|sin|fabs|fmax|fmin|atan2|erf|pow|log)\(", source)
-        assert not re.search(r"(?<![\w.])\d+\.\d+(e[+-]?\d+)?(?![\dfe])", source)  # every number ends in f
+        assert not re.search(
+            r"\b(sqrt|exp|expm1|cos|sin|fabs|fmax|fmin|atan2|erf|pow|log)\(", source
+        )
+        assert not re.search(
+            r"(?<![\w.])\d+\.\d+(e[+-]?\d+)?(?![\dfe])", source
+        )  # every number ends in f
 
 
 @pytest.mark.slow  # processes of their own
@@ -307,14 +409,18 @@ def test_the_text_is_the_same_in_every_process(tmp_path: Path) -> None:
     texts = set()
     for seed in ("1", "2"):
         code = (
-            "from distal import load_rig; from distal.export import c_filter; m = c_filter(load_rig('capstan-joint'));"
+            "from distal import load_rig; from distal.export import c_filter; m = "
+            "c_filter(load_rig('capstan-joint'));"
         )
         done = subprocess.run(
             [sys.executable, "-c", code + "print(m.source, m.header)"],
             capture_output=True,
             text=True,
             check=True,
-            env={**os.environ, "PYTHONHASHSEED": seed},  # the whole environment: it says which copy is imported
+            env={
+                **os.environ,
+                "PYTHONHASHSEED": seed,
+            },  # the whole environment: it says which copy is imported
         )
         texts.add(done.stdout)
     assert len(texts) == 1
@@ -358,7 +464,9 @@ def test_what_cannot_be_exported_is_said(rig: Rig, tmp_path: Path) -> None:
 
 @needs_compiler
 def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) -> None:
-    """Separators, quotes, the mark of UTF-8, empty lines; and refuses what it refuses, with the row."""
+    """Separators, quotes, the mark of UTF-8, empty lines; and refuses what it refuses, with the
+    row.
+    """
     short = plain.select(slice(0, 60))
     write_log(short, rig, tmp_path / "log.csv")
     rows = [line.split(",")[:5] for line in (tmp_path / "log.csv").read_text().splitlines()]
@@ -370,7 +478,8 @@ def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) 
         "tabs": "\r\n".join("\t".join(row) for row in rows),
         "quotes": "\ufeff" + "\n".join(",".join(f'"{cell}"' for cell in row) for row in rows),
         "order": "\n".join(
-            ",".join([*row[::-1], "NA"]) if i else ",".join([*row[::-1], "x"]) for i, row in enumerate(rows)
+            ",".join([*row[::-1], "NA"]) if i else ",".join([*row[::-1], "x"])
+            for i, row in enumerate(rows)
         ),
     }
     for name, text in good.items():
@@ -378,8 +487,16 @@ def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) 
         np.testing.assert_allclose(replayed(program, tmp_path / name)[:, 1], known, atol=1e-9)
     lines = [",".join(row) for row in rows]
     bad = {
-        "row 31: not a number: oops": [*lines[:30], lines[30].replace(rows[30][1], "oops"), *lines[31:]],
-        "row 31: not a number: 0x1": [*lines[:30], lines[30].replace(rows[30][1], "0x1"), *lines[31:]],
+        "row 31: not a number: oops": [
+            *lines[:30],
+            lines[30].replace(rows[30][1], "oops"),
+            *lines[31:],
+        ],
+        "row 31: not a number: 0x1": [
+            *lines[:30],
+            lines[30].replace(rows[30][1], "0x1"),
+            *lines[31:],
+        ],
         "row 31: more or fewer cells": [*lines[:30], lines[30] + ",3", *lines[31:]],
         "row 32: the stamp repeats": [*lines[:31], lines[30], *lines[31:]],
         "a column is there twice: x1": [lines[0] + ",x1", *(line + ",0" for line in lines[1:])],
@@ -388,7 +505,9 @@ def test_replay_reads_what_estimate_reads(rig: Rig, plain: Log, tmp_path: Path) 
     }
     for said, text in bad.items():
         (tmp_path / "bad.csv").write_text("\n".join(text))
-        done = subprocess.run([str(program), str(tmp_path / "bad.csv")], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [str(program), str(tmp_path / "bad.csv")], capture_output=True, text=True, check=False
+        )
         assert done.returncode != 0, said
         assert said in done.stderr
 
@@ -409,7 +528,9 @@ def test_names_that_would_break_the_text(rig: Rig, plain: Log, tmp_path: Path) -
     text = (tmp_path / "log.csv").read_text()
     (tmp_path / "log.csv").write_text(text.replace('"' + column.replace('"', '""') + '"', column))
     rows = replayed(build(made, tmp_path, "-O1", "-Wpedantic"), tmp_path / "log.csv")
-    np.testing.assert_allclose(rows[:, 1], estimate(plain.select(slice(0, 50)), odd, "ekf-2008").theta, atol=1e-9)
+    np.testing.assert_allclose(
+        rows[:, 1], estimate(plain.select(slice(0, 50)), odd, "ekf-2008").theta, atol=1e-9
+    )
     assert "$real$ $name$" in project_files(made)["README.md"]
     for name in ("math", "m", "all", "replay", "x" * 200):
         with pytest.raises(ExportError, match=r"header of C|up to 100"):
@@ -451,7 +572,10 @@ def test_cmake_builds_it(rig: Rig, log: Log, tmp_path: Path) -> None:
     rows = replayed(tmp_path / "build" / "replay", tmp_path / "log.csv")
     np.testing.assert_allclose(rows[:, 1], estimate(log, rig, "ekf-2008").theta, atol=1e-9)
     bad = subprocess.run(
-        [str(tmp_path / "build" / "replay"), "absent.csv"], capture_output=True, text=True, check=False
+        [str(tmp_path / "build" / "replay"), "absent.csv"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert bad.returncode == 2
     assert "usage" in bad.stderr
@@ -495,4 +619,6 @@ def test_an_imu(tmp_path: Path) -> None:
     write_log(log, rig, tmp_path / "log.csv")
     rows = replayed(build(c_filter(rig), tmp_path, "-O0"), tmp_path / "log.csv")
     result = estimate(log, rig)
-    np.testing.assert_allclose(rows[:, 1:3], np.column_stack([result.angles[:, 0], result.angle_stds[:, 0]]), atol=1e-9)
+    np.testing.assert_allclose(
+        rows[:, 1:3], np.column_stack([result.angles[:, 0], result.angle_stds[:, 0]]), atol=1e-9
+    )

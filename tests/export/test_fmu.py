@@ -1,4 +1,6 @@
-"""The filter as an FMU: valid by the standard, the numbers of Python, states that are kept, two instances at once."""
+"""The filter as an FMU: valid by the standard, the numbers of Python, states that are kept, two
+instances at once.
+"""
 
 from __future__ import annotations
 
@@ -49,20 +51,28 @@ def made(rig: Rig, path: Path) -> Fmu:
 
 
 def simulated(path: Path, made: Fmu, log: Log) -> np.ndarray:
-    """Return what fmpy records of a run over a log; a row is that of the step that ends at its time."""
+    """Return what fmpy records of a run over a log; a row is that of the step that ends at its
+    time.
+    """
     signals = np.zeros(len(log), dtype=[("time", float), *((name, float) for name in made.inputs)])
     signals["time"] = log.time
     for name, values in zip(made.inputs, samples_of(log, made.inputs).T):
         signals[name] = values
     step = made.exported.interval
     found: np.ndarray = fmpy.simulate_fmu(
-        str(path), stop_time=float(log.time[-1]) + step, output_interval=step, input=signals, output=list(made.outputs)
+        str(path),
+        stop_time=float(log.time[-1]) + step,
+        output_interval=step,
+        input=signals,
+        output=list(made.outputs),
     )
     return found
 
 
 def at_the_ends(log: Log, rig: Rig, length: float = 0.01) -> np.ndarray:
-    """Return angles, then stds, at the end of the step that begins with each sample: all sensors are missing there."""
+    """Return angles, then stds, at the end of the step that begins with each sample: all sensors
+    are missing there.
+    """
     runner = make_estimator("adaptive", rig)
     rows, found = samples_of(log, runner.channels), []
     missing = np.full(rows.shape[1], np.nan)
@@ -81,14 +91,17 @@ def test_it_is_valid_and_gives_pythons_numbers(path: Path, made: Fmu, rig: Rig, 
     np.testing.assert_allclose(found["angle"][1:], known[:, 0], atol=1e-9)
     np.testing.assert_allclose(found["angle_std"][1:], known[:, 1], atol=1e-9)
     assert set(found["health"]) == {0}
-    # at the end of the initialization the first sample is taken in, and the outputs are of the same time
+    # at the end of the initialization the first sample is taken in, and the outputs are of the same
+    # time
     assert found["angle"][0] == pytest.approx(estimate(log, rig).theta[0], abs=1e-9)
 
 
 def test_outputs_are_those_of_a_steps_end(path: Path, made: Fmu, rig: Rig, log: Log) -> None:
     """They are nearer to the truth there than what the sample at its beginning says, which lags."""
     found, truth = simulated(path, made, log)[1:-1], log.truth["theta"][1:]
-    said, lagging = (np.sqrt(np.mean((x - truth) ** 2)) for x in (found["angle"], estimate(log, rig).theta[:-1]))
+    said, lagging = (
+        np.sqrt(np.mean((x - truth) ** 2)) for x in (found["angle"], estimate(log, rig).theta[:-1])
+    )
     assert said < 0.9 * lagging
     assert np.mean(np.abs(found["angle"] - truth) < 1.96 * found["angle_std"]) > 0.95
 
@@ -96,9 +109,15 @@ def test_outputs_are_those_of_a_steps_end(path: Path, made: Fmu, rig: Rig, log: 
 def test_a_chain(tmp_path: Path) -> None:
     scenario = load_scenario("wrist", ['duration="2 s"'])
     rig = scenario_rig(scenario)
-    log, made = simulate(rig, scenario, 1), export_fmu(rig, tmp_path / "wrist.fmu", everywhere=False)
+    log, made = (
+        simulate(rig, scenario, 1),
+        export_fmu(rig, tmp_path / "wrist.fmu", everywhere=False),
+    )
     assert validate_fmu(str(tmp_path / "wrist.fmu")) == []
-    found, known = simulated(tmp_path / "wrist.fmu", made, log), at_the_ends(log, rig, made.exported.interval)
+    found, known = (
+        simulated(tmp_path / "wrist.fmu", made, log),
+        at_the_ends(log, rig, made.exported.interval),
+    )
     assert made.outputs[-1] == "health"
     for k, name in enumerate(made.outputs[:6:2]):
         np.testing.assert_allclose(found[name][1:], known[:, k], atol=1e-9)
@@ -111,9 +130,13 @@ class Instance:
     def __init__(self, folder: str, name: str) -> None:
         said = fmpy.read_model_description(folder)
         self.which = {one.name: one.valueReference for one in said.modelVariables}
-        self.inputs = [one.valueReference for one in said.modelVariables if one.causality == "input"]
+        self.inputs = [
+            one.valueReference for one in said.modelVariables if one.causality == "input"
+        ]
         identifier = said.coSimulation.modelIdentifier
-        self.fmu = FMU3Slave(guid=said.guid, unzipDirectory=folder, modelIdentifier=identifier, instanceName=name)
+        self.fmu = FMU3Slave(
+            guid=said.guid, unzipDirectory=folder, modelIdentifier=identifier, instanceName=name
+        )
         self.fmu.instantiate()
 
     def begin(self, values: np.ndarray) -> None:
@@ -149,7 +172,10 @@ def test_two_instances_at_once_do_not_know_each_other(
     for one, rows in zip(instances, samples):
         one.begin(rows[0])
     found = [
-        [one.step(float(each.time[k]), rows[k])[0] for one, each, rows in zip(instances, logs, samples)]
+        [
+            one.step(float(each.time[k]), rows[k])[0]
+            for one, each, rows in zip(instances, logs, samples)
+        ]
         for k in range(1, 200)
     ]
     both = np.column_stack([known[1:200, 0], at_the_ends(other, rig)[1:200, 0]])
@@ -157,7 +183,11 @@ def test_two_instances_at_once_do_not_know_each_other(
 
 
 def test_a_state_is_kept_restored_and_written_to_bytes(folder: str, made: Fmu, log: Log) -> None:
-    rows, one, other = samples_of(log, made.inputs), Instance(folder, "one"), Instance(folder, "other")
+    rows, one, other = (
+        samples_of(log, made.inputs),
+        Instance(folder, "one"),
+        Instance(folder, "other"),
+    )
     for each in (one, other):
         each.begin(rows[0])
     for k in range(1, 50):
@@ -175,7 +205,9 @@ def test_a_state_is_kept_restored_and_written_to_bytes(folder: str, made: Fmu, l
     assert one.step(float(log.time[1]), rows[1]) != after[0]
 
 
-def test_missing_values_gaps_and_steps_between_samples(folder: str, rig: Rig, made: Fmu, log: Log) -> None:
+def test_missing_values_gaps_and_steps_between_samples(
+    folder: str, rig: Rig, made: Fmu, log: Log
+) -> None:
     spoilt = spoiled(log)
     rows, known = samples_of(spoilt, made.inputs), at_the_ends(spoilt, rig)
     assert np.isfinite(rows[0]).all()  # else the first value that comes fills what has no prior
@@ -191,7 +223,9 @@ def test_missing_values_gaps_and_steps_between_samples(folder: str, rig: Rig, ma
     assert one.health() == 6  # it began anew: the gap was too long to bridge
 
 
-def test_what_cannot_be_is_refused(folder: str, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_is_refused(
+    folder: str, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     one = Instance(folder, "one")
     for call in (
         lambda: one.fmu.setFloat64([one.which["angle"]], [1.0]),
@@ -223,20 +257,29 @@ def test_sensors_that_are_called_as_outputs_are(rig: Rig, tmp_path: Path) -> Non
     raw["name"] = 'a <b> & "c"'
     for sensor, name in zip(raw["sensors"], ("angle", "time", "health"), strict=False):
         sensor["name"] = name
-    made = export_fmu(build_rig(raw, "odd"), tmp_path / "odd.fmu", "ekf-2008", "odd", everywhere=False)
+    made = export_fmu(
+        build_rig(raw, "odd"), tmp_path / "odd.fmu", "ekf-2008", "odd", everywhere=False
+    )
     assert validate_fmu(str(tmp_path / "odd.fmu")) == []
     assert made.outputs == ("angle_estimate", "angle_std", "health_estimate")
 
 
 @pytest.mark.parametrize("wild", [np.inf, 1e9])
-def test_a_wild_value_is_a_missing_one(folder: str, rig: Rig, made: Fmu, log: Log, wild: float) -> None:
+def test_a_wild_value_is_a_missing_one(
+    folder: str, rig: Rig, made: Fmu, log: Log, wild: float
+) -> None:
     rows, one = samples_of(log, made.inputs).copy(), Instance(folder, "one")
     rows[60:, 0] = wild
     one.begin(rows[0])
     found = np.array([one.step(float(log.time[k]), rows[k]) for k in range(1, 100)])
-    channels = {name: np.where(np.abs(log.channels[name]) > 1e7, np.nan, log.channels[name]) for name in made.inputs}
+    channels = {
+        name: np.where(np.abs(log.channels[name]) > 1e7, np.nan, log.channels[name])
+        for name in made.inputs
+    }
     channels[made.inputs[0]][60:] = np.nan
-    known = at_the_ends(Log(log.time, channels, log.truth, "wild", log.truth_source).select(slice(0, 100)), rig)
+    known = at_the_ends(
+        Log(log.time, channels, log.truth, "wild", log.truth_source).select(slice(0, 100)), rig
+    )
     np.testing.assert_allclose(found[:, 0], known[1:, 0], atol=1e-9)
     assert one.health() == 2  # missing
 
@@ -300,15 +343,21 @@ int main(void) {{
         "-fno-sanitize-recover=all",
     ]
     command = [*CC.command, *flags, "main.c", f"{name}.c", "-lm", "-o", "program"]  # type: ignore[union-attr]
-    done = subprocess.run(command, cwd=tmp_path / "sources", capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path / "sources", capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
-    run = subprocess.run([str(tmp_path / "sources" / "program")], capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [str(tmp_path / "sources" / "program")], capture_output=True, text=True, check=False
+    )
     assert (run.returncode, run.stderr) == (0, "")
     assert abs(float(run.stdout) - at_the_ends(log, rig)[99, 0]) < 1e-9
 
 
 def test_the_command(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["export-fmu", "capstan-joint", "--here", "--out", str(tmp_path / "a.fmu")])
+    done = CliRunner().invoke(
+        app, ["export-fmu", "capstan-joint", "--here", "--out", str(tmp_path / "a.fmu")]
+    )
     assert done.exit_code == 0, done.output
     assert "motor_angle, motor_torque" in done.output
     assert f"-{sys.platform}" in done.output

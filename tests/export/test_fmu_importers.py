@@ -33,7 +33,9 @@ class Imported:
     def __init__(self, path: Path) -> None:
         said = fmpy.read_model_description(str(path))
         self.which = {one.name: one.valueReference for one in said.modelVariables}
-        self.inputs = [one.valueReference for one in said.modelVariables if one.causality == "input"]
+        self.inputs = [
+            one.valueReference for one in said.modelVariables if one.causality == "input"
+        ]
         health = next(one for one in said.typeDefinitions if one.name == "Health")
         self.words = {int(item.value): item.name for item in health.items}
         self.slave = Fmi3Slave(path, model_identifier=said.coSimulation.modelIdentifier)
@@ -96,7 +98,9 @@ def test_a_second_importer_gets_the_same_numbers_at_the_current_time(
     assert one.health == "ok"
 
 
-def test_before_the_first_sample_it_says_the_prior_and_not_yet(one: Imported, rig: Rig, log: Log, made: Fmu) -> None:
+def test_before_the_first_sample_it_says_the_prior_and_not_yet(
+    one: Imported, rig: Rig, log: Log, made: Fmu
+) -> None:
     missing = np.full(len(made.inputs), np.nan)
     prior = make_estimator("adaptive", rig).initial(0.0, missing)
     expected = pytest.approx((2.5, prior.mean[0], np.sqrt(prior.covariance[0, 0])), abs=1e-12)
@@ -119,7 +123,9 @@ def test_before_the_first_sample_it_says_the_prior_and_not_yet(one: Imported, ri
     assert (one.health, one.told("time")) == ("not_yet", (0.0,))
 
 
-def test_a_step_that_is_too_long_to_predict_keeps_the_last_outputs(one: Imported, made: Fmu, log: Log) -> None:
+def test_a_step_that_is_too_long_to_predict_keeps_the_last_outputs(
+    one: Imported, made: Fmu, log: Log
+) -> None:
     row = samples_of(log, made.inputs)[0]
     one.slave.enter_initialization_mode(start_time=0.0)
     one.slave.set_float64(one.inputs, row.tolist())
@@ -136,27 +142,41 @@ def test_with_a_learned_map(tmp_path: Path) -> None:
     one, live = Imported(tmp_path / "map.fmu"), LiveEstimator(rig)
     one.slave.enter_initialization_mode(start_time=0.0)
     prior = live.runner.initial(0.0, np.full(2, np.nan))
-    assert one.told("angle", "angle_std") == pytest.approx((prior.mean[0], np.sqrt(prior.covariance[0, 0])), abs=1e-12)
+    assert one.told("angle", "angle_std") == pytest.approx(
+        (prior.mean[0], np.sqrt(prior.covariance[0, 0])), abs=1e-12
+    )
     for k in range(20):
         time, row = 0.005 * k, np.array([0.3 * np.sin(0.1 * k), 0.02])
         live.step(time, row)
         end = live.clone()
         end.step(time + 0.005, np.full(2, np.nan))
         one.step(time, 0.005, row)
-        assert one.told("angle", "angle_std") == pytest.approx((end.angle, end.angle_stds[0]), abs=1e-9)
+        assert one.told("angle", "angle_std") == pytest.approx(
+            (end.angle, end.angle_stds[0]), abs=1e-9
+        )
     one.slave.free_instance()
 
 
 @pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs ziglang")
 @pytest.mark.slow  # ziglang builds its own C libraries the first time
 def test_binaries_for_all_platforms(tmp_path: Path, rig: Rig) -> None:
-    """Each has the file format and the machine of its platform, and the names that an importer looks for."""
+    """Each has the file format and the machine of its platform, and the names that an importer
+    looks for.
+    """
     made = export_fmu(rig, tmp_path / "all.fmu")
     assert made.without == ""
     assert set(made.platforms) == {*ZIG_TARGETS, this_platform()}
     with zipfile.ZipFile(tmp_path / "all.fmu") as archive:
-        found = {name.split("/")[1]: archive.read(name) for name in archive.namelist() if name.startswith("binaries/")}
-        suffixes = {name.split("/")[1]: Path(name).suffix for name in archive.namelist() if "binaries/" in name}
+        found = {
+            name.split("/")[1]: archive.read(name)
+            for name in archive.namelist()
+            if name.startswith("binaries/")
+        }
+        suffixes = {
+            name.split("/")[1]: Path(name).suffix
+            for name in archive.namelist()
+            if "binaries/" in name
+        }
     for platform, code in found.items():
         machine, system = platform.split("-")
         assert b"fmi3DoStep" in code
@@ -177,9 +197,13 @@ def test_without_ziglang_the_command_says_what_is_lacking_and_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    done = CliRunner().invoke(app, ["export-fmu", "capstan-joint", "--out", str(tmp_path / "a.fmu")])
+    done = CliRunner().invoke(
+        app, ["export-fmu", "capstan-joint", "--out", str(tmp_path / "a.fmu")]
+    )
     said = " ".join(done.output.split())
     assert done.exit_code == 0, done.output
     assert "x86_64-windows, x86_64-darwin, aarch64-darwin need ziglang: pip install ziglang" in said
     with zipfile.ZipFile(tmp_path / "a.fmu") as archive:
-        assert {name.split("/")[1] for name in archive.namelist() if "binaries/" in name} == {this_platform()}
+        assert {name.split("/")[1] for name in archive.namelist() if "binaries/" in name} == {
+            this_platform()
+        }

@@ -33,12 +33,27 @@ def words_in_c(rig: Rig, log: Log, folder: Path) -> list[str]:
     made = c_filter(rig, name="f")
     for file, text in (("f.h", made.header), ("f.c", made.source), ("watching.c", WATCHING)):
         (folder / file).write_text(text)
-    command = [*CC.command, *STRICT, "-O2", "-fPIC", "-shared", "f.c", "watching.c", "-lm", "-o", "f.so"]  # type: ignore[union-attr]
+    command = [
+        *CC.command,
+        *STRICT,
+        "-O2",
+        "-fPIC",
+        "-shared",
+        "f.c",
+        "watching.c",
+        "-lm",
+        "-o",
+        "f.so",
+    ]  # type: ignore[union-attr]
     subprocess.run(command, cwd=folder, check=True)
     word = ctypes.CDLL(str(folder / "f.so")).word
     samples, steps = samples_of(log, made.channels), np.diff(log.time, prepend=log.time[0])
     codes = [
-        word(k == 0, ctypes.c_double(steps[k]), np.ascontiguousarray(row).ctypes.data_as(ctypes.c_void_p))
+        word(
+            k == 0,
+            ctypes.c_double(steps[k]),
+            np.ascontiguousarray(row).ctypes.data_as(ctypes.c_void_p),
+        )
         for k, row in enumerate(samples)
     ]
     return [list(HEALTH)[code] for code in codes]
@@ -81,10 +96,18 @@ def contradictory(log: Log) -> Log:
 @needs_compiler
 @pytest.mark.parametrize(
     ("spoil", "said"),
-    [(spoiled, "gap"), (stuck, "dead"), (dead, "dead"), (elsewhere, "disagrees"), (contradictory, "disagrees")],
+    [
+        (spoiled, "gap"),
+        (stuck, "dead"),
+        (dead, "dead"),
+        (elsewhere, "disagrees"),
+        (contradictory, "disagrees"),
+    ],
     ids=lambda one: getattr(one, "__name__", one),
 )
-def test_the_words_are_those_of_a_stream(rig: Rig, log: Log, spoil: object, said: str, tmp_path: Path) -> None:
+def test_the_words_are_those_of_a_stream(
+    rig: Rig, log: Log, spoil: object, said: str, tmp_path: Path
+) -> None:
     """One function says them: in C as in Python, at the same samples."""
     spoilt = spoil(log)  # type: ignore[operator]
     known, found = log_health(spoilt, rig), words_in_c(rig, spoilt, tmp_path)

@@ -36,7 +36,9 @@ def case(name: str, duration: str) -> tuple[Rig, Log]:
 
 
 def homed_rows(rig: Rig, log: Log, until: float) -> tuple[LiveEstimator, np.ndarray, np.ndarray]:
-    """Return a live filter after a log whose joints stand at their first angles until a time, its angles and stds."""
+    """Return a live filter after a log whose joints stand at their first angles until a time, its
+    angles and stds.
+    """
     live = LiveEstimator(rig, homing_filter(rig, STD))
     angles, stds = [], []
     for k, time in enumerate(log.time):
@@ -67,13 +69,19 @@ def test_live_as_over_a_log(name: str) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", [pytest.param("lab-bench"), pytest.param("wrist", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", [pytest.param("lab-bench"), pytest.param("wrist", marks=pytest.mark.slow)]
+)
 def test_in_c_as_live(name: str, tmp_path: Path) -> None:
-    """The replay with a column that says where each joint stands: at the beginning, and once more later."""
+    """The replay with a column that says where each joint stands: at the beginning, and once more
+    later.
+    """
     rig, log = case(name, "3 s")
     made = c_filter(rig, home=STD)
     homes = made.channels[len(made.channels) - len(rig.joints) :]
-    assert homes == (("home",) if len(rig.joints) == 1 else tuple(f"home_{joint.name}" for joint in rig.joints))
+    assert homes == (
+        ("home",) if len(rig.joints) == 1 else tuple(f"home_{joint.name}" for joint in rig.joints)
+    )
     truth = np.column_stack([log.truth[key] for key in list(log.truth)[: len(rig.joints)]])
     known = (log.time < WINDOW) | ((log.time > 2.0) & (log.time < 2.3))
     at = np.where(known[:, None], truth, np.nan)
@@ -98,7 +106,9 @@ def test_in_c_as_live(name: str, tmp_path: Path) -> None:
     before, after = np.searchsorted(log.time, [1.99, 2.29])
     assert np.all(rows[after, 2::2] < rows[before, 2::2])
     # a log need not have the column
-    write_columns({key: each for key, each in columns.items() if key not in homes}, tmp_path / "plain.csv")
+    write_columns(
+        {key: each for key, each in columns.items() if key not in homes}, tmp_path / "plain.csv"
+    )
     assert len(replayed(tmp_path / "replay", tmp_path / "plain.csv")) == len(log)
 
 
@@ -113,7 +123,9 @@ def test_a_known_angle_is_never_missing() -> None:
     plain = Monitor(LiveEstimator(rig))
     for k, time in enumerate(log.time):
         sample = np.array([log.channels[name][k] for name in plain.channels])
-        word = monitor.take(float(time), np.array([*sample, 0.0 if time < WINDOW else np.nan])).health
+        word = monitor.take(
+            float(time), np.array([*sample, 0.0 if time < WINDOW else np.nan])
+        ).health
         assert word in (plain.take(float(time), sample).health, "untested", "ok")
 
 

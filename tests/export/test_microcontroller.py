@@ -26,7 +26,15 @@ pytestmark = [
     pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {missing_tools()}"),
 ]
 FIRMWARE = Path(__file__).parent / "firmware"
-CORTEX = ["-std=c99", "-Os", "-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", "-fno-math-errno"]
+CORTEX = [
+    "-std=c99",
+    "-Os",
+    "-mcpu=cortex-m4",
+    "-mthumb",
+    "-mfpu=fpv4-sp-d16",
+    "-mfloat-abi=hard",
+    "-fno-math-errno",
+]
 SAMPLES = 300
 
 
@@ -56,7 +64,11 @@ def cases() -> list[tuple[str, Rig, Scenario]]:
         if name == "paper-2008-printed":
             scenario = load_scenario("series-2")
         else:
-            servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
+            servo = {
+                "angle": {"amplitude": 0.5, "frequency": 0.4},
+                "stiffness": 20.0,
+                "damping": 0.3,
+            }
             pull = {"weight": {"mean": "3 N", "amplitude": "1 N", "frequency": "0.5 Hz"}}
             drives = (
                 {"left": pull, "right": {"weight": "3 N"}}
@@ -70,14 +82,21 @@ def cases() -> list[tuple[str, Rig, Scenario]]:
 
 def chains() -> list[tuple[str, Rig, Scenario]]:
     """Return chains of joints, and what moves them."""
-    made = [(name, scenario_rig(scenario), scenario) for name, scenario in (
-        ("wrist-instrument", load_scenario("wrist")), ("finger-2n", load_scenario("finger"))
-    )]  # fmt: skip
+    made = [
+        (name, scenario_rig(scenario), scenario)
+        for name, scenario in (
+            ("wrist-instrument", load_scenario("wrist")),
+            ("finger-2n", load_scenario("finger")),
+        )
+    ]
     rig = load_rig("finger-n-plus-1")
     drives = {}
     for k, drive in enumerate(rig.drives):
         position = {"amplitude": "2 mm" if k % 2 else "-2 mm", "frequency": "0.4 Hz"}
-        drives[drive.name] = {"force": "10 N", "servo": {"position": position, "stiffness": 5000.0, "damping": 10.0}}
+        drives[drive.name] = {
+            "force": "10 N",
+            "servo": {"position": position, "stiffness": 5000.0, "damping": 10.0},
+        }
     described = {"rig": "finger-n-plus-1", "duration": 4.0, "drives": drives}
     return [*made, ("finger-n-plus-1", rig, build_scenario(described, "finger-n-plus-1"))]
 
@@ -87,7 +106,12 @@ def literal(value: float) -> str:
 
 
 def measure(
-    rig: Rig, scenario: Scenario, name: str, folder: Path, made: Exported | None = None, flags: Sequence[str] = ()
+    rig: Rig,
+    scenario: Scenario,
+    name: str,
+    folder: Path,
+    made: Exported | None = None,
+    flags: Sequence[str] = (),
 ) -> tuple[Measured, Exported]:
     """Build the smallest product and a program with a log, look at one and run the other."""
     made = made or c_filter(rig, name, True, "filter")
@@ -98,7 +122,8 @@ def measure(
     steps = ", ".join(literal(dt) for dt in np.diff(log.time, prepend=log.time[0]))
     rows = ",\n".join("{" + ", ".join(map(literal, row)) + "}" for row in samples)
     (folder / "log.h").write_text(
-        f"#include <math.h>\n#define SAMPLES {len(samples)}\nstatic const float steps[] = {{{steps}}};\n"
+        f"#include <math.h>\n#define SAMPLES {len(samples)}\nstatic const float steps[] = "
+        f"{{{steps}}};\n"
         f"static const float samples[][{samples.shape[1]}] = {{\n{rows}}};\n"
     )
     told = ",".join(f"out.{field}" for pair in angle_fields(rig) for field in pair)
@@ -114,47 +139,86 @@ def measure(
         *names,
         *flags,
     ]
-    linked = ["-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections", "-T", str(FIRMWARE / "mps2.ld"), "-lm"]
+    linked = [
+        "-nostartfiles",
+        "--specs=nano.specs",
+        "-Wl,--gc-sections",
+        "-T",
+        str(FIRMWARE / "mps2.ld"),
+        "-lm",
+    ]
     for program in ("sized", "replayed"):
         sources = [str(FIRMWARE / "startup.c"), str(FIRMWARE / f"{program}.c"), "filter.c"]
-        command = ["arm-none-eabi-gcc", *common, f"-I{folder}", *sources, *linked, "-o", f"{program}.elf"]
+        command = [
+            "arm-none-eabi-gcc",
+            *common,
+            f"-I{folder}",
+            *sources,
+            *linked,
+            "-o",
+            f"{program}.elf",
+        ]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     look: dict[str, Any] = {"cwd": folder, "capture_output": True, "text": True, "check": True}
     sizes = subprocess.run(["arm-none-eabi-size", "-A", "sized.elf"], **look)
-    sections = {line.split()[0]: int(line.split()[1]) for line in sizes.stdout.splitlines() if line.startswith(".")}
+    sections = {
+        line.split()[0]: int(line.split()[1])
+        for line in sizes.stdout.splitlines()
+        if line.startswith(".")
+    }
     symbols = subprocess.run(["arm-none-eabi-nm", "sized.elf"], **look)
     assert "__aeabi_d" not in symbols.stdout  # nothing of double precision
     board = ["-M", "mps2-an386", "-cpu", "cortex-m4", "-nographic", "-icount", "shift=0"]
     host = ["-semihosting-config", "enable=on,target=native", "-kernel", "replayed.elf"]
     run = subprocess.run(
-        ["qemu-system-arm", *board, *host], cwd=folder, capture_output=True, text=True, timeout=300, check=False
+        ["qemu-system-arm", *board, *host],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     assert run.returncode == 0, run.stderr[-400:]
     lines = (run.stdout + run.stderr).splitlines()
-    ticks = [[int(word, 16) for word in line.split()[1:]] for line in lines if line.startswith("ticks")]
+    ticks = [
+        [int(word, 16) for word in line.split()[1:]] for line in lines if line.startswith("ticks")
+    ]
     used, most, stack, million = ticks[0]
     bits = [line.split() for line in lines if re.fullmatch(r"([0-9a-f]{8} )+", line)]
-    angles = np.array([[struct.unpack(">f", bytes.fromhex(word))[0] for word in pairs] for pairs in bits])
+    angles = np.array(
+        [[struct.unpack(">f", bytes.fromhex(word))[0] for word in pairs] for pairs in bits]
+    )
     per_tick = 1e6 / million  # SysTick counts 25 MHz of a clock of 1 GHz, one instruction each
     flash = sum(sections.get(name, 0) for name in (".text", ".ARM.exidx", ".data"))
     ram = sections.get(".data", 0) + sections.get(".bss", 0) + stack
     error = np.rad2deg(np.abs(angles[:, ::2] - estimate(log, rig, name).angles).max())
-    return Measured(flash, ram, (used * per_tick / len(angles), most * per_tick), angles, float(error)), made
+    return Measured(
+        flash, ram, (used * per_tick / len(angles), most * per_tick), angles, float(error)
+    ), made
 
 
 @pytest.mark.parametrize("name", ["adaptive", "ekf-2008"])
 def test_it_fits_and_is_right(name: str, tmp_path: Path) -> None:
-    """At most 22 kB of flash, 4.3 kB of RAM and 18,000 instructions per step, `ekf-2008` 30,000; angles to 0.02°."""
+    """At most 22 kB of flash, 4.3 kB of RAM and 18,000 instructions per step, `ekf-2008` 30,000;
+    angles to 0.02°.
+    """
     rig = scenario_rig(load_scenario("series-2"))
     measured, _ = measure(rig, load_scenario("series-2"), name, tmp_path)
     assert len(measured.rows) == SAMPLES
     known = estimate(simulate(rig, load_scenario("series-2"), 6), rig, name)
     np.testing.assert_allclose(measured.rows[:, 0], known.theta[:SAMPLES], atol=np.deg2rad(0.02))
-    np.testing.assert_allclose(measured.rows[:, 1], known.theta_std[:SAMPLES], atol=np.deg2rad(0.02), rtol=0.01)
+    np.testing.assert_allclose(
+        measured.rows[:, 1], known.theta_std[:SAMPLES], atol=np.deg2rad(0.02), rtol=0.01
+    )
     assert measured.flash <= 22 * 1024
     assert measured.ram <= 4.3 * 1024
-    assert 5_000 < measured.instructions[0] < measured.instructions[1] <= (18_000 if name == "adaptive" else 30_000)
+    assert (
+        5_000
+        < measured.instructions[0]
+        < measured.instructions[1]
+        <= (18_000 if name == "adaptive" else 30_000)
+    )
 
 
 LIMITS = {
@@ -162,7 +226,9 @@ LIMITS = {
     "finger-2n": (48, 18, 150_000),
     "finger-n-plus-1": (64, 32, 300_000),
 }
-"""Most flash [kB], RAM [kB] and instructions of a step; a torque on each joint that forces may tell of is a state more."""
+"""Most flash [kB], RAM [kB] and instructions of a step; a torque on each joint that forces may tell
+of is a state more.
+"""
 
 
 @pytest.mark.parametrize("name", LIMITS)

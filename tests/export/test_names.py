@@ -1,4 +1,6 @@
-"""Names of exports: one that is accepted compiles with every compiler, one that would not is refused."""
+"""Names of exports: one that is accepted compiles with every compiler, one that would not is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -29,27 +31,39 @@ KEYWORDS = WORDS.split()
 @pytest.mark.skipif(not COMPILERS, reason="no compiler was found")
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_no_name_hides_a_header(compiler: str) -> None:
-    """What the headers of the source and the replay program include, here: each such name is refused."""
+    """What the headers of the source and the replay program include, here: each such name is
+    refused.
+    """
     text = "".join(f"#include <{name}.h>\n" for name in ("math", "string", "stdio", "stdlib"))
-    done = subprocess.run([compiler, "-M", "-x", "c", "-"], input=text, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [compiler, "-M", "-x", "c", "-"], input=text, capture_output=True, text=True, check=True
+    )
     plain = {Path(word).stem for word in re.findall(r"\S+\.h\b", done.stdout)}
     assert len(plain) > 10
     for name in plain:
-        if re.fullmatch(r"[a-z][a-z0-9_]*", name) and "/bits/" not in done.stdout.partition(f"/{name}.h")[0][-30:]:
-            at_top = re.search(rf"include(-fixed)?/(sys/|machine/)?{re.escape(name)}\.h\b", done.stdout)
+        if (
+            re.fullmatch(r"[a-z][a-z0-9_]*", name)
+            and "/bits/" not in done.stdout.partition(f"/{name}.h")[0][-30:]
+        ):
+            at_top = re.search(
+                rf"include(-fixed)?/(sys/|machine/)?{re.escape(name)}\.h\b", done.stdout
+            )
             if at_top and at_top[2] is None:
                 assert name in TAKEN, f"{name}.h of {compiler} can be hidden"
 
 
 @pytest.mark.parametrize(
-    "name", ["math", "time", "con", "com1", "all", "m", "_x", "X", "9a", "", "a-b", "é", "a" * 101, "a\n"]
+    "name",
+    ["math", "time", "con", "com1", "all", "m", "_x", "X", "9a", "", "a-b", "é", "a" * 101, "a\n"],
 )
 def test_names_that_are_refused(name: str) -> None:
     with pytest.raises(ExportError):
         checked_name(name)
 
 
-@pytest.mark.parametrize("title", ["Math", "CON", "9 lives", "", "é", "x" * 300, "My hand, left", "_", "Replay"])
+@pytest.mark.parametrize(
+    "title", ["Math", "CON", "9 lives", "", "é", "x" * 300, "My hand, left", "_", "Replay"]
+)
 def test_a_name_of_any_title_is_accepted(title: str) -> None:
     assert checked_name(c_name(title)) == c_name(title)
 
@@ -57,7 +71,9 @@ def test_a_name_of_any_title_is_accepted(title: str) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not COMPILERS, reason="no compiler was found")
 def test_accepted_names_compile(tmp_path: Path) -> None:
-    """Keywords of C and C++, names of functions and of what the source uses itself, the longest name."""
+    """Keywords of C and C++, names of functions and of what the source uses itself, the longest
+    name.
+    """
     rig = load_rig("capstan-joint")
     export_c(rig, tmp_path, "ekf-2008", name="finger")
     texts = {path: path.read_text() for path in tmp_path.iterdir()}
@@ -73,7 +89,10 @@ def test_accepted_names_compile(tmp_path: Path) -> None:
     for compiler in COMPILERS:
         for source in sources:
             done = subprocess.run(
-                [compiler, *flags, "-I", str(Path(source).parent), source], capture_output=True, text=True, check=False
+                [compiler, *flags, "-I", str(Path(source).parent), source],
+                capture_output=True,
+                text=True,
+                check=False,
             )
             assert done.returncode == 0, f"{compiler} {source}: {done.stderr[:500]}"
     if shutil.which("g++"):
@@ -89,7 +108,9 @@ def test_accepted_names_compile(tmp_path: Path) -> None:
 
 
 def test_all_files_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that is full at the second, third, … file: what stood there stays, and nothing is left beside it."""
+    """A disk that is full at the second, third, … file: what stood there stays, and nothing is left
+    beside it.
+    """
     import os
 
     rig = load_rig("capstan-joint")

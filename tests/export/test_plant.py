@@ -1,4 +1,6 @@
-"""The simulated plant in C: the motion of Python's kernel, and sensors whose errors are those that the rig describes."""
+"""The simulated plant in C: the motion of Python's kernel, and sensors whose errors are those that
+the rig describes.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ pytestmark = needs_compiler
 
 
 def true_reading(plant: Mechanism, sensor: Sensor, y: np.ndarray) -> float:
-    """Return what a sensor without errors reads of a plant's output (q, v, tensions, efforts), by hand."""
+    """Return what a sensor without errors reads of a plant's output (q, v, tensions, efforts), by
+    hand.
+    """
     n, nj, rig = plant.n_bodies, plant.n_joints, plant.rig
     if sensor.measures == "tension":
         return float(y[2 * n + [tendon.name for tendon in rig.tendons].index(sensor.of)])
@@ -41,10 +45,28 @@ class Plant:
     """An exported plant as a shared library."""
 
     def __init__(self, made: ExportedPlant, folder: Path) -> None:
-        size = f'#include "{made.name}.h"\nunsigned long size(void) {{ return sizeof({made.name}_state); }}\n'
-        for name, text in ((f"{made.name}.h", made.header), (f"{made.name}.c", made.source), ("size.c", size)):
+        size = (
+            f'#include "{made.name}.h"\nunsigned long size(void) {{ return '
+            f"sizeof({made.name}_state); }}\n"
+        )
+        for name, text in (
+            (f"{made.name}.h", made.header),
+            (f"{made.name}.c", made.source),
+            ("size.c", size),
+        ):
             (folder / name).write_text(text)
-        command = [*CC.command, *STRICT, "-O2", "-fPIC", "-shared", f"{made.name}.c", "size.c", "-lm", "-o", "p.so"]  # type: ignore[union-attr]
+        command = [
+            *CC.command,
+            *STRICT,
+            "-O2",
+            "-fPIC",
+            "-shared",
+            f"{made.name}.c",
+            "size.c",
+            "-lm",
+            "-o",
+            "p.so",
+        ]  # type: ignore[union-attr]
         subprocess.run(command, cwd=folder, check=True)
         self.code, self.made = ctypes.CDLL(str(folder / "p.so")), made
         self.state = np.zeros(int(self.code.size()) // 8 + 1)
@@ -55,7 +77,12 @@ class Plant:
         return self.values.copy()
 
     def step(self, pull: np.ndarray) -> np.ndarray:
-        assert self.code.p_step(self._at(self.state), self._at(np.ascontiguousarray(pull)), self._at(self.values)) == 1
+        assert (
+            self.code.p_step(
+                self._at(self.state), self._at(np.ascontiguousarray(pull)), self._at(self.values)
+            )
+            == 1
+        )
         return self.values.copy()
 
     @staticmethod
@@ -72,14 +99,21 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
     pulls = np.zeros((200, 5, n))
     pulls[:, 0] = resting_pull(made.plant)
     pulls[:, 0, nj:] += 0.02 * np.sin(0.1 * np.arange(200))[:, None]
-    pulls[100:, 2, 0], pulls[100:, 3, 0], pulls[100:, 4, 0] = 0.05, 0.3, 1e-3  # a hand takes the first joint
+    pulls[100:, 2, 0], pulls[100:, 3, 0], pulls[100:, 4, 0] = (
+        0.05,
+        0.3,
+        1e-3,
+    )  # a hand takes the first joint
     for pull in pulls:
         plant.step(pull.ravel())
     held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     kernel = Kernel(plant_function(made.plant, made.count))
     carry, _ = at_rest(made.plant, held, made.start, kernel)
     rows = np.column_stack(
-        [np.repeat(pulls.reshape(200, -1), made.parts, axis=0), np.full(200 * made.parts, made.interval / made.parts)]
+        [
+            np.repeat(pulls.reshape(200, -1), made.parts, axis=0),
+            np.full(200 * made.parts, made.interval / made.parts),
+        ]
     )
     carries, _ = kernel.scan(carry, rows, made.plant.parameters.values)
     np.testing.assert_allclose(plant.state[: carry.size], carries[-1], rtol=0, atol=1e-12)
@@ -87,9 +121,13 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
 
 
 def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
-    """Noise by its std, a curve within its linearity, steps of the resolution; a seed gives the same again."""
+    """Noise by its std, a curve within its linearity, steps of the resolution; a seed gives the
+    same again.
+    """
     changed = {"sensors.0.noise": 2e-5, "sensors.0.linearity": 1e-4, "sensors.0.resolution": 0.0}
-    rig = load_rig("paper-2008").with_values({**changed, "sensors.1.resolution": 0.05, "sensors.1.noise": 0.1})
+    rig = load_rig("paper-2008").with_values(
+        {**changed, "sensors.1.resolution": 0.05, "sensors.1.noise": 0.1}
+    )
     made = c_plant(rig, "p")
     plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
     pull[0] = resting_pull(made.plant)
@@ -108,11 +146,15 @@ def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
     assert np.abs(offsets).max() < 1.1e-4
     assert len(set(first)) == 40
     np.testing.assert_allclose(read[:, :, 1] / 0.05, np.round(read[:, :, 1] / 0.05), atol=1e-9)
-    assert np.std(read[:, :, 1] - read[:, :, 1].mean(axis=1, keepdims=True)) == pytest.approx(0.1, rel=0.1)
+    assert np.std(read[:, :, 1] - read[:, :, 1].mean(axis=1, keepdims=True)) == pytest.approx(
+        0.1, rel=0.1
+    )
 
 
 class Drawn:
-    """The random numbers of the C: splitmix64 (Steele, Lea and Flood, 2014), normal by Box and Muller."""
+    """The random numbers of the C: splitmix64 (Steele, Lea and Flood, 2014), normal by Box and
+    Muller.
+    """
 
     def __init__(self, seed: int) -> None:
         self.state = seed
@@ -130,8 +172,15 @@ class Drawn:
 
 
 def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
-    """Gain, bias, curve, noise and lag of each sensor, number by number, from the same random numbers."""
-    changed = {"sensors.0.linearity": 1e-4, "sensors.0.bias": 3e-4, "sensors.0.lag": 0.02, "sensors.0.resolution": 0.0}
+    """Gain, bias, curve, noise and lag of each sensor, number by number, from the same random
+    numbers.
+    """
+    changed = {
+        "sensors.0.linearity": 1e-4,
+        "sensors.0.bias": 3e-4,
+        "sensors.0.lag": 0.02,
+        "sensors.0.resolution": 0.0,
+    }
     changed |= {"sensors.2.noise": 0.1, "sensors.2.gain": 1.1, "sensors.2.resolution": 0.0}
     rig = load_rig("template").with_values(changed)
     made = c_plant(rig, "p")
@@ -146,7 +195,9 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
             phases.append(2 * np.pi * drawn.uniform())
         low, high = travel_of(sensor, rig)
 
-        def at(share: np.ndarray, own: tuple[list[float], list[float]] = (weights, phases)) -> np.ndarray:
+        def at(
+            share: np.ndarray, own: tuple[list[float], list[float]] = (weights, phases)
+        ) -> np.ndarray:
             return sum(w * np.sin(np.pi * j * share + f) for j, w, f in zip((1, 2, 3), *own))  # type: ignore[return-value]
 
         scale = sensor.linearity / np.abs(at(np.linspace(0, 1, 501))).max()
@@ -165,7 +216,10 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
             true = true_reading(made.plant, sensor, y)
             share = np.clip((true - low) / (high - low), 0, 1)
             expected = (
-                gain_of(sensor).value * true + sensor.bias.value + scale * curve(share) + sensor.noise * drawn.normal()
+                gain_of(sensor).value * true
+                + sensor.bias.value
+                + scale * curve(share)
+                + sensor.noise * drawn.normal()
             )
             step = step_of(sensor)
             expected = np.floor(expected / step + 0.5) * step if step > 0 else expected
@@ -190,8 +244,14 @@ def test_what_it_does_not_have_is_refused() -> None:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["export-c", "template", "--plant", "--home", "1 deg", "--out", str(tmp_path / "c")])
+    done = CliRunner().invoke(
+        app, ["export-c", "template", "--plant", "--home", "1 deg", "--out", str(tmp_path / "c")]
+    )
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "c").iterdir()}
-    assert {"template_adaptive_plant.c", "template_adaptive_plant.h", "template_adaptive.c"} <= names
+    assert {
+        "template_adaptive_plant.c",
+        "template_adaptive_plant.h",
+        "template_adaptive.c",
+    } <= names
     assert "home" in (tmp_path / "c" / "template_adaptive.h").read_text()

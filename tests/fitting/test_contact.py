@@ -1,4 +1,6 @@
-"""The torque from outside learned from logs: the map, its band, homing, and the kernel that carries it."""
+"""The torque from outside learned from logs: the map, its band, homing, and the kernel that carries
+it.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distal import Estimate, LiveEstimator, Log, Rig, estimate, fit, learn_contact, load_rig, read_log
+from distal import (
+    Estimate,
+    LiveEstimator,
+    Log,
+    Rig,
+    estimate,
+    fit,
+    learn_contact,
+    load_rig,
+    read_log,
+)
 from distal.errors import EstimationError, FitError
 from distal.fitting.map_samples import torques_of
 from distal.logs import write_log
@@ -24,17 +36,28 @@ def rig() -> Rig:
     raw["joints"][0]["external_torque"] = {"std": 0.05, "correlation_time": 1.0}
     raw["sensors"] = [
         *raw["sensors"],
-        {"name": "jaw_torque", "measures": "torque", "of": "jaw", "noise": 1e-3, "rate": RATE, "unit": "mN m"},
+        {
+            "name": "jaw_torque",
+            "measures": "torque",
+            "of": "jaw",
+            "noise": 1e-3,
+            "rate": RATE,
+            "unit": "mN m",
+        },
     ]
     return build_rig(raw, "touched")
 
 
 def log(seed: int, share: float = 0.1, gain: float = 0.3) -> Log:
-    """τ = gain · torque + 0.02 · slip + an offset of its own, with 1 mN m of noise: what the terms can hold."""
+    """τ = gain · torque + 0.02 · slip + an offset of its own, with 1 mN m of noise: what the terms
+    can hold.
+    """
     rng = np.random.default_rng([seed, 7])
     time = np.arange(round(RATE * DURATION)) / RATE
     a, b = rng.uniform(0.2, 0.5, 2)
-    place = 0.5 * np.sin(2 * np.pi * a * time + rng.uniform(0, 6)) + 0.2 * np.sin(2 * np.pi * b * time)
+    place = 0.5 * np.sin(2 * np.pi * a * time + rng.uniform(0, 6)) + 0.2 * np.sin(
+        2 * np.pi * b * time
+    )
     effort = 0.08 * np.sin(2 * np.pi * 0.3 * time + rng.uniform(0, 6)) + 0.03 * rng.normal()
     effort += 2e-3 * rng.normal(size=len(time))
     moved = (place - played(place, 0.02)) / 0.02
@@ -53,7 +76,9 @@ def rms(result: Estimate) -> float:
 
 @pytest.mark.slow
 def test_it_is_learned_and_its_band_holds() -> None:
-    """After a window in which the torque is read, the error is that of the sensor; before, the offset is in the band."""
+    """After a window in which the torque is read, the error is that of the sensor; before, the
+    offset is in the band.
+    """
     found = learn_contact(LOGS, rig(), homing=2.0)
     assert len(found.left_out) == len(LOGS)
     assert "slip(motor_angle)" in found.learned.terms
@@ -95,8 +120,13 @@ def test_live_is_the_log_and_the_log_is_the_map() -> None:
 def test_outside_the_range_the_band_grows() -> None:
     taught = learn_contact(LOGS, rig(), scored=False).rig
     one = LOGS[2]
-    further = replace(one, channels={**one.channels, "motor_torque": one.channels["motor_torque"] * 4})
-    assert estimate(further, taught).external_torque_std.max() > 3 * estimate(one, taught).external_torque_std.max()
+    further = replace(
+        one, channels={**one.channels, "motor_torque": one.channels["motor_torque"] * 4}
+    )
+    assert (
+        estimate(further, taught).external_torque_std.max()
+        > 3 * estimate(one, taught).external_torque_std.max()
+    )
 
 
 @pytest.mark.slow  # a whole fit
@@ -110,7 +140,9 @@ def test_a_fit_learns_it_and_a_file_holds_it(tmp_path: object) -> None:
         write_log(one, described, folder / f"run_{k}.csv")
         paths.append(folder / f"run_{k}.csv")
     again = read_log(paths[0], described)
-    np.testing.assert_allclose(again.truth["external_torque"], LOGS[0].truth["external_torque"], atol=1e-9)
+    np.testing.assert_allclose(
+        again.truth["external_torque"], LOGS[0].truth["external_torque"], atol=1e-9
+    )
     found = fit(paths, described, ("joints.0.friction.coefficient",), noise=False)
     assert "contact" in found.maps
     found.save(folder / "fitted.toml")
@@ -132,7 +164,9 @@ def test_what_cannot_be_learned_is_said() -> None:
 
 
 def test_onsets() -> None:
-    """An onset is beyond five stds, and the next one only once the torque has come back to half of that."""
+    """An onset is beyond five stds, and the next one only once the torque has come back to half of
+    that.
+    """
     result = estimate(LOGS[0], rig(), compiled=False)
     at = result.state_names.index("external_torque")
     means, variances = np.zeros_like(result.means), np.array(result.variances)

@@ -22,7 +22,9 @@ from distal.fitting.free_number import Free
         (False, 4e3, 37e3, True),
     ],
 )
-def test_a_number_far_from_its_prior_is_named(logarithmic: bool, std: float, value: float, said: bool) -> None:
+def test_a_number_far_from_its_prior_is_named(
+    logarithmic: bool, std: float, value: float, said: bool
+) -> None:
     path = "tendons.0.stiffness"
     free = Free("stiffness", (path,), (20e3,), std, 20e3, 1.0, 1e9, "N/m", logarithmic=logarithmic)
     found = FittedNumber("stiffness", (path,), "N/m", 20e3, std, value, 1.0, True, False, (value,))
@@ -30,12 +32,15 @@ def test_a_number_far_from_its_prior_is_named(logarithmic: bool, std: float, val
     lines = far_from_priors([found], problem)
     assert bool(lines) is said
     assert all(
-        "stiffness = " in line and "standard deviations from what the rig file expected" in line for line in lines
+        "stiffness = " in line and "standard deviations from what the rig file expected" in line
+        for line in lines
     )
 
 
 def test_a_number_as_it_came_keeps_the_ratios_of_what_shares_it() -> None:
-    """Two tendons of 20 and 10 N/mm, fitted together to 22 and 11: as they came they are 20 and 10."""
+    """Two tendons of 20 and 10 N/mm, fitted together to 22 and 11: as they came they are 20 and
+    10.
+    """
     paths = ("tendons.0.stiffness", "tendons.1.stiffness")
     found = FittedNumber("stiffness", paths, "N/m", 20e3, 4e3, 22e3, 1.0, True, False, (22e3, 11e3))
     back = found.as_it_came

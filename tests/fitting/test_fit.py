@@ -26,7 +26,9 @@ def rig() -> Rig:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_stiffness_friction_and_damping_are_found(rig: Rig, seed: int) -> None:
-    """From three logs of 10 s with truth: within 3 standard errors each (2 for most of 40 seeds in `make accuracy`)."""
+    """From three logs of 10 s with truth: within 3 standard errors each (2 for most of 40 seeds in
+    `make accuracy`).
+    """
     plant, true = drawn_plant(seed)
     found = fit(logs_of(rig, plant, seed), rig, FREE)
     for name, value in zip(FREE, true):
@@ -49,7 +51,9 @@ def test_the_same_seed_gives_the_same_fit(rig: Rig) -> None:
 
 
 def test_a_fit_goes_on_from_a_fitted_rig(rig: Rig, tmp_path: Path) -> None:
-    """It begins where the first one ended, and the priors stay those of the rig: the same numbers, in fewer steps."""
+    """It begins where the first one ended, and the priors stay those of the rig: the same numbers,
+    in fewer steps.
+    """
     plant, _ = drawn_plant(6)
     log = without_truth(logs_of(rig, plant, 6, ("ramps",), 3.0)[0])
     first = fit(log, rig, FREE, noise=False)
@@ -74,25 +78,36 @@ def test_without_truth_the_next_log_is_estimated_as_with_the_true_rig(rig: Rig) 
 
 @pytest.mark.slow
 def test_what_the_logs_cannot_tell_stays_at_its_prior(rig: Rig, tmp_path: Path) -> None:
-    """A joint that is only pulled, quasi-statically, tells its damping to nobody: it is marked, and not changed."""
+    """A joint that is only pulled, quasi-statically, tells its damping to nobody: it is marked, and
+    not changed.
+    """
     described = rig.with_values({"joints.0.damping": {"value": 1e-5, "std": 1e-6}})
     plant, _ = drawn_plant(5)
     found = fit(
-        logs_of(described, {**plant, "joints.0.damping": 1e-5}, 5, ("ramps",), 5.0), described, FREE, noise=False
+        logs_of(described, {**plant, "joints.0.damping": 1e-5}, 5, ("ramps",), 5.0),
+        described,
+        FREE,
+        noise=False,
     )
     part = found["joints.0.damping"]
     assert not part.identified
     assert part.value == 1e-5
     assert found.rig.joints[0].damping.value == 1e-5
     found.save(tmp_path / "fitted.toml")
-    line = next(x for x in (tmp_path / "fitted.toml").read_text().splitlines() if "damping of joint link" in x)
+    line = next(
+        x
+        for x in (tmp_path / "fitted.toml").read_text().splitlines()
+        if "damping of joint link" in x
+    )
     assert "prior (these logs cannot tell)" in line
     assert load_rig(tmp_path / "fitted.toml") == found.rig
 
 
 @pytest.mark.slow
 def test_a_product_is_named(rig: Rig) -> None:
-    """Stiffness and force sensor's scale show as a product: so do, here, friction coefficient and axle radius."""
+    """Stiffness and force sensor's scale show as a product: so do, here, friction coefficient and
+    axle radius.
+    """
     described = rig.with_values({"joints.0.friction.radius": {"value": 3.18e-3, "std": 3e-4}})
     plant, _ = drawn_plant(6)
     found = fit(
@@ -101,22 +116,38 @@ def test_a_product_is_named(rig: Rig) -> None:
         ("joints.0.friction.coefficient", "joints.0.friction.radius"),
         noise=False,
     )
-    assert any("only the product of" in line and "friction radius" in line for line in found.combinations)
+    assert any(
+        "only the product of" in line and "friction radius" in line for line in found.combinations
+    )
 
 
 @pytest.mark.slow
 def test_each_log_may_have_its_own(pulley_rig: Rig) -> None:
     from tests.fitting.helpers import logs_of as simulated
 
-    described = pulley_rig.with_values({"tendons.0.stiffness.shared.std": 0.0, "tendons.1.stiffness.shared.std": 0.0})
-    described = described.with_values({f"tendons.{i}.pretension": {"value": 0.0, "std": 1.0} for i in (0, 1)})
-    described = described.with_values({"drives.0.stops": ["-5 mm", "15 mm"], "drives.1.stops": ["-5 mm", "15 mm"]})
+    described = pulley_rig.with_values(
+        {"tendons.0.stiffness.shared.std": 0.0, "tendons.1.stiffness.shared.std": 0.0}
+    )
+    described = described.with_values(
+        {f"tendons.{i}.pretension": {"value": 0.0, "std": 1.0} for i in (0, 1)}
+    )
+    described = described.with_values(
+        {"drives.0.stops": ["-5 mm", "15 mm"], "drives.1.stops": ["-5 mm", "15 mm"]}
+    )
     logs = [
         log
         for i, own in enumerate((0.2, 0.8))
-        for log in simulated(described, {f"tendons.{j}.pretension": own for j in (0, 1)}, 20 + i, ("servo",), 6.0)
+        for log in simulated(
+            described, {f"tendons.{j}.pretension": own for j in (0, 1)}, 20 + i, ("servo",), 6.0
+        )
     ]
-    found = fit(logs, described, ("joints.0.friction.coefficient",), per_log=("tendons.*.pretension",), noise=False)
+    found = fit(
+        logs,
+        described,
+        ("joints.0.friction.coefficient",),
+        per_log=("tendons.*.pretension",),
+        noise=False,
+    )
     own = list(found["tendons.*.pretension"].per_log.values())
     assert own[1] - own[0] == pytest.approx(0.6, abs=0.15)
 
@@ -129,7 +160,9 @@ def test_interrupted_at_a_fold_it_says_how_many_were_left_out(rig: Rig) -> None:
         if doing.part == 2:
             raise KeyboardInterrupt
 
-    logs = [one.select(slice(0, 300)) for one in logs_of(rig, {}, 5, ("ramps", "servo", "weights"), 4.0)]
+    logs = [
+        one.select(slice(0, 300)) for one in logs_of(rig, {}, 5, ("ramps", "servo", "weights"), 4.0)
+    ]
     found = fit(logs, rig, free=["joints.link.friction.coefficient"], noise=False, progress=stop)
     assert found.interrupted
     assert found.converged
@@ -150,7 +183,9 @@ def test_interrupted_it_keeps_the_best_so_far(rig: Rig) -> None:
     assert found.cost_after <= found.cost_before
     # on the way nothing is surer than before, and no standard error is known
     assert np.isnan(found["tendons.*.stiffness"].error)
-    assert found.rig.tendons[0].stiffness.shared.std == pytest.approx(rig.tendons[0].stiffness.shared.std, rel=0.1)
+    assert found.rig.tendons[0].stiffness.shared.std == pytest.approx(
+        rig.tendons[0].stiffness.shared.std, rel=0.1
+    )
 
 
 @pytest.fixture(scope="module")
@@ -160,9 +195,17 @@ def log() -> Log:
 
 class TestBadLogs:
     @staticmethod
-    def changed(log: Log, channels: dict[str, np.ndarray] | None = None, truth: np.ndarray | None = None) -> Log:
+    def changed(
+        log: Log, channels: dict[str, np.ndarray] | None = None, truth: np.ndarray | None = None
+    ) -> Log:
         theta = log.truth["theta"] if truth is None else truth
-        return Log(log.time, {**log.channels, **(channels or {})}, {"theta": theta}, "bad.csv", "column 'angle'")
+        return Log(
+            log.time,
+            {**log.channels, **(channels or {})},
+            {"theta": theta},
+            "bad.csv",
+            "column 'angle'",
+        )
 
     def test_without_motion(self, rig: Rig, log: Log) -> None:
         still = {name: np.full(len(log), 4e-3) for name in ("x1", "x2")}
@@ -178,7 +221,10 @@ class TestBadLogs:
             fit([self.changed(log, truth=np.rad2deg(log.truth["theta"]))], rig)
 
     def test_a_truth_of_the_wrong_sign(self, rig: Rig, log: Log) -> None:
-        with pytest.raises(FitError, match=r"truth of the joint .*a sign is wrong: turn that of the angle sensor or"):
+        with pytest.raises(
+            FitError,
+            match=r"truth of the joint .*a sign is wrong: turn that of the angle sensor or",
+        ):
             fit([self.changed(log, truth=-log.truth["theta"])], rig)
 
     def test_a_dead_encoder(self, rig: Rig, log: Log) -> None:
@@ -189,10 +235,18 @@ class TestBadLogs:
         """The same rig with threads of half the stiffness is another rig."""
         logs = [
             *logs_of(rig, {}, 9, ("servo",), 2.5),
-            *logs_of(rig, {"tendons.0.stiffness": 403.0, "tendons.1.stiffness": 403.0}, 10, ("servo",), 2.5),
+            *logs_of(
+                rig,
+                {"tendons.0.stiffness": 403.0, "tendons.1.stiffness": 403.0},
+                10,
+                ("servo",),
+                2.5,
+            ),
         ]
         found = fit(logs, rig, FREE, noise=False)
-        assert any(re.search(r"contradictory logs: servo .*--per-log", doubt) for doubt in found.doubts)
+        assert any(
+            re.search(r"contradictory logs: servo .*--per-log", doubt) for doubt in found.doubts
+        )
 
     def test_nothing_to_fit(self, rig: Rig, log: Log) -> None:
         sure = rig.with_values(
@@ -218,7 +272,9 @@ class TestBadLogs:
 
 @pytest.mark.slow
 def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
-    """Wrong units, signs and columns of forces and displacements: refused, or said where they could be true."""
+    """Wrong units, signs and columns of forces and displacements: refused, or said where they could
+    be true.
+    """
 
     def changed(**channels: np.ndarray) -> Log:
         return Log(log.time, {**log.channels, **channels}, log.truth, "bad.csv", log.truth_source)
@@ -237,12 +293,19 @@ def test_logs_that_do_not_look_like_the_rig(rig: Rig, log: Log) -> None:
                 said = list(fit([changed(**wrong)], rig).doubts)
             except FitError as problem:  # no fit at all can be made of it
                 said = [str(problem)]
-            meant = r"do not look like this rig|errs by more than it says|moves against|leaves all bounds"
+            meant = (
+                r"do not look like this rig|errs by more than it says|"
+                r"moves against|leaves all bounds"
+            )
             assert any(re.search(meant, line) for line in said)
     found = fit([changed(u1=u1 / 9.81, u2=u2 / 9.81)], rig)
     assert any("noise of sensors u1, u2 had to become" in line for line in found.doubts)
     # the priors hold what such logs cannot tell
-    assert all(abs(p.value - p.start) < 4.0 * p.prior_std for p in found.fitted if p.identified and not p.noise)
+    assert all(
+        abs(p.value - p.start) < 4.0 * p.prior_std
+        for p in found.fitted
+        if p.identified and not p.noise
+    )
     slow = Log(1e3 * log.time, log.channels, log.truth, "ms.csv")
     with pytest.raises(FitError, match=r"stamps are 10 s apart.*unit"):
         fit([slow], rig)
@@ -268,7 +331,11 @@ def test_groups_are_whole_logs() -> None:
     names = ["a/run_00.csv", "a/run_01.csv", "a/run_20.csv"]
     assert groups_of(names, r"run_(.)") == ["0", "0", "2"]
     assert groups_of(names, None) == names
-    for pattern, said in (("run_(.", "not a regular expression"), ("run_.", "parenthesis"), ("x(.)", "does not match")):
+    for pattern, said in (
+        ("run_(.", "not a regular expression"),
+        ("run_.", "parenthesis"),
+        ("x(.)", "does not match"),
+    ):
         with pytest.raises(FitError, match=said):
             groups_of(names, pattern)
     with pytest.raises(FitError, match="at least 2 groups"):
@@ -277,7 +344,11 @@ def test_groups_are_whole_logs() -> None:
 
 @pytest.mark.slow
 def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
-    plant = {"joints.0.friction.coefficient": 0.62, "tendons.0.stiffness": 740.0, "tendons.1.stiffness": 740.0}
+    plant = {
+        "joints.0.friction.coefficient": 0.62,
+        "tendons.0.stiffness": 740.0,
+        "tendons.1.stiffness": 740.0,
+    }
     logs = logs_of(rig, plant, 11, ("ramps", "servo", "weights"), 6.0)
     found = fit(logs, rig, noise=False)
     assert [one.log for one in found.compared] == [log.source for log in logs]
@@ -290,12 +361,22 @@ def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
 
 
 def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
-    """Lost, it is found again while the forces are measured; once they fall silent, it stays lost."""
+    """Lost, it is found again while the forces are measured; once they fall silent, it stays
+    lost.
+    """
     log = logs_of(rig, {}, 12, ("ramps",), 8.0)[0]
     seen = observability(log, rig)
     assert [line[-1] for line in seen.table(4)].count("seen") >= 3
-    deaf = Log(log.time, {n: np.where(log.time > 4, np.nan, v) if n[0] == "u" else v for n, v in log.channels.items()})
-    hidden = observability(deaf, rig.with_values({f"drives.{i}.nominal_force.std": 0.0 for i in (0, 1)}))
+    deaf = Log(
+        log.time,
+        {
+            n: np.where(log.time > 4, np.nan, v) if n[0] == "u" else v
+            for n, v in log.channels.items()
+        },
+    )
+    hidden = observability(
+        deaf, rig.with_values({f"drives.{i}.nominal_force.std": 0.0 for i in (0, 1)})
+    )
     late = hidden.found[deaf.time > 5]
     assert np.median(late) > np.deg2rad(3.0)
     assert hidden.table(8)[-1][-1] != "seen"
@@ -305,7 +386,9 @@ def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:
 
 @pytest.mark.slow
 def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
-    """The example on three runs: better on the class left out than a linear elastic model of all twelve (0.46°)."""
+    """The example on three runs: better on the class left out than a linear elastic model of all
+    twelve (0.46°).
+    """
     root = Path(__file__).parents[2]
     words = [
         sys.executable,
@@ -331,11 +414,15 @@ def test_a_real_instrument(data: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_shipped_instrument(data: Path) -> None:
-    """Of the kind of instrument: homing move 0.28° in the mean and 0.6° at worst; a point tells less of a wrist's pose."""
+    """Of the kind of instrument: homing move 0.28° in the mean and 0.6° at worst; a point tells
+    less of a wrist's pose.
+    """
     from distal.logs import da_vinci_grasper
 
     for homing, mean, worst in ((3.0, 0.28, 0.6), (0.2, 0.7, 1.3)):
-        estimates = [estimate(path, "da-vinci-grasper", homing=homing) for path in da_vinci_grasper()]
+        estimates = [
+            estimate(path, "da-vinci-grasper", homing=homing) for path in da_vinci_grasper()
+        ]
         errors = np.rad2deg([one.rms_error() for one in estimates])
         assert errors.mean() <= mean
         assert errors.max() <= worst
@@ -346,12 +433,17 @@ def test_the_shipped_instrument(data: Path) -> None:
 
 @pytest.mark.slow
 def test_on_another_simulator() -> None:
-    """Fitted to one servo log with the sensors' curves, five others of the same sensors are right to 0.25°."""
+    """Fitted to one servo log with the sensors' curves, five others of the same sensors are right
+    to 0.25°.
+    """
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
     from tests import mujoco_plant
 
     described = load_rig("pulley-antagonist")
-    logs = [mujoco_plant.log(s, sensors=60, link_friction=0.8 * mujoco_plant.LINK_FRICTION) for s in range(4)]
+    logs = [
+        mujoco_plant.log(s, sensors=60, link_friction=0.8 * mujoco_plant.LINK_FRICTION)
+        for s in range(4)
+    ]
     found = fit(logs[:1], described, curves=True)
     assert found["joints.0.friction.coefficient"].value == pytest.approx(0.4, rel=0.02)
     estimates = [estimate(log, found.rig) for log in logs[1:]]
@@ -364,20 +456,25 @@ def test_on_another_simulator() -> None:
 
 
 def test_an_effort_that_moves_a_play_keeps_its_noise() -> None:
-    """It is smoothed, not compared: a fit would only make it too small, and the play with it too sure."""
+    """It is smoothed, not compared: a fit would only make it too small, and the play with it too
+    sure.
+    """
     plain = load_rig("capstan-joint")
     playing = plain.with_values({"drives.0.hysteresis.constant": {"value": 0.03, "std": 0.01}})
     reference = plain.sensors[-1]
     torque = next(sensor.name for sensor in plain.sensors if sensor.measures == "force")
     names = [
-        {part.name for part in choose(rig, (reference,), (), (), noise=True, homing=False)} for rig in (plain, playing)
+        {part.name for part in choose(rig, (reference,), (), (), noise=True, homing=False)}
+        for rig in (plain, playing)
     ]
     assert f"noise of sensor {torque}" in names[0] - names[1]
     assert "hysteresis constant of drive motor" in names[1]
 
 
 def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path) -> None:
-    """A fit to logs with truth writes [affine] beside the fitted values; one without truth leaves it alone."""
+    """A fit to logs with truth writes [affine] beside the fitted values; one without truth leaves
+    it alone.
+    """
     plant, _ = drawn_plant(3)
     logs = logs_of(rig, plant, 3, ("ramps", "servo"), 4.0)
     found = fit(logs, rig, FREE[:1], noise=False)
@@ -388,7 +485,8 @@ def test_the_obvious_estimator_is_learned_with_the_rig(rig: Rig, tmp_path: Path)
     found.save(tmp_path / "fitted.toml")
     assert load_rig(tmp_path / "fitted.toml") == found.rig
     assert "# affine: a straight line" in (tmp_path / "fitted.toml").read_text()
-    # what friction keeps back, over a travel of some 80°; a map that is not there would be tens of degrees off
+    # what friction keeps back, over a travel of some 80°; a map that is not there would be tens of
+    # degrees off
     assert estimate(logs[0], found.rig, "affine").rms_error() < np.deg2rad(5.0)
     again = fit(without_truth(logs[0]), found.rig, FREE[:1], noise=False)
     assert "affine" not in again.maps

@@ -1,4 +1,6 @@
-"""The rig's equations along known motion: against a textbook twin in NumPy, and numbers of plants that share no code."""
+"""The rig's equations along known motion: against a textbook twin in NumPy, and numbers of plants
+that share no code.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
 from distal.fitting.filter import FitFilter
-from distal.fitting.inverse_dynamics import INTERVAL, MEMORY, Equations, InverseProblem, inverse_problem
+from distal.fitting.inverse_dynamics import (
+    INTERVAL,
+    MEMORY,
+    Equations,
+    InverseProblem,
+    inverse_problem,
+)
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.missing_physics import Tried, parts_of, tried_parts
 from distal.fitting.numbers import Numbers, among_models, by_equations, problem_of
@@ -37,7 +45,11 @@ def rig(**changed: object) -> Rig:
                 "inertia": 1e-5,
                 "damping": 0.0,
                 "initial": {"value": 0.0, "std": 0.1},
-                "friction": {"coefficient": {"value": LINK, "std": 2e-4}, "radius": 1.0, "preload": 1.0},
+                "friction": {
+                    "coefficient": {"value": LINK, "std": 2e-4},
+                    "radius": 1.0,
+                    "preload": 1.0,
+                },
                 "spring": {"stiffness": {"value": SPRING, "std": 0.05}, "rest_angle": REST},
             }
         ],
@@ -47,7 +59,10 @@ def rig(**changed: object) -> Rig:
                 "kind": "capstan",
                 "inertia": 1e-4,
                 "radius": RADIUS,
-                "friction": {"constant": {"value": CONSTANT, "std": 0.002}, "load": {"value": LOAD, "std": 0.05}},
+                "friction": {
+                    "constant": {"value": CONSTANT, "std": 0.002},
+                    "load": {"value": LOAD, "std": 0.05},
+                },
             }
         ],
         "tendons": [
@@ -71,7 +86,9 @@ def rig(**changed: object) -> Rig:
 
 
 def made(seconds: float = 20.0, seed: int = 0, stiffness: float = STIFFNESS) -> Log:
-    """Return a log of the quasi-static joint: torques in balance but for friction, which rests inside its limits."""
+    """Return a log of the quasi-static joint: torques in balance but for friction, which rests
+    inside its limits.
+    """
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds * RATE)) / RATE
     drive = 1.0 + 0.5 * np.sin(0.9 * time + seed) + 0.25 * np.sin(2.3 * time)
@@ -89,7 +106,10 @@ def made(seconds: float = 20.0, seed: int = 0, stiffness: float = STIFFNESS) -> 
         way = np.clip(way + (s - drive[k - 1] if k else 0.0) / 2e-3, -1.0, 1.0)
         tension = PRETENSION + stiffness * (RADIUS * s - ARM * at)
         theta[k], force[k] = at, RADIUS * tension + way * (CONSTANT + LOAD * RADIUS * tension)
-    channels = {"x": drive + 1e-5 * rng.normal(size=len(time)), "u": force + 1e-3 * rng.normal(size=len(time))}
+    channels = {
+        "x": drive + 1e-5 * rng.normal(size=len(time)),
+        "u": force + 1e-3 * rng.normal(size=len(time)),
+    }
     return Log(time, channels, {"theta": theta + 1e-3 * rng.normal(size=len(time))}, f"seed {seed}")
 
 
@@ -100,7 +120,9 @@ def equations(log: Log, described: Rig) -> InverseProblem:
 
 
 def test_rows_are_those_of_a_textbook_twin() -> None:
-    """Force less pull and friction, and the joint's balance, each over its effective standard deviation."""
+    """Force less pull and friction, and the joint's balance, each over its effective standard
+    deviation.
+    """
     described = rig()
     problem = equations(made(), described)
     known = problem.motions[0]
@@ -108,22 +130,34 @@ def test_rows_are_those_of_a_textbook_twin() -> None:
     assert problem.measured == ("u", "j")
     parts = (slice(1, 3), slice(3, 5), slice(7, 9), slice(9, 11), 11)
     turned, q, a, unsure, read = (known.rows[:, part] for part in parts)
-    # a cubic over 13 samples leaves 3 (3 m² + 3 m − 1) / ((2 m + 3) (2 m + 1) (2 m − 1)) of white noise, m = 6
+    # a cubic over 13 samples leaves 3 (3 m² + 3 m − 1) / ((2 m + 3) (2 m + 1) (2 m − 1)) of white
+    # noise, m = 6
     left = 3.0 * (3 * 36 + 3 * 6 - 1) / (15.0 * 13.0 * 11.0)
-    np.testing.assert_allclose(unsure[0], [left * problem.filter.references[0].noise ** 2, left * 1e-8], rtol=1e-6)
+    np.testing.assert_allclose(
+        unsure[0], [left * problem.filter.references[0].noise ** 2, left * 1e-8], rtol=1e-6
+    )
 
     def rows(theta: float, s: float, k: int, way: np.ndarray) -> np.ndarray:
         tension = max(PRETENSION + STIFFNESS * (RADIUS * s - ARM * theta), 0.0)
         force = read[k] - RADIUS * tension - way[1] * (CONSTANT + LOAD * RADIUS * tension)
-        balance = 1e-5 * a[k, 0] - tension * ARM + SPRING * (theta - REST) + way[0] * LINK * (1.0 + tension)
+        balance = (
+            1e-5 * a[k, 0]
+            - tension * ARM
+            + SPRING * (theta - REST)
+            + way[0] * LINK * (1.0 + tension)
+        )
         return np.array([force, -balance])
 
     direction, expected = np.zeros(2), np.empty((len(q), 2))
     for k in range(len(q)):
         direction = np.clip(direction + turned[k], -1.0, 1.0)
         theta, s = q[k]
-        by_angle = (rows(theta + 1e-6, s, k, direction) - rows(theta - 1e-6, s, k, direction)) / 2e-6
-        by_place = (rows(theta, s + 1e-6, k, direction) - rows(theta, s - 1e-6, k, direction)) / 2e-6
+        by_angle = (
+            rows(theta + 1e-6, s, k, direction) - rows(theta - 1e-6, s, k, direction)
+        ) / 2e-6
+        by_place = (
+            rows(theta, s + 1e-6, k, direction) - rows(theta, s - 1e-6, k, direction)
+        ) / 2e-6
         variances = np.array([1e-6, 0.0]) + by_angle**2 * unsure[k, 0] + by_place**2 * unsure[k, 1]
         expected[k] = rows(theta, s, k, direction) / np.sqrt(variances)
     there = known.compared
@@ -136,11 +170,15 @@ def test_rows_are_those_of_a_textbook_twin() -> None:
 
 
 def test_an_encoders_noise_makes_no_stiffness_too_small() -> None:
-    """With ten times the noise least squares of the force on the noisy stretch would find a tenth of the stiffness."""
+    """With ten times the noise least squares of the force on the noisy stretch would find a tenth
+    of the stiffness.
+    """
     log = made(30.0, 2)
     rng = np.random.default_rng(3)
     noisy = replace(log, truth={"theta": log.truth["theta"] + 5e-3 * rng.normal(size=len(log))})
-    start = rig(**{"sensors.enc.noise": 5e-3, "tendons.t.stiffness": {"value": 6000.0, "std": 3000.0}})
+    start = rig(
+        **{"sensors.enc.noise": 5e-3, "tendons.t.stiffness": {"value": 6000.0, "std": 3000.0}}
+    )
     found = by_equations(problem_of([noisy], start, Options()), Options(), None)
     assert found is not None
     part = next(one for one in found.fitted if one.name.startswith("stiffness"))
@@ -149,7 +187,9 @@ def test_an_encoders_noise_makes_no_stiffness_too_small() -> None:
 
 
 def test_a_plants_numbers_are_found_in_seconds() -> None:
-    """Arm, stiffness, spring and drive friction of a plant that differs, within three of their standard errors and 5 %."""
+    """Arm, stiffness, spring and drive friction of a plant that differs, within three of their
+    standard errors and 5 %.
+    """
     log = made(30.0, 1)
     start = rig(
         **{
@@ -161,10 +201,19 @@ def test_a_plants_numbers_are_found_in_seconds() -> None:
     found = by_equations(problem_of([log], start, Options()), Options(), None)
     assert found is not None
     assert found.optimum.converged
-    noise, scale = next(p for p in found.fitted if p.noise and p.name.endswith("sensor u")), found.nis[1][0]
-    assert noise.value == pytest.approx(1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.optimum.z))[0]))
+    noise, scale = (
+        next(p for p in found.fitted if p.noise and p.name.endswith("sensor u")),
+        found.nis[1][0],
+    )
+    assert noise.value == pytest.approx(
+        1e-3 * np.sqrt(found.problem.scales(found.problem.at(found.optimum.z))[0])
+    )
     assert 1e-3 < noise.value <= 1.01e-3 * np.sqrt(scale)
-    for name, true in (("insertion radius", ARM), ("spring stiffness", SPRING), ("friction load", LOAD)):
+    for name, true in (
+        ("insertion radius", ARM),
+        ("spring stiffness", SPRING),
+        ("friction load", LOAD),
+    ):
         part = next(one for one in found.fitted if one.name.startswith(name))
         assert part.identified, name
         assert part.value == pytest.approx(true, rel=0.05), name
@@ -172,13 +221,18 @@ def test_a_plants_numbers_are_found_in_seconds() -> None:
 
 
 def test_what_is_not_read_cannot_be_asked() -> None:
-    """A joint without a truth, or a drive without a place: the filter is asked then, and with a homing move too."""
+    """A joint without a truth, or a drive without a place: the filter is asked then, and with a
+    homing move too.
+    """
     log = made(8.0)
     problem = problem_of([log], rig(), Options())
     assert by_equations(problem, Options(homing=1.0), None) is None
     fast = replace(log, time=log.time / 50.0)  # 0.12 s are 600 of its 800 samples
     assert (
-        inverse_problem(problem_of([fast], rig(**{f"sensors.{k}.rate": 5000.0 for k in range(3)}), Options())) is None
+        inverse_problem(
+            problem_of([fast], rig(**{f"sensors.{k}.rate": 5000.0 for k in range(3)}), Options())
+        )
+        is None
     )
     blind = replace(log, truth={"theta": np.where(log.time < 0.5, log.truth["theta"], np.nan)})
     assert inverse_problem(problem_of([blind], rig(), Options())) is None
@@ -207,15 +261,23 @@ def test_what_moves_inside_is_stepped_along() -> None:
 
 
 def test_a_newton_step_leaves_a_log_out() -> None:
-    """The numbers without a log, by one step, beside those that a whole search of the others finds: a fifth of an error."""
+    """The numbers without a log, by one step, beside those that a whole search of the others finds:
+    a fifth of an error.
+    """
     logs, found = ropes()
     (quick,) = (one for one in numbers_without(found, logs, [0, 1, 1])[:1])
     whole = by_equations(problem_of(logs[1:], ropes_rig(), Options()), Options(), None)
     assert whole is not None
-    compared = [(a, b) for a, b in zip(quick.fitted, whole.fitted) if a.identified and b.identified and not a.noise]
+    compared = [
+        (a, b)
+        for a, b in zip(quick.fitted, whole.fitted)
+        if a.identified and b.identified and not a.noise
+    ]
     away = [abs(a.value - b.value) / b.error for a, b in compared]
     came = [
-        abs(a.value - b.value) / b.error for (a, b) in zip(found.fitted, whole.fitted) if b.identified and not b.noise
+        abs(a.value - b.value) / b.error
+        for (a, b) in zip(found.fitted, whole.fitted)
+        if b.identified and not b.noise
     ]
     assert len(away) >= 8
     assert np.median(away) < 0.25
@@ -223,7 +285,9 @@ def test_a_newton_step_leaves_a_log_out() -> None:
 
 
 def test_the_part_that_a_rig_lacks_is_named() -> None:
-    """Ropes whose play the rig file does not say; with it nothing is named, and of a rig without noise nothing is tried."""
+    """Ropes whose play the rig file does not say; with it nothing is named, and of a rig without
+    noise nothing is tried.
+    """
     logs, found = ropes()
     silent = ropes_rig().with_values({f"drives.{i}.backlash": None for i in (0, 1)})
     numbers = by_equations(problem_of(logs, silent, Options()), Options(), None)
@@ -232,10 +296,15 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     (part, better), *_ = tried.named
     assert part.name == "play between drives and tendons"
     assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
-    # named are those that leave less than 85 % in the geometric mean of all rows, the least first, and no others
+    # named are those that leave less than 85 % in the geometric mean of all rows, the least first,
+    # and no others
     single = tried.numbers[:4]
     left = [left_by(own) / left_by(numbers) for own in single]
-    alone = [left_by(own) / left_by(numbers) for _, own in tried.named if any(own is each for each in single)]
+    alone = [
+        left_by(own) / left_by(numbers)
+        for _, own in tried.named
+        if any(own is each for each in single)
+    ]
     assert alone == pytest.approx(sorted(share for share in left if share < 0.85)[:2])
     assert sum(share >= 0.85 for share in left) >= 2
     assert tried_parts(logs, ropes_rig(), Options(), found).named == ()
@@ -246,28 +315,46 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
 
 
 def left_by(numbers: Numbers) -> float:
-    """Return the geometric mean of the rows' √(mean ν²/S), no row counting as less than its sensors' noise."""
-    return float(np.prod([max(ratio, 1.0) for ratio in numbers.nis[1]]) ** (0.5 / len(numbers.nis[1])))
+    """Return the geometric mean of the rows' √(mean ν²/S), no row counting as less than its
+    sensors' noise.
+    """
+    return float(
+        np.prod([max(ratio, 1.0) for ratio in numbers.nis[1]]) ** (0.5 / len(numbers.nis[1]))
+    )
 
 
 def models_widen_errors(alone: Numbers, better: Numbers) -> None:
-    """V = V_own + the variance of both models' values, a quarter of their difference squared; values stay."""
+    """V = V_own + the variance of both models' values, a quarter of their difference squared;
+    values stay.
+    """
     wider = among_models(better, [alone, better])
     others = {one.name: one for one in alone.fitted}
-    compared = [(one, other, others[one.name]) for one, other in zip(better.fitted, wider.fitted) if one.name in others]
+    compared = [
+        (one, other, others[one.name])
+        for one, other in zip(better.fitted, wider.fitted)
+        if one.name in others
+    ]
     free = [
-        (own, wide, other) for own, wide, other in compared if own.identified and other.identified and not own.noise
+        (own, wide, other)
+        for own, wide, other in compared
+        if own.identified and other.identified and not own.noise
     ]
     linear = [each for each in free if each[1].error < 0.9 * each[1].prior_std]
     assert len(linear) >= 3
     moved = 0
     for own, wide, other in linear:
         assert wide.value == own.value
-        assert wide.error == pytest.approx(np.hypot(own.error, (own.value - other.value) / 2), rel=0.1), own.name
+        assert wide.error == pytest.approx(
+            np.hypot(own.error, (own.value - other.value) / 2), rel=0.1
+        ), own.name
         moved += wide.error > 1.2 * own.error
     assert moved > 0
     # what only one model varies is as well known as before
-    assert all(wide.error == own.error for own, wide in zip(better.fitted, wider.fitted) if own.name not in others)
+    assert all(
+        wide.error == own.error
+        for own, wide in zip(better.fitted, wider.fitted)
+        if own.name not in others
+    )
     assert among_models(better, [better]) is better
 
 
@@ -280,25 +367,36 @@ def test_every_part_can_be_added_to_a_plain_rig() -> None:
 
 
 def test_a_foreign_finger_stays_near_its_priors() -> None:
-    """Physics that the rig lacks does not drive its numbers to absurd values: no prior weighs nothing."""
+    """Physics that the rig lacks does not drive its numbers to absurd values: no prior weighs
+    nothing.
+    """
     logs = [finger_log(seed, 10.0) for seed in (50, 51, 52)]
     assert all(true_angles(log, ["finger"]) is not None for log in logs)
     found = by_equations(problem_of(logs, finger_rig(), Options()), Options(), None)
     assert found is not None
-    far = [abs(p.value - p.start) / p.prior_std for p in found.fitted if p.identified and not p.noise]
+    far = [
+        abs(p.value - p.start) / p.prior_std for p in found.fitted if p.identified and not p.noise
+    ]
     assert max(far) < 6.0
 
 
 def test_the_weight_of_a_chains_links_is_among_its_forces() -> None:
-    """Balance of a finger at rest less that without weight: the slopes of the links' height, times their weight."""
+    """Balance of a finger at rest less that without weight: the slopes of the links' height, times
+    their weight.
+    """
     rig = load_rig("finger-2n")
-    lengths, masses = [0.045, 0.045], [joint.link.mass.value for joint in rig.joints if joint.link is not None]
+    lengths, masses = (
+        [0.045, 0.045],
+        [joint.link.mass.value for joint in rig.joints if joint.link is not None],
+    )
 
     def energy(angles: np.ndarray) -> float:
         turned, height, total = 0.0, 0.0, 0.0
         for angle, length, mass in zip(angles, lengths, masses):
             turned += float(angle)
-            total += mass * 9.80665 * (height - length / 2 * np.sin(turned))  # about y: a positive angle lowers the tip
+            total += (
+                mass * 9.80665 * (height - length / 2 * np.sin(turned))
+            )  # about y: a positive angle lowers the tip
             height -= length * np.sin(turned)
         return total
 
@@ -314,5 +412,8 @@ def test_the_weight_of_a_chains_links_is_among_its_forces() -> None:
     angles, step = np.array([0.4, 0.7]), 1e-6
     weightless = rig.with_values({f"joints.{j}.link.mass": 1e-9 for j in range(2)})
     weight = balance(rig, angles) - balance(weightless, angles)
-    slopes = [(energy(angles + step * unit) - energy(angles - step * unit)) / (2 * step) for unit in np.eye(2)]
+    slopes = [
+        (energy(angles + step * unit) - energy(angles - step * unit)) / (2 * step)
+        for unit in np.eye(2)
+    ]
     np.testing.assert_allclose(weight, slopes, rtol=1e-4)

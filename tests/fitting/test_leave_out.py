@@ -1,4 +1,6 @@
-"""A log that is left out teaches nothing: what a fold learns is, to the last bit, what the other logs teach alone."""
+"""A log that is left out teaches nothing: what a fold learns is, to the last bit, what the other
+logs teach alone.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +44,17 @@ def planted(kind: str) -> Log:
     rng = np.random.default_rng(3)
     if kind == "another rig":  # numbers, stds, doubts, logs that contradict each other
         theta = 0.6 * theta
-    elif kind == "an encoder that errs":  # whether the reference is one more sensor, the size of bands
+    elif (
+        kind == "an encoder that errs"
+    ):  # whether the reference is one more sensor, the size of bands
         theta = theta + 0.2 * np.sin(3.0 * log.time)
     elif kind == "another range":  # scale, range and terms of the maps
         channels = {name: 3.0 * values for name, values in channels.items()}
         theta = 3.0 * theta
     elif kind == "loud sensors":  # the noise
         channels = {
-            name: values + 0.2 * np.ptp(values) * rng.normal(size=len(log)) for name, values in channels.items()
+            name: values + 0.2 * np.ptp(values) * rng.normal(size=len(log))
+            for name, values in channels.items()
         }
     return replace(log, truth={"theta": theta}, channels=channels)
 
@@ -64,9 +69,15 @@ def alone(others: list[Log]) -> Learned:
     return learn(others, finger_rig().bare(), OPTIONS)
 
 
-@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")  # readings outside of what was learned
-@pytest.mark.parametrize("kind", ["another rig", "an encoder that errs", "another range", "loud sensors"])
-def test_a_log_that_is_left_out_teaches_nothing(kind: str, others: list[Log], alone: Learned) -> None:
+@pytest.mark.filterwarnings(
+    "ignore::distal.errors.DistalWarning"
+)  # readings outside of what was learned
+@pytest.mark.parametrize(
+    "kind", ["another rig", "an encoder that errs", "another range", "loud sensors"]
+)
+def test_a_log_that_is_left_out_teaches_nothing(
+    kind: str, others: list[Log], alone: Learned
+) -> None:
     rig = finger_rig().bare()
     logs = [planted(kind), *others]
     fold = leave_out(logs, rig, [0, 1, 1], lambda rest, _: learn(rest, rig, OPTIONS), None)[0]
@@ -82,9 +93,13 @@ def test_a_log_that_is_left_out_teaches_nothing(kind: str, others: list[Log], al
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["another rig", "an encoder that errs", "another range", "loud sensors"])
+@pytest.mark.parametrize(
+    "kind", ["another rig", "an encoder that errs", "another range", "loud sensors"]
+)
 def test_each_planted_log_would_be_seen(kind: str, others: list[Log], alone: Learned) -> None:
-    """With it among the logs, what is learned is another rig, so that the test above cannot pass by accident."""
+    """With it among the logs, what is learned is another rig, so that the test above cannot pass by
+    accident.
+    """
     assert learn([planted(kind), *others], finger_rig().bare(), OPTIONS).rig != alone.rig
 
 
@@ -100,10 +115,14 @@ def two(others: list[Log], alone: Learned) -> list[Numbers]:
 def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     two: list[Numbers], others: list[Log], alone: Learned
 ) -> None:
-    """Each half of a cross-fit is of the other logs alone, likelier on these, and leaves what stays at its prior."""
+    """Each half of a cross-fit is of the other logs alone, likelier on these, and leaves what stays
+    at its prior.
+    """
     whole = alone.numbers
     for own, left_out in zip(two, others):
-        assert [data.log.source for data in own.problem.data] == [log.source for log in others if log is not left_out]
+        assert [data.log.source for data in own.problem.data] == [
+            log.source for log in others if log is not left_out
+        ]
         gone = [data.log.source for data in whole.problem.data].index(left_out.source)
         shared = np.array([log != gone for _, log in whole.problem.parts])
         before, after = own.problem.costs([whole.optimum.z[shared], own.optimum.z])
@@ -122,15 +141,22 @@ def test_a_line_replaces_the_filters_angle_only_where_that_errs_clearly_more(
     physics, line = filter_candidate("numbers", training, alone.numbers), line_map(training)
     straight = line_candidate(training, line, physics)
     assert straight.name == LINE
-    physics = replace(physics, error=straight.error * (1.01 if replaced else 0.99), beyond=straight.beyond)
+    physics = replace(
+        physics, error=straight.error * (1.01 if replaced else 0.99), beyond=straight.beyond
+    )
     chosen = best_of([physics, straight])
     assert (chosen is straight) == replaced
     if replaced:
         made = chosen.rig.model_copy(update={"affine": line.learned})
         log = others[0]
-        jumps = {**log.channels, "motor_angle": log.channels["motor_angle"] + 0.2 * (log.time > 1.5)}
+        jumps = {
+            **log.channels,
+            "motor_angle": log.channels["motor_angle"] + 0.2 * (log.time > 1.5),
+        }
         for one in (log, replace(log, channels=jumps)):  # a place that jumps is not tracked first
-            ours, theirs = (estimate(one, made, name, compiled=False) for name in ("adaptive", "affine"))
+            ours, theirs = (
+                estimate(one, made, name, compiled=False) for name in ("adaptive", "affine")
+            )
             there = theirs.state("outside_range") == 0.0
             there[:50] = False
             assert there[150:].any()
@@ -153,7 +179,9 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
 def test_ctrl_c_is_not_taken_for_an_answer(
     where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned
 ) -> None:
-    """A search that is stopped ends with the best so far: wherever it was, the fit ends there too, with its numbers."""
+    """A search that is stopped ends with the best so far: wherever it was, the fit ends there too,
+    with its numbers.
+    """
     module = import_module(f"distal.fitting.{where}")
     name = "by_equations" if where == "missing_physics" else "search"
     whole, calls = getattr(module, name), list[int]()
@@ -175,7 +203,9 @@ def test_ctrl_c_is_not_taken_for_an_answer(
 
 
 def test_each_joint_is_homed_by_its_own_truth() -> None:
-    """A log that knows one joint comes before one that knows both: the second is read as it would be alone."""
+    """A log that knows one joint comes before one that knows both: the second is read as it would
+    be alone.
+    """
     rig = load_rig("finger-2n").bare()
     both = simulate(rig, "finger", 3)
     one = replace(both, source="one", truth={"theta_pip": both.truth["theta_pip"]})
@@ -187,11 +217,15 @@ def test_each_joint_is_homed_by_its_own_truth() -> None:
 
 
 def test_logs_of_other_arms_make_no_rig_worse() -> None:
-    """Two logs of other arms, one larger and one smaller than the rig's: what is written errs no more than what came."""
+    """Two logs of other arms, one larger and one smaller than the rig's: what is written errs no
+    more than what came.
+    """
     logs = []
     for seed, share in ((0, 0.75), (1, 1.3)):
         one = finger_log(seed, SECONDS)
-        logs.append(replace(one, source=f"arm {share}", truth={"theta": share * one.truth["theta"]}))
+        logs.append(
+            replace(one, source=f"arm {share}", truth={"theta": share * one.truth["theta"]})
+        )
     found = learn(logs, finger_rig().bare(), OPTIONS)
     errors = {name: error for name, error, _ in found.candidates}
     assert found.candidates[0][1] <= errors[AS_IT_CAME]
@@ -212,8 +246,12 @@ def test_the_candidate_that_errs_least_is_taken_and_equal_ones_in_their_order() 
     assert best_of([one, candidate(LINE, 0.01, 0.039)]).name == LINE
 
 
-def test_the_outer_part_of_a_log_is_judged_by_what_the_inner_parts_of_others_teach(others: list[Log]) -> None:
-    """A map that is told by the inner part of another log, and errors in the outer one of this, by hand."""
+def test_the_outer_part_of_a_log_is_judged_by_what_the_inner_parts_of_others_teach(
+    others: list[Log],
+) -> None:
+    """A map that is told by the inner part of another log, and errors in the outer one of this, by
+    hand.
+    """
     training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
     came = filter_candidate(AS_IT_CAME, training, None)
     data, kind = list(came.data.values()), discrepancy_of(came.rig, list(came.data.values()))
@@ -223,7 +261,9 @@ def test_the_outer_part_of_a_log_is_judged_by_what_the_inner_parts_of_others_tea
     limit = np.quantile(np.concatenate(far), 0.7)
     squares = []
     for out, rest in ((0, 1), (1, 0)):
-        learned = fit_coefficients([data[rest].part(far[rest] <= limit)], kind, came.maps["discrepancy"].terms)
+        learned = fit_coefficients(
+            [data[rest].part(far[rest] <= limit)], kind, came.maps["discrepancy"].terms
+        )
         errors = predict(learned, data[out]).values - data[out].targets[:, 0]
         there = (far[out] > limit) & np.isfinite(errors)
         squares += [np.mean(errors[there] ** 2)] if there.any() else []
@@ -232,9 +272,14 @@ def test_the_outer_part_of_a_log_is_judged_by_what_the_inner_parts_of_others_tea
     assert came.beyond == pytest.approx(np.mean(np.sqrt(np.array(squares) - noise**2)), rel=1e-9)
 
 
-def test_a_rig_as_it_came_has_to_gain_more_where_a_map_corrects_it(others: list[Log], alone: Learned) -> None:
+def test_a_rig_as_it_came_has_to_gain_more_where_a_map_corrects_it(
+    others: list[Log], alone: Learned
+) -> None:
     training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
-    came, fitted = (filter_candidate(name, training, n) for name, n in ((AS_IT_CAME, None), ("x", alone.numbers)))
+    came, fitted = (
+        filter_candidate(name, training, n)
+        for name, n in ((AS_IT_CAME, None), ("x", alone.numbers))
+    )
     assert came.maps["discrepancy"].terms.corrects
     fitted = replace(fitted, error=0.02, beyond=0.02)
     assert best_of([fitted, replace(came, error=0.017, beyond=0.017)]) is fitted
@@ -248,7 +293,9 @@ def test_a_rig_as_it_came_keeps_its_numbers(others: list[Log]) -> None:
     training = Training(tuple(others), ("0", "1"), rig, OPTIONS)
     came = filter_candidate(AS_IT_CAME, training, None)
     assert came.rig.bare() == rig
-    far = filter_candidate(AS_IT_CAME, training, None, [replace(came, data={0: _exact(came.data[0])})])
+    far = filter_candidate(
+        AS_IT_CAME, training, None, [replace(came, data={0: _exact(came.data[0])})]
+    )
     assert far.maps == {}  # beside a filter that errs by nothing it is no base for a map
     assert far.error > came.error
 

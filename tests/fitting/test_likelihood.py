@@ -27,7 +27,10 @@ TIMES = np.arange(COUNT) / 100.0
 
 def weighing(counts: Floats | None = None, tolerance: float = np.inf) -> Weighing:
     return Weighing(
-        np.full(2, tolerance), np.array([1.0, 0.5]), TIMES, np.array([COUNT, COUNT]) if counts is None else counts
+        np.full(2, tolerance),
+        np.array([1.0, 0.5]),
+        TIMES,
+        np.array([COUNT, COUNT]) if counts is None else counts,
     )
 
 
@@ -35,7 +38,9 @@ def run(z: Floats) -> Innovations:
     """A linear model with a variance that depends on the second coordinate."""
     rng = np.random.default_rng(2)
     design = rng.normal(size=(COUNT, 2))
-    values = np.column_stack([design @ np.array([z[0], 0.3]) - 0.2, 0.5 * z[0] + rng.normal(size=COUNT)])
+    values = np.column_stack(
+        [design @ np.array([z[0], 0.3]) - 0.2, 0.5 * z[0] + rng.normal(size=COUNT)]
+    )
     return Innovations(values, np.full((COUNT, 2), 0.8 * np.exp(z[1])))
 
 
@@ -53,7 +58,9 @@ def test_it_is_the_likelihood_of_a_normal_distribution() -> None:
 
 
 def test_a_filter_that_left_all_bounds() -> None:
-    """Innovations whose squares are no numbers cost infinitely much; as an end of a step they have no slope."""
+    """Innovations whose squares are no numbers cost infinitely much; as an end of a step they have
+    no slope.
+    """
     z, made = np.array([0.4, 0.1]), run(np.array([0.4, 0.1]))
     wild = Innovations(np.full_like(made.values, 1e200), made.variances)
     assert cost_of(wild, weighing()) == np.inf
@@ -68,7 +75,9 @@ def test_an_outlier_counts_as_in_the_filter() -> None:
     values, variances = np.full((COUNT, 2), np.nan), np.ones((COUNT, 2))
     values[0, 0] = 30.0
     single = Weighing(np.full(2, 9.0), np.ones(2), TIMES, np.array([1.0, 0.0]))
-    assert cost_of(Innovations(values, variances), single) == pytest.approx(0.5 * (9.0 + np.log(100.0)))
+    assert cost_of(Innovations(values, variances), single) == pytest.approx(
+        0.5 * (9.0 + np.log(100.0))
+    )
 
 
 @pytest.mark.parametrize("tolerance", [np.inf, 2.0])
@@ -95,12 +104,17 @@ def test_fishers_information_of_a_variance() -> None:
 
 
 def test_how_many_values_are_compared_does_not_matter() -> None:
-    """Half of the values of a channel stand for all; of hardly any each counts for at most twenty."""
+    """Half of the values of a channel stand for all; of hardly any each counts for at most
+    twenty.
+    """
     made = run(np.array([0.4, 0.1]))
     values = made.values.copy()
     values[::2, 0] = np.nan
     np.testing.assert_allclose(evened(Innovations(values, made.variances), weighing()), [2.0, 1.0])
-    half, whole = cost_of(Innovations(values, made.variances), weighing()), cost_of(made, weighing())
+    half, whole = (
+        cost_of(Innovations(values, made.variances), weighing()),
+        cost_of(made, weighing()),
+    )
     assert half == pytest.approx(whole, rel=0.1)
     values[3:, 0] = np.nan
     np.testing.assert_allclose(evened(Innovations(values, made.variances), weighing())[0], 20.0)
@@ -115,20 +129,26 @@ def test_correlated_scores_count_by_spans_of_two_seconds() -> None:
 
 
 def test_the_scale_of_residuals_is_their_mean_ratio() -> None:
-    """White residuals 3 standard deviations large have c = 9, smaller ones than expected 1, and outliers hardly count."""
+    """White residuals 3 standard deviations large have c = 9, smaller ones than expected 1, and
+    outliers hardly count.
+    """
     rng = np.random.default_rng(4)
     values = np.column_stack([3.0 * rng.normal(size=20_000), 0.5 * rng.normal(size=20_000)])
     run = Innovations(values, np.ones_like(values))
     assert scales_of([run], np.full(2, np.inf)) == pytest.approx([9.0, 1.0], rel=0.03)
     wild = values.copy()
     wild[::100, 0] = 1e3
-    assert scales_of([Innovations(wild, run.variances)], np.full(2, 9.0))[0] == pytest.approx(9.0, rel=0.15)
+    assert scales_of([Innovations(wild, run.variances)], np.full(2, 9.0))[0] == pytest.approx(
+        9.0, rel=0.15
+    )
     silent = Innovations(np.full((5, 2), np.nan), np.ones((5, 2)))
     assert scales_of([silent], np.full(2, 9.0)) == pytest.approx([1.0, 1.0])
 
 
 def test_the_scale_is_where_the_likelihood_is_largest() -> None:
-    """d/dc of ½ Σ (ν²/(c S) + ln c S) is 0 at c = mean ν²/S: the gradient at that c is the slope of −ln p itself."""
+    """d/dc of ½ Σ (ν²/(c S) + ln c S) is 0 at c = mean ν²/S: the gradient at that c is the slope of
+    −ln p itself.
+    """
     z, limit = np.array([0.4, -3.0]), np.full(2, np.inf)
 
     def cost(at: Floats) -> float:
@@ -140,7 +160,9 @@ def test_the_scale_is_where_the_likelihood_is_largest() -> None:
     assert (scale > 2.0).all()
     found = derivatives_of(run(z), at(z, widths), widths, replace(weighing(), scale=scale))
     for k, step in enumerate(np.diag(np.full(2, 1e-6))):
-        assert found.gradient[k] == pytest.approx((cost(z + step) - cost(z - step)) / 2e-6, rel=1e-3, abs=1e-4)
+        assert found.gradient[k] == pytest.approx(
+            (cost(z + step) - cost(z - step)) / 2e-6, rel=1e-3, abs=1e-4
+        )
 
 
 def test_the_share_of_white_and_of_lasting_residuals() -> None:
@@ -156,13 +178,17 @@ def test_the_share_of_white_and_of_lasting_residuals() -> None:
 def test_a_likelihood_of_half_the_worth_knows_half_as_much() -> None:
     z, widths = np.array([0.4, 0.1]), np.full(2, 1e-4)
     whole = derivatives_of(run(z), at(z, widths), widths, weighing())
-    half = derivatives_of(run(z), at(z, widths), widths, replace(weighing(), share=0.5 * weighing().share))
+    half = derivatives_of(
+        run(z), at(z, widths), widths, replace(weighing(), share=0.5 * weighing().share)
+    )
     np.testing.assert_allclose(half.information, 0.5 * whole.information, rtol=1e-12)
     np.testing.assert_allclose(half.gradient, 0.5 * whole.gradient, rtol=1e-12)
 
 
 def test_how_slopes_change_along_a_step() -> None:
-    """Of r = f ν with ν quadratic in z, r'' along d is f dᵀ A d, whatever the share of the step that is tried."""
+    """Of r = f ν with ν quadratic in z, r'' along d is f dᵀ A d, whatever the share of the step
+    that is tried.
+    """
     rng = np.random.default_rng(5)
     first, second = rng.normal(size=(COUNT, 2)), rng.normal(size=(COUNT, 2, 2))
 
@@ -177,9 +203,14 @@ def test_how_slopes_change_along_a_step() -> None:
     assert made.slopes is not None
     slopes = np.einsum("kij,j->ki", second + second.transpose(0, 2, 1), z)
     expected = (
-        np.delete(2.0 * np.einsum("kij,i,j->k", second, step, step), 7) @ np.delete(slopes, 7, axis=0) * 0.5 / 0.8
+        np.delete(2.0 * np.einsum("kij,i,j->k", second, step, step), 7)
+        @ np.delete(slopes, 7, axis=0)
+        * 0.5
+        / 0.8
     )
     for share in (0.3, 0.01):
-        np.testing.assert_allclose(made.slopes.bend(bent(z + share * step), step, share), expected, rtol=1e-4)
+        np.testing.assert_allclose(
+            made.slopes.bend(bent(z + share * step), step, share), expected, rtol=1e-4
+        )
     wild = Innovations(np.full((COUNT, 2), 1e200), np.full((COUNT, 2), 0.8))
     assert not made.slopes.bend(wild, step, 0.3).any()

@@ -43,7 +43,10 @@ def test_a_truth_of_the_wrong_sign_is_named_with_where_it_is_from(source: str) -
     channels = {"x1": stroke, "x2": -stroke, "u1": 20.0 + 0 * time, "u2": 20.0 + 0.1 * stroke}
     log = Log(time, channels, {"theta": -stroke / arm}, "mine.csv", truth_source=source)
     named = f" ({source})" if source else ""
-    with pytest.raises(FitError, match=re.escape(f"mine.csv: the truth of the joint{named} moves against the drives")):
+    with pytest.raises(
+        FitError,
+        match=re.escape(f"mine.csv: the truth of the joint{named} moves against the drives"),
+    ):
         check_logs([replace(log, channels={**channels, "u1": 20.0 + stroke})], rig)
 
 
@@ -69,7 +72,10 @@ def test_a_truth_that_moves_too_far_or_too_little(factor: float, said: str) -> N
     rig = load_rig("capstan-joint")
     time = np.arange(0.0, 4.0, 0.01)
     motor = 0.5 * np.sin(2 * np.pi * 0.5 * time)
-    channels = {"motor_angle": motor, "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time)}
+    channels = {
+        "motor_angle": motor,
+        "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time),
+    }
     expected = estimate(Log(time, channels), rig, "elastic").theta
     with pytest.raises(FitError, match=said):
         check_logs([Log(time, channels, {"theta": factor * expected})], rig)
@@ -87,17 +93,24 @@ def test_of_a_chain_the_joint_with_the_wrong_sign_is_named() -> None:
 
 
 def test_a_truth_may_have_another_zero() -> None:
-    """Only how it moves is compared: an encoder that reads 170° at the drives' zero is no wrong truth."""
+    """Only how it moves is compared: an encoder that reads 170° at the drives' zero is no wrong
+    truth.
+    """
     rig = load_rig("capstan-joint")
     time = np.arange(0.0, 4.0, 0.01)
     motor = 0.5 * np.sin(2 * np.pi * 0.5 * time)
-    channels = {"motor_angle": motor, "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time)}
+    channels = {
+        "motor_angle": motor,
+        "motor_torque": np.full(len(time), 0.01) + 1e-4 * np.sin(time),
+    }
     expected = estimate(Log(time, channels), rig, "elastic").theta
     check_logs([Log(time, channels, {"theta": expected + 3.0})], rig)
 
 
 def test_a_truth_without_values_is_refused_where_it_is_the_only_joints() -> None:
-    """Of several joints one may be unknown in a log; of one joint a truth that is nowhere known is a mistake."""
+    """Of several joints one may be unknown in a log; of one joint a truth that is nowhere known is
+    a mistake.
+    """
     rig = load_rig("capstan-joint")
     time = np.arange(0.0, 2.0, 0.01)
     channels = {"motor_angle": 0.5 * np.sin(6 * time), "motor_torque": 0.01 + 1e-4 * np.sin(time)}
@@ -110,14 +123,19 @@ def test_a_truth_without_values_is_refused_where_it_is_the_only_joints() -> None
 
 
 @pytest.mark.parametrize(
-    ("share", "said"), [(0.19, "seen"), (0.21, "hardly seen"), (0.69, "hardly seen"), (0.71, "not seen")]
+    ("share", "said"),
+    [(0.19, "seen"), (0.21, "hardly seen"), (0.69, "hardly seen"), (0.71, "not seen")],
 )
 def test_an_angle_is_seen_where_forces_find_it_to_a_fifth(share: float, said: str) -> None:
     """What a window found stands at its end: what is in it before, still lost, does not count."""
     time = np.arange(400) / 100.0
-    at_end = np.isclose((time + 0.01) % 0.5, 0.0, atol=1e-6) | np.isclose((time + 0.01) % 0.5, 0.5, atol=1e-6)
+    at_end = np.isclose((time + 0.01) % 0.5, 0.0, atol=1e-6) | np.isclose(
+        (time + 0.01) % 0.5, 0.5, atol=1e-6
+    )
     found = np.where(at_end, share * LOST, LOST)
     seen = Observability(time, found, np.full(400, 0.01), 0.5, cast(Any, None))
     assert [line[4] for line in seen.table(4)] == [said] * 4
-    np.testing.assert_allclose([line[:2] for line in seen.table(4)], [(0.9975 * k, 0.9975 * (k + 1)) for k in range(4)])
+    np.testing.assert_allclose(
+        [line[:2] for line in seen.table(4)], [(0.9975 * k, 0.9975 * (k + 1)) for k in range(4)]
+    )
     assert all(line[2:4] == pytest.approx((0.01, share * LOST)) for line in seen.table(4))

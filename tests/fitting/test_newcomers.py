@@ -1,4 +1,6 @@
-"""Rigs of a newcomer: plants without inertia, of one joint and of a finger, by code that shares nothing with the model."""
+"""Rigs of a newcomer: plants without inertia, of one joint and of a finger, by code that shares
+nothing with the model.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def finger() -> tuple[Drawn, Rig, list[Log], Fit]:
 
 
 def test_a_finger_without_inertia_converges(finger: tuple[Drawn, Rig, list[Log], Fit]) -> None:
-    """Nine of ten told numbers within two standard errors, and the angle on logs that were not seen."""
+    """Nine of ten told numbers within two standard errors, and the angle on logs that were not
+    seen.
+    """
     described, _, logs, found = finger
     assert found.converged
     close = [
@@ -81,4 +85,10 @@ def test_a_joint_with_inertia_is_found() -> None:
     assert found.converged
     stiffness = found["tendons.*.stiffness"]
     assert stiffness.value == pytest.approx(described.truth["tendons.0.stiffness"], rel=0.02)
-    assert max(np.rad2deg(estimate(log, found.rig, compiled=False).rms_error()) for log in logs[FITTED:]) < 0.1
+    assert (
+        max(
+            np.rad2deg(estimate(log, found.rig, compiled=False).rms_error())
+            for log in logs[FITTED:]
+        )
+        < 0.1
+    )

@@ -1,4 +1,6 @@
-"""What an encoder's own error, few logs and doubts make of a fit: bands that include it, stds that are kept."""
+"""What an encoder's own error, few logs and doubts make of a fit: bands that include it, stds that
+are kept.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ import pytest
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
 from distal.fitting.fitted_number import FittedNumber, assignments
-from distal.fitting.map_samples import filtered, partly_homed, reference_std, with_reference_error, without_offset
+from distal.fitting.map_samples import (
+    filtered,
+    partly_homed,
+    reference_std,
+    with_reference_error,
+    without_offset,
+)
 from distal.logs import FROM_SENSOR, TruthKind, TruthSource
 from distal.regression import Samples
 from distal.regression.band import OWNS, conformal_factor, share_of_few, sized
@@ -30,7 +38,9 @@ def test_an_encoders_offset_is_in_the_bands(rig: Rig) -> None:
     for learned in (rig.affine, rig.discrepancy):
         assert learned is not None
         inflated = learned.model_copy(update={"band": (2.0,)})
-        wider = with_reference_error(inflated, rig, [log(TruthSource(TruthKind.SENSOR, "column 'x'"))])
+        wider = with_reference_error(
+            inflated, rig, [log(TruthSource(TruthKind.SENSOR, "column 'x'"))]
+        )
         before = 2.0 * learned.joints[0].std
         assert 2.0 * wider.joints[0].std == pytest.approx(np.hypot(before, offset))
         assert with_reference_error(inflated, rig, [log("another file")]) is inflated
@@ -45,9 +55,13 @@ def test_what_the_reference_errs_by(rig: Rig) -> None:
 @pytest.mark.parametrize("hold", [False, True])
 def test_how_sure_a_file_is(hold: bool) -> None:
     """Its stds are the standard errors; held, filters take the values as they are."""
-    start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
+    start = load_rig("capstan-joint").with_values(
+        {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
+    )
     path = "joints.0.friction.coefficient"
-    found = FittedNumber("it", (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05)
+    found = FittedNumber(
+        "it", (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05
+    )
     written = assignments([found], start, hold)["joints.jaw.friction.coefficient"]
     assert written["value"] == 0.3
     assert written["std"] == pytest.approx(0.05)
@@ -55,19 +69,31 @@ def test_how_sure_a_file_is(hold: bool) -> None:
 
 
 def test_a_file_holds_what_is_told_only_together_with_others() -> None:
-    """Its value and std stay those of the prior, so that the next fit may vary it; estimators take it as known."""
-    start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
+    """Its value and std stay those of the prior, so that the next fit may vary it; estimators take
+    it as known.
+    """
+    start = load_rig("capstan-joint").with_values(
+        {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
+    )
     path = "joints.0.friction.coefficient"
     found = FittedNumber(path, (path,), "", 0.2, 0.1, 0.2, 0.1, False, False, (0.2,), held=True)
     after = start.with_values(assignments([found], start)).joints[0].friction
     assert after is not None
-    assert (after.coefficient.value, after.coefficient.std, after.coefficient.hold) == (0.2, 0.1, True)
+    assert (after.coefficient.value, after.coefficient.std, after.coefficient.hold) == (
+        0.2,
+        0.1,
+        True,
+    )
 
 
 def test_few_logs_share_the_filters_doubt_as_the_worst_needs() -> None:
-    """Errors of 0.2 and 0.4 stds need 0.4 at 95 %; Student's factor comes on top, and all of it is the most."""
+    """Errors of 0.2 and 0.4 stds need 0.4 at 95 %; Student's factor comes on top, and all of it is
+    the most.
+    """
     rng = np.random.default_rng(2)
-    logs = [[(size * rng.normal(size=40000), np.ones(40000), np.ones(40000))] for size in (0.2, 0.4)]
+    logs = [
+        [(size * rng.normal(size=40000), np.ones(40000), np.ones(40000))] for size in (0.2, 0.4)
+    ]
     assert share_of_few(logs) == pytest.approx(0.4, rel=0.02)
     assert share_of_few([[(5.0 * e, u, v) for e, u, v in log] for log in logs]) == 1.0
 
@@ -80,7 +106,9 @@ def lacking(*lacks: float) -> Samples:
 
 
 def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> None:
-    """The mean over logs is taken off where it is at most 2 σ_b, whatever its sign; more of it is the model's error."""
+    """The mean over logs is taken off where it is at most 2 σ_b, whatever its sign; more of it is
+    the model's error.
+    """
     doubt = next(sensor for sensor in rig.sensors_of("angle")).bias.filter_std
     for share, taken in ((1.95, True), (-1.95, True), (2.05, False), (-2.05, False)):
         data = [lacking(share * doubt + 0.01), lacking(share * doubt - 0.01)]
@@ -95,12 +123,15 @@ def test_what_all_logs_lack_is_the_encoders_up_to_two_of_its_stds(rig: Rig) -> N
 
 
 @pytest.mark.parametrize(
-    ("kind", "homing", "taken"), [("sensor", None, True), ("file", None, False), ("sensor", 1.0, False)]
+    ("kind", "homing", "taken"),
+    [("sensor", None, True), ("file", None, False), ("sensor", 1.0, False)],
 )
 def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
     kind: str, homing: float | None, taken: bool, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A truth of another file has no encoder that may be askew, and a homing move takes off what there is."""
+    """A truth of another file has no encoder that may be askew, and a homing move takes off what
+    there is.
+    """
     monkeypatch.setattr("distal.fitting.map_samples._filtered", lambda *arguments: lacking(1e-3))
     given = log(TruthSource(TruthKind(kind), "it"))
     data, refused = filtered([given, given], [rig.bare()] * 2, homing, False)
@@ -109,11 +140,17 @@ def test_an_offset_is_taken_off_only_where_an_encoder_is_the_truth(
     assert data[1].reference_std == (0.0 if homing is not None else reference_std(rig, given))
 
 
-def test_a_homing_move_over_half_of_the_range_is_on_the_side_where_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Between the first angle and the middle of the range; of all logs a dozen are used, spread evenly, if long enough."""
+def test_a_homing_move_over_half_of_the_range_is_on_the_side_where_it_begins(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Between the first angle and the middle of the range; of all logs a dozen are used, spread
+    evenly, if long enough.
+    """
     finger, used = load_rig("finger-2n"), list[list[np.ndarray]]()
 
-    def run(logs: list[Log], rigs: list[Rig], homing: float, compiled: bool, usable: list[np.ndarray]) -> object:
+    def run(
+        logs: list[Log], rigs: list[Rig], homing: float, compiled: bool, usable: list[np.ndarray]
+    ) -> object:
         used.append(usable)
         return {k: lacking(0.0) for k in range(len(logs))}, []
 
@@ -141,12 +178,17 @@ def test_the_filters_own_std_counts_by_what_its_errors_are_of_it() -> None:
     """Errors twice as large of a filter twice as unsure need the same share of its std."""
     rng = np.random.default_rng(2)
     errors = 0.4 * rng.normal(size=40000)
-    shares = [share_of_few([[(scale * errors, np.ones(40000), np.full(40000, scale**2))]]) for scale in (1.0, 2.0, 0.1)]
+    shares = [
+        share_of_few([[(scale * errors, np.ones(40000), np.full(40000, scale**2))]])
+        for scale in (1.0, 2.0, 0.1)
+    ]
     assert shares == pytest.approx([0.4] * 3, rel=0.02)  # a quantile of 40000 values errs by 0.6 %
 
 
 def test_a_bands_factor_holds_95_percent_of_each_log() -> None:
-    """The smallest c with |e| ≤ 1.96 √(c² u + v) for 95 %, each log weighing the same however long it is; within bounds."""
+    """The smallest c with |e| ≤ 1.96 √(c² u + v) for 95 %, each log weighing the same however long
+    it is; within bounds.
+    """
     rng = np.random.default_rng(3)
     logs = [
         (size * rng.normal(size=n), np.full(n, 0.5), np.full(n, 0.2))
@@ -154,7 +196,9 @@ def test_a_bands_factor_holds_95_percent_of_each_log() -> None:
     ]
 
     def held(c: float) -> float:
-        return float(np.mean([np.mean(np.abs(e) <= BAND * np.sqrt(c**2 * u + v)) for e, u, v in logs]))
+        return float(
+            np.mean([np.mean(np.abs(e) <= BAND * np.sqrt(c**2 * u + v)) for e, u, v in logs])
+        )
 
     c = conformal_factor(logs, 0.1, 100.0)
     assert held(c * (1 + 1e-9)) >= 0.95
@@ -165,7 +209,9 @@ def test_a_bands_factor_holds_95_percent_of_each_log() -> None:
 
 
 def test_the_share_of_the_filters_std_is_that_of_the_narrowest_band(rig: Rig) -> None:
-    """Where its variance says when errors are large, all of it; where it is large and errors are not, none."""
+    """Where its variance says when errors are large, all of it; where it is large and errors are
+    not, none.
+    """
     assert rig.discrepancy is not None
     learned = rig.discrepancy.model_copy(update={"band": (2.0,), "own": 1.0})
     rng = np.random.default_rng(4)
@@ -184,9 +230,13 @@ def test_the_share_of_the_filters_std_is_that_of_the_narrowest_band(rig: Rig) ->
 
 def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:
     """A rig file takes no number below 1e-20: a slack that a search made ever smaller is none."""
-    start = load_rig("capstan-joint").with_values({"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}})
+    start = load_rig("capstan-joint").with_values(
+        {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
+    )
     path = "joints.0.friction.coefficient"
-    found = FittedNumber("it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, True, False, (6.4e-22,), held_error=0.05)
+    found = FittedNumber(
+        "it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, True, False, (6.4e-22,), held_error=0.05
+    )
     after = start.with_values(assignments([found], start)).joints[0].friction
     assert after is not None
     assert after.coefficient.value == 0.0

@@ -1,4 +1,6 @@
-"""Displacements between samples: when straight lines are enough, and the cubic where they are not."""
+"""Displacements between samples: when straight lines are enough, and the cubic where they are
+not.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ TIME = np.arange(0.0, 2.0, 0.01)
 
 @pytest.mark.parametrize(("missed", "steps"), [(0.3, 1), (1.0, 2), (1.9, 2), (4.0, FINEST)])
 def test_steps_follow_what_a_straight_line_leaves_out(missed: float, steps: int) -> None:
-    """A x sin ωt: a chord leaves out ẍ dt²/8, in the mean A ω² dt²/(8 √2); here `missed` times the noise."""
+    """A x sin ωt: a chord leaves out ẍ dt²/8, in the mean A ω² dt²/(8 √2); here `missed` times the
+    noise.
+    """
     w, noise = 2 * np.pi * 2.0, 1e-5
     amplitude = missed * noise * 8 * np.sqrt(2) / (w * 0.01) ** 2
     places = np.column_stack([amplitude * np.sin(w * TIME), np.zeros(len(TIME))])
@@ -33,20 +37,26 @@ def test_noise_alone_asks_for_no_steps() -> None:
 
 
 def test_a_quadratic_is_met_exactly_between_samples() -> None:
-    """Catmull and Rom's cubic is exact for quadratics inside; the other channels are missing there."""
+    """Catmull and Rom's cubic is exact for quadratics inside; the other channels are missing
+    there.
+    """
     samples = np.column_stack([3.0 * TIME**2 - TIME, np.cos(TIME)])
     times, fine, kept = refined(TIME, samples, 1, 4)
     assert len(times) == 4 * (len(TIME) - 1) + 1
     np.testing.assert_allclose(times[kept], TIME, atol=1e-15)
     np.testing.assert_array_equal(fine[kept], samples)
     inside = (times > TIME[1]) & (times < TIME[-2])
-    np.testing.assert_allclose(fine[inside, 0], 3.0 * times[inside] ** 2 - times[inside], atol=1e-12)
+    np.testing.assert_allclose(
+        fine[inside, 0], 3.0 * times[inside] ** 2 - times[inside], atol=1e-12
+    )
     between = np.setdiff1d(np.arange(len(times)), kept)
     assert np.isnan(fine[between, 1]).all()
 
 
 def test_a_straight_line_where_a_neighbour_is_missing() -> None:
-    """The slope at both ends of such an interval is that of its chord, so a step stays between its ends."""
+    """The slope at both ends of such an interval is that of its chord, so a step stays between its
+    ends.
+    """
     x = np.array([0.0, 0.0, 1.0, 1.0, np.nan, 5.0, 5.0, 6.0])
     times, fine, kept = refined(np.arange(8.0), x[:, None], 1, 2)
     between = {float(t): v for t, v in zip(times, fine[:, 0]) if t % 1}
@@ -67,7 +77,9 @@ def test_gaps_are_left_to_the_filter() -> None:
 
 @pytest.mark.parametrize("steps", [1, 3])
 def test_a_fits_rows_are_a_logs_samples_with_their_intervals(steps: int) -> None:
-    """The first row has no interval before it; intervals add up to the stamps, and each sample's own row has its values."""
+    """The first row has no interval before it; intervals add up to the stamps, and each sample's
+    own row has its values.
+    """
     rig = load_rig("capstan-joint")
     time = 5.0 + np.arange(40) / 200.0
     angle = 0.3 * np.sin(9.0 * time)

@@ -1,4 +1,6 @@
-"""What is read while a joint rests in a stop teaches nothing: where that is, and that a fit does not hang on it."""
+"""What is read while a joint rests in a stop teaches nothing: where that is, and that a fit does
+not hang on it.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def test_forces_in_a_stop_are_not_compared() -> None:
     """Whatever they read: −ln p is the same."""
     log = logs_of(start_rig(), drawn_plant(3)[0], 3, ("ramps",), 4.0)[0]
     theta = log.truth["theta"]
-    rig = start_rig().with_values({"joints.0.stops": [float(np.quantile(theta, q)) for q in (0.2, 0.8)]})
+    rig = start_rig().with_values(
+        {"joints.0.stops": [float(np.quantile(theta, q)) for q in (0.2, 0.8)]}
+    )
     stopped = in_stops(log.time, theta[:, None], rig)[:, 0]
     assert 0.05 < stopped.mean() < 0.95
     pushed = {
@@ -53,7 +57,9 @@ def test_forces_in_a_stop_are_not_compared() -> None:
 
 
 def test_a_joint_in_its_stop_does_not_silence_its_neighbours() -> None:
-    """Of three joints one rests in its stop all the time: forces stay, its own angle is left out, it keeps a truth."""
+    """Of three joints one rests in its stop all the time: forces stay, its own angle is left out,
+    it keeps a truth.
+    """
     rig, log = finger_with_a_stopped_joint()
     problem = problem_of([log], rig, Options(compiled=False, workers=1))
     later, runner = problem.data[0].samples[1:], problem.filter.runner

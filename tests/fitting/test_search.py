@@ -1,4 +1,6 @@
-"""The search on problems whose answer is known: least squares, bounds, a bent valley, fixed coordinates."""
+"""The search on problems whose answer is known: least squares, bounds, a bent valley, fixed
+coordinates.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,15 @@ from numpy.typing import NDArray
 from distal.fitting import search as search_module
 from distal.fitting.free_number import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.search import MOST_BENT, Optimum, _bent, first_widths, hessian, search, widths_at
+from distal.fitting.search import (
+    MOST_BENT,
+    Optimum,
+    _bent,
+    first_widths,
+    hessian,
+    search,
+    widths_at,
+)
 
 Floats = NDArray[np.float64]
 
@@ -27,10 +37,16 @@ def _exact(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Curve:
-    """−ln p = ½ |r(z)|² + prior, with exact slopes: what a `Problem` gives, of a function that is known."""
+    """−ln p = ½ |r(z)|² + prior, with exact slopes: what a `Problem` gives, of a function that is
+    known.
+    """
 
     def __init__(
-        self, residuals: Callable[[Floats], Floats], size: int, std: float = 1e3, low: float = -np.inf
+        self,
+        residuals: Callable[[Floats], Floats],
+        size: int,
+        std: float = 1e3,
+        low: float = -np.inf,
     ) -> None:
         self._residuals, self.size, self.calls, self.asks_equations = residuals, size, 0, True
         free = Free("x", ("x",), (1.0,), std, 1.0, low, np.inf)
@@ -41,19 +57,27 @@ class Curve:
     def costs(self, points: Sequence[Floats]) -> Floats:
         self.calls += len(points)
         return np.array(
-            [0.5 * np.sum(self._residuals(z) ** 2) + 0.5 * np.sum((z / self.prior_stds) ** 2) for z in points]
+            [
+                0.5 * np.sum(self._residuals(z) ** 2) + 0.5 * np.sum((z / self.prior_stds) ** 2)
+                for z in points
+            ]
         )
 
     def slopes(self, z: Floats) -> Floats:
         return np.column_stack(
-            [(self._residuals(z + step) - self._residuals(z - step)) / 2e-6 for step in 1e-6 * np.eye(self.size)]
+            [
+                (self._residuals(z + step) - self._residuals(z - step)) / 2e-6
+                for step in 1e-6 * np.eye(self.size)
+            ]
         )
 
     def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
         self.calls += len(steps)
         found = []
         for step in steps:
-            ahead, here, behind = (self._residuals(z + share * step) for share in (1e-3, 0.0, -1e-3))
+            ahead, here, behind = (
+                self._residuals(z + share * step) for share in (1e-3, 0.0, -1e-3)
+            )
             found.append(self.slopes(z).T @ (ahead - 2.0 * here + behind) / 1e-6)
         return np.array(found)
 
@@ -71,8 +95,12 @@ def test_least_squares_is_found_with_its_prior() -> None:
     found = search(problem, np.zeros(4))  # type: ignore[arg-type]
     expected = np.linalg.solve(a.T @ a + np.eye(4) / 4.0, a.T @ b)
     assert found.converged
-    np.testing.assert_allclose(found.z, expected, atol=0.1 * np.sqrt(np.diag(np.linalg.inv(a.T @ a))).max())
-    np.testing.assert_allclose(hessian(problem, found.derivatives), a.T @ a + np.eye(4) / 4.0, rtol=1e-5)  # type: ignore[arg-type]
+    np.testing.assert_allclose(
+        found.z, expected, atol=0.1 * np.sqrt(np.diag(np.linalg.inv(a.T @ a))).max()
+    )
+    np.testing.assert_allclose(
+        hessian(problem, found.derivatives), a.T @ a + np.eye(4) / 4.0, rtol=1e-5
+    )  # type: ignore[arg-type]
     assert found.cost == pytest.approx(problem.costs([found.z])[0])
 
 
@@ -94,7 +122,9 @@ def test_fixed_coordinates_stay_and_the_others_go_where_these_leave_them() -> No
 
 
 def test_a_bound_holds() -> None:
-    """(1 − low)/scale is the lowest coordinate of a number that starts at 1 and is at least `low`."""
+    """(1 − low)/scale is the lowest coordinate of a number that starts at 1 and is at least
+    `low`.
+    """
     problem = Curve(lambda z: 10.0 * np.array([z[0] + 5.0, z[1] - 2.0]), 2, low=0.25)
     found = search(problem, np.zeros(2))  # type: ignore[arg-type]
     np.testing.assert_allclose(found.z, [-0.75, 2.0], atol=1e-3)
@@ -138,7 +168,9 @@ def test_it_stops_where_it_is_told_and_where_the_user_does() -> None:
 
 
 def test_slopes_are_taken_over_what_a_number_is_known_to() -> None:
-    """As a power of two of the value; two numbers that show only as a product have the same share."""
+    """As a power of two of the value; two numbers that show only as a product have the same
+    share.
+    """
     problem = Curve(lambda z: np.array([100.0 * (z[0] + z[1])]), 2)
     here = problem.derivatives(np.zeros(2), first_widths(problem))  # type: ignore[arg-type]
     widths = widths_at(problem, np.zeros(2), here)  # type: ignore[arg-type]
@@ -148,7 +180,9 @@ def test_slopes_are_taken_over_what_a_number_is_known_to() -> None:
 
 
 def test_an_interruption_before_anything_is_known_leaves_the_prior() -> None:
-    """What comes after a search needs derivatives of the right size, however early the user stops it."""
+    """What comes after a search needs derivatives of the right size, however early the user stops
+    it.
+    """
 
     class Stopped(Curve):
         def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
@@ -157,19 +191,28 @@ def test_an_interruption_before_anything_is_known_leaves_the_prior() -> None:
     problem = Stopped(lambda z: z - 1.0, 3, std=2.0)
     found = search(problem, np.zeros(3))  # type: ignore[arg-type]
     assert found.interrupted
-    np.testing.assert_allclose(np.linalg.inv(hessian(problem, found.derivatives)), 4.0 * np.eye(3), rtol=1e-6)  # type: ignore[arg-type]
+    np.testing.assert_allclose(
+        np.linalg.inv(hessian(problem, found.derivatives)), 4.0 * np.eye(3), rtol=1e-6
+    )  # type: ignore[arg-type]
 
 
 def test_slopes_are_taken_over_a_share_of_the_value() -> None:
-    """In coordinates: of a positive number all of its value over the scale, at least a tenth; else 1, the scale itself."""
-    positive, log = Free("k", ("k",), (4.0,), 1.0, 2.0, 0.0, np.inf), Free("e", ("e",), (4.0,), 1.0, 2.0, 1e-9, np.inf)
+    """In coordinates: of a positive number all of its value over the scale, at least a tenth; else
+    1, the scale itself.
+    """
+    positive, log = (
+        Free("k", ("k",), (4.0,), 1.0, 2.0, 0.0, np.inf),
+        Free("e", ("e",), (4.0,), 1.0, 2.0, 1e-9, np.inf),
+    )
     assert [positive.unit(z) for z in (0.0, 1.0, -1.99)] == pytest.approx([2.0, 3.0, 0.1])
     assert Free("a", ("a",), (4.0,), 1.0, 2.0, -np.inf, np.inf).unit(1.0) == 1.0
     assert replace(log, logarithmic=True).unit(1.0) == 1.0
 
 
 def test_a_filters_search_ends_where_its_kinks_begin() -> None:
-    """Of −ln p that only falls, e^{−2z}: with a filter a gain of 0.3 is not followed, with equations one of 1e-3 is."""
+    """Of −ln p that only falls, e^{−2z}: with a filter a gain of 0.3 is not followed, with
+    equations one of 1e-3 is.
+    """
     ends = []
     for equations in (False, True):
         curve = Curve(lambda z: 3.0 * np.exp(-z), 1, std=1e9)
@@ -183,14 +226,18 @@ def test_a_filters_search_ends_where_its_kinks_begin() -> None:
 def test_a_step_is_bent_by_three_quarters_of_its_own_length_at_most(
     size: float, share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Lengths are in standard deviations: half the correction is added, scaled down where it is longer than 0.75 of it."""
+    """Lengths are in standard deviations: half the correction is added, scaled down where it is
+    longer than 0.75 of it.
+    """
     stds, step = np.array([0.1, 10.0]), np.array([0.06, 8.0])  # of length 1 in stds, as is the next
     correction = size * stds * np.array([0.8, -0.6])
     monkeypatch.setattr(search_module, "hessian", lambda *arguments: np.diag(1 / stds**2))
     monkeypatch.setattr(search_module, "damped_step", lambda *arguments: (correction, 0.0))
     problem: Any = SimpleNamespace(bends=lambda z, logs, steps: [np.zeros(2)] * len(steps))
     derivatives = Derivatives(0.0, np.zeros(2), np.eye(2), np.eye(2), 1)
-    ((damping, bent),) = _bent(problem, np.zeros(2), derivatives, np.ones(2, dtype=bool), [(0.5, step)])
+    ((damping, bent),) = _bent(
+        problem, np.zeros(2), derivatives, np.ones(2, dtype=bool), [(0.5, step)]
+    )
     assert damping == 0.5
     np.testing.assert_allclose(bent, step + 0.5 * share * correction)
     if share < 1.0:

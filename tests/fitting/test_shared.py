@@ -21,7 +21,9 @@ def rig_with(**stiffness: object) -> Rig:
 
 
 def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> FittedNumber:
-    return FittedNumber("it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values, held_error=error)
+    return FittedNumber(
+        "it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values, held_error=error
+    )
 
 
 def varied(rig: Rig) -> dict[str, tuple[tuple[str, ...], float]]:
@@ -35,7 +37,9 @@ def test_what_errs_together_is_varied_by_one_factor() -> None:
 
 
 def test_what_also_errs_alone_is_varied_alone_with_both_spreads() -> None:
-    rig = rig_with(_0={"value": 800.0, "std": 60.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL})
+    rig = rig_with(
+        _0={"value": 800.0, "std": 60.0, "shared": SPOOL}, _1={"value": 500.0, "shared": SPOOL}
+    )
     assert varied(rig) == {
         "stiffness of tendon right": (PATHS[1:], pytest.approx(50.0)),
         "stiffness of tendon left": (PATHS[:1], pytest.approx(100.0)),
@@ -50,12 +54,16 @@ def test_what_also_errs_alone_is_varied_alone_with_both_spreads() -> None:
         ("tendons.*.stiffness", "stiffness of all tendons", PATHS),
     ],
 )
-def test_what_is_asked_for_is_named_by_parts(wanted: str, name: str, paths: tuple[str, ...]) -> None:
+def test_what_is_asked_for_is_named_by_parts(
+    wanted: str, name: str, paths: tuple[str, ...]
+) -> None:
     rig = load_rig("pulley-antagonist")
     for asked, per_log in (((wanted,), ()), (("joints.link.friction.coefficient",), (wanted,))):
         free = choose(rig, rig.sensors_of("angle"), asked, per_log, noise=False, homing=False)
         assert [part.paths for part in free if part.name == name] == [paths]
-    with pytest.raises(FitError, match=r"--free 'tendons\.middle\.stiffness': there is no 'middle'"):
+    with pytest.raises(
+        FitError, match=r"--free 'tendons\.middle\.stiffness': there is no 'middle'"
+    ):
         choose(rig, (), ("tendons.middle.stiffness",), (), noise=False, homing=False)
     with pytest.raises(FitError, match="--per-log 'tendons"):
         choose(rig, (), (), ("tendons.middle.stiffness",), noise=False, homing=False)
@@ -65,7 +73,10 @@ def test_what_is_asked_for_is_named_by_parts(wanted: str, name: str, paths: tupl
 
 def test_equal_stds_alone_share_nothing() -> None:
     alike = {"value": 800.0, "std": 80.0}
-    assert set(varied(rig_with(_0=alike, _1=alike))) == {"stiffness of tendon left", "stiffness of tendon right"}
+    assert set(varied(rig_with(_0=alike, _1=alike))) == {
+        "stiffness of tendon left",
+        "stiffness of tendon right",
+    }
 
 
 def test_a_file_keeps_what_is_shared_where_all_were_varied_as_one() -> None:
@@ -83,7 +94,10 @@ def test_a_file_says_what_is_left_alone_where_one_of_them_was_varied() -> None:
 
 
 def test_a_file_drops_what_is_shared_where_each_was_varied_alone() -> None:
-    rig = rig_with(_0={"value": 800.0, "std": 60.0, "shared": SPOOL}, _1={"value": 500.0, "std": 9.0, "shared": SPOOL})
+    rig = rig_with(
+        _0={"value": 800.0, "std": 60.0, "shared": SPOOL},
+        _1={"value": 500.0, "std": 9.0, "shared": SPOOL},
+    )
     parts = [found(PATHS[:1], (720.0,), 36.0), found(PATHS[1:], (450.0,), 20.0)]
     after = rig.with_values(assignments(parts, rig))
     assert after.sharing() == {}
@@ -98,7 +112,12 @@ def test_parts_of_one_limit_are_told_as_a_sum() -> None:
 
     def part(name: str) -> SimpleNamespace:
         return SimpleNamespace(
-            name=name, paths=(name,), has_prior=True, spread=0.1, slope=lambda _: 1.0, value=lambda _: 0.5
+            name=name,
+            paths=(name,),
+            has_prior=True,
+            spread=0.1,
+            slope=lambda _: 1.0,
+            value=lambda _: 0.5,
         )
 
     def told(one: str, other: str, *changes: float) -> str:
@@ -106,5 +125,9 @@ def test_parts_of_one_limit_are_told_as_a_sum() -> None:
 
     friction = "drives.0.friction"
     assert "only the sum of" in told(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
-    assert "only the product of" in told("joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7)
-    assert "only the ratio of" in told("tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7)
+    assert "only the product of" in told(
+        "joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7
+    )
+    assert "only the ratio of" in told(
+        "tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7
+    )

@@ -1,4 +1,6 @@
-"""What logs tell: marginal errors, what shows only together, what is held so that the rest is told."""
+"""What logs tell: marginal errors, what shows only together, what is held so that the rest is
+told.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,12 @@ Floats = NDArray[np.float64]
 def problem(stds: list[float]) -> SimpleNamespace:
     """Numbers that start at 1 with these stds, their coordinates in units of the value."""
     parts = tuple(
-        (Free(name, (name,), (1.0,), std, 1.0, 0.0, np.inf, coarse=0.0), None) for name, std in zip("abc", stds)
+        (Free(name, (name,), (1.0,), std, 1.0, 0.0, np.inf, coarse=0.0), None)
+        for name, std in zip("abc", stds)
     )
-    return SimpleNamespace(parts=parts, size=len(stds), prior_stds=np.where(np.isnan(stds), np.inf, stds))
+    return SimpleNamespace(
+        parts=parts, size=len(stds), prior_stds=np.where(np.isnan(stds), np.inf, stds)
+    )
 
 
 def told(stds: list[float], information: Floats, meat: Floats | None = None) -> Uncertainty:
@@ -37,13 +42,18 @@ def test_errors_are_marginal_and_combine_logs_with_priors() -> None:
     whole = np.linalg.inv(information + np.diag([100.0, 25.0]))
     np.testing.assert_allclose(found.covariance, whole, rtol=1e-3)
     np.testing.assert_allclose(found.errors, np.sqrt(np.diag(whole)), rtol=1e-3)
-    assert found.correlations[0, 1] == pytest.approx(whole[0, 1] / np.sqrt(whole[0, 0] * whole[1, 1]), rel=1e-3)
+    assert found.correlations[0, 1] == pytest.approx(
+        whole[0, 1] / np.sqrt(whole[0, 0] * whole[1, 1]), rel=1e-3
+    )
 
 
 def test_scores_that_are_correlated_widen_it_and_never_narrow_it() -> None:
     information = np.diag([1e4, 1e4])
     plain = told([1.0, 1.0], information)
-    wide, narrow = told([1.0, 1.0], information, 9.0 * information), told([1.0, 1.0], information, 0.1 * information)
+    wide, narrow = (
+        told([1.0, 1.0], information, 9.0 * information),
+        told([1.0, 1.0], information, 0.1 * information),
+    )
     np.testing.assert_allclose(wide.errors, 3.0 * plain.errors, rtol=2e-3)
     np.testing.assert_allclose(narrow.errors, plain.errors, rtol=2e-3)
 
@@ -86,7 +96,10 @@ def test_the_least_told_is_held_until_the_rest_is_told() -> None:
 
 
 def test_a_number_without_a_prior_is_judged_by_its_value() -> None:
-    sure, vague = told([np.nan, 0.1], np.diag([100.0, 1e4])), told([np.nan, 0.1], np.diag([1.0, 1e4]))
+    sure, vague = (
+        told([np.nan, 0.1], np.diag([100.0, 1e4])),
+        told([np.nan, 0.1], np.diag([1.0, 1e4])),
+    )
     assert sure.determined[0]
     assert not vague.determined[0]
 
@@ -96,7 +109,9 @@ def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> 
 
     def along_difference(amount: float) -> tuple[str, ...]:
         plus, minus = np.array([1.0, 1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
-        return told([0.1, 0.1], 100.0 * (1e4 * np.outer(plus, plus) + amount * np.outer(minus, minus))).combinations
+        return told(
+            [0.1, 0.1], 100.0 * (1e4 * np.outer(plus, plus) + amount * np.outer(minus, minus))
+        ).combinations
 
     assert len(along_difference(0.4)) == 1
     assert along_difference(0.6) == ()
@@ -107,15 +122,21 @@ def test_two_numbers_of_which_the_logs_tell_nothing_are_one_line() -> None:
     information = 100.0 * np.diag([0.2, 0.1, 1e4])
     turned = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
     (line,) = told([0.1] * 3, turned @ information @ turned.T).combinations
-    assert line.startswith(("nothing of a and b, which stay near", "nothing of b and a, which stay near"))
+    assert line.startswith(
+        ("nothing of a and b, which stay near", "nothing of b and a, which stay near")
+    )
     three = np.array([[1.0, 1.0, 1.0], [1.0, -0.5, -0.5], [0.0, 1.0, -1.0]])
     three /= np.linalg.norm(three, axis=1)[:, None]
     (line,) = told([0.1] * 3, three.T @ (100.0 * np.diag([1e4, 0.1, 0.2])) @ three).combinations
-    assert line.endswith("only together, none of them alone: turn the joint further, or vary the load")
+    assert line.endswith(
+        "only together, none of them alone: turn the joint further, or vary the load"
+    )
 
 
 def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> None:
-    """Where a up, b down changes nothing, their product is known; where both up do, their ratio; one alone is no line."""
+    """Where a up, b down changes nothing, their product is known; where both up do, their ratio;
+    one alone is no line.
+    """
 
     def untold(direction: list[float]) -> tuple[str, ...]:
         unit = np.array(direction) / np.linalg.norm(direction)
@@ -123,7 +144,9 @@ def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> No
         return told([0.1] * len(unit), information).combinations
 
     (product,) = untold([1.0, -1.0])
-    assert product.startswith(("only the product of a and b, neither", "only the product of b and a, neither"))
+    assert product.startswith(
+        ("only the product of a and b, neither", "only the product of b and a, neither")
+    )
     (ratio,) = untold([1.0, 1.0])
     assert "only the ratio of" in ratio
     (three,) = untold([1.0, 0.9, -0.8])

@@ -1,4 +1,6 @@
-"""Hostile logs: CSV, Parquet, MCAP and bags with bytes, cells and blocks changed; no row is lost, no file changed."""
+"""Hostile logs: CSV, Parquet, MCAP and bags with bytes, cells and blocks changed; no row is lost,
+no file changed.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,69 @@ from distal.rig import Rig, log_factor
 from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
 
 CELLS = (
-    "", "nan", "NaN", "null", "-", "1e400", "-1e308", "1e-400", '"', '"1"', '""', '"1', '1"', "'1'",
-    "1,5", "1;5", "0x10", "1_000", "١٢", "²",
-    " 1 ", "\t", "\x00", "\x1b[2J", "inf", "true", "a" * 3000,
-    "2026-11-20T21:02:47Z", "1700000000000000000", "9" * 30, "\ufeff1", "#",
-)  # fmt: skip
-BYTES = (b"\x00", b"\xff", b"\n", b"\r", b'"', b",", b"\n\n", b"\x80" * 8, b"\x00" * 64, b"\xef\xbb\xbf")
+    "",
+    "nan",
+    "NaN",
+    "null",
+    "-",
+    "1e400",
+    "-1e308",
+    "1e-400",
+    '"',
+    '"1"',
+    '""',
+    '"1',
+    '1"',
+    "'1'",
+    "1,5",
+    "1;5",
+    "0x10",
+    "1_000",
+    "١٢",
+    "²",
+    " 1 ",
+    "\t",
+    "\x00",
+    "\x1b[2J",
+    "inf",
+    "true",
+    "a" * 3000,
+    "2026-11-20T21:02:47Z",
+    "1700000000000000000",
+    "9" * 30,
+    "\ufeff1",
+    "#",
+)
+BYTES = (
+    b"\x00",
+    b"\xff",
+    b"\n",
+    b"\r",
+    b'"',
+    b",",
+    b"\n\n",
+    b"\x80" * 8,
+    b"\x00" * 64,
+    b"\xef\xbb\xbf",
+)
 STAMPS = (0, 1, -1, 2**31, 2**63 - 1, 2**63, 2**64 - 1, 10**18)
-JSON = (None, True, "", "x", "1", [], [1], [[1], [1, 2]], {}, {"a": 1}, 1e308, -1e308, 2**63, 10**30, "²")
+JSON = (
+    None,
+    True,
+    "",
+    "x",
+    "1",
+    [],
+    [1],
+    [[1], [1, 2]],
+    {},
+    {"a": 1},
+    1e308,
+    -1e308,
+    2**63,
+    10**30,
+    "²",
+)
 
 
 class Logs:
@@ -42,10 +99,16 @@ class Logs:
         self._names = [sensor.log_column for sensor in rig.sensors if sensor.name in log.channels]
         write_log(log, rig, folder / "good.csv")
         write_log(log, rig, folder / "good.parquet")
-        self._csv, self._parquet = (folder / "good.csv").read_text(), (folder / "good.parquet").read_bytes()
+        self._csv, self._parquet = (
+            (folder / "good.csv").read_text(),
+            (folder / "good.parquet").read_bytes(),
+        )
         self._columns = pl.read_csv(self._csv.encode())
         (folder / "good.mcap").write_bytes(self._mcap(random.Random(0), False))
-        self._bags = {".db3": self._bag(2, folder / "two"), ".bag": self._bag(1, folder / "one.bag")}
+        self._bags = {
+            ".db3": self._bag(2, folder / "two"),
+            ".bag": self._bag(1, folder / "one.bag"),
+        }
         self._bag_rig = replace_columns(rig, {name: f"/{name}.data" for name in self._names})
 
     def attempt(self, seed: int) -> Outcome:
@@ -63,7 +126,11 @@ class Logs:
             data = self._odd_parquet(rng) if rng.random() < 0.3 else _damaged(rng, self._parquet)
         elif kind == "mcap":
             odd = rng.random() < 0.6
-            data = self._mcap(rng, True) if odd else _damaged(rng, (self._folder / "good.mcap").read_bytes())
+            data = (
+                self._mcap(rng, True)
+                if odd
+                else _damaged(rng, (self._folder / "good.mcap").read_bytes())
+            )
         else:
             data, rig = _damaged(rng, self._bags[f".{kind}"].read_bytes()), self._bag_rig
         if kind == "db3":
@@ -82,7 +149,9 @@ class Logs:
         return outcome if path.read_bytes() == data else broken((seed, kind), "the log was changed")
 
     def _rows(self, seed: int, data: bytes, read: Log) -> Outcome:
-        """Return whether every line of a CSV file that was taken is a row with the line's values."""
+        """Return whether every line of a CSV file that was taken is a row with the line's
+        values.
+        """
         text = data.decode().removeprefix("\ufeff").replace("\r\n", "\n").strip("\r\n")
         lines = [line for line in text.split("\n") if line.strip(" \t\r")]
         if len(read) != len(lines) - 1:
@@ -100,7 +169,15 @@ class Logs:
                 given = value / (sensor.sign * log_factor(sensor))
                 if np.isfinite(value) and not np.isclose(float(cell), given, rtol=1e-12, atol=0):
                     return broken(seed, f"'{cell}' was read as {value}")
-                if np.isnan(value) and cell.lower() not in ("", "nan", "na", "n/a", "null", "none", "-"):
+                if np.isnan(value) and cell.lower() not in (
+                    "",
+                    "nan",
+                    "na",
+                    "n/a",
+                    "null",
+                    "none",
+                    "-",
+                ):
                     return broken(seed, f"'{cell}' was lost")
         return TAKEN
 
@@ -121,32 +198,50 @@ class Logs:
                 lines[row], lines[0] = lines[0], lines[row]
             elif lines[row]:
                 lines[row][rng.randrange(len(lines[row]))] = rng.choice(CELLS)
-        separator, end = rng.choice([",", ",", ",", ";", "\t"]), rng.choice(["\n", "\n", "\r\n", "\r"])
-        text = end.join(separator.join(line) for line in lines)
-        return (rng.choice(["", "", "\ufeff", "\n", "\n\n"]) + text + rng.choice(["", end, end * 3])).encode(
-            "utf-8", "replace"
+        separator, end = (
+            rng.choice([",", ",", ",", ";", "\t"]),
+            rng.choice(["\n", "\n", "\r\n", "\r"]),
         )
+        text = end.join(separator.join(line) for line in lines)
+        return (
+            rng.choice(["", "", "\ufeff", "\n", "\n\n"]) + text + rng.choice(["", end, end * 3])
+        ).encode("utf-8", "replace")
 
     def _odd_parquet(self, rng: random.Random) -> bytes:
         name = rng.choice(self._columns.columns)
         column, rows = self._columns[name], self._columns.height
         odd: Any = rng.choice(
             [
-                lambda: column.cast(pl.String), lambda: column.cast(pl.Float32), lambda: column.cast(pl.Int8, strict=False),
-                lambda: column.is_null(), lambda: pl.Series(name, [None] * rows), lambda: pl.Series(name, [[1.0]] * rows),
-                lambda: pl.Series(name, [{"a": 1}] * rows), lambda: pl.Series(name, [2**63] * rows, dtype=pl.UInt64),
-                lambda: (column * 1e18).cast(pl.Int64, strict=False), lambda: pl.Series(name, [b"x"] * rows),
+                lambda: column.cast(pl.String),
+                lambda: column.cast(pl.Float32),
+                lambda: column.cast(pl.Int8, strict=False),
+                lambda: column.is_null(),
+                lambda: pl.Series(name, [None] * rows),
+                lambda: pl.Series(name, [[1.0]] * rows),
+                lambda: pl.Series(name, [{"a": 1}] * rows),
+                lambda: pl.Series(name, [2**63] * rows, dtype=pl.UInt64),
+                lambda: (column * 1e18).cast(pl.Int64, strict=False),
+                lambda: pl.Series(name, [b"x"] * rows),
                 lambda: column.cast(pl.Int64, strict=False).cast(pl.Datetime("ns")),
                 lambda: pl.Series(name, ["a"] * rows, dtype=pl.Categorical),
-                lambda: column * float("inf"), lambda: column.reverse(), lambda: column * 1e300,
+                lambda: column * float("inf"),
+                lambda: column.reverse(),
+                lambda: column * 1e300,
             ]
-        )  # fmt: skip
+        )
         frame = self._columns.with_columns(odd().alias(name))
         frame = rng.choice(
-            [frame, frame.head(rng.randrange(3)), frame.drop(name), frame.rename({name: rng.choice(["²", "", "t "])})]
+            [
+                frame,
+                frame.head(rng.randrange(3)),
+                frame.drop(name),
+                frame.rename({name: rng.choice(["²", "", "t "])}),
+            ]
         )
         path = self._folder / "odd.parquet"
-        frame.write_parquet(path, compression=rng.choice(["zstd", "snappy", "lz4", "gzip", "uncompressed"]))
+        frame.write_parquet(
+            path, compression=rng.choice(["zstd", "snappy", "lz4", "gzip", "uncompressed"])
+        )
         return path.read_bytes()
 
     def _mcap(self, rng: random.Random, odd: bool) -> bytes:
@@ -167,7 +262,15 @@ class Logs:
             if odd and rng.random() < 0.1:
                 changed: Any = {**values, rng.choice(["t", *self._names]): rng.choice(JSON)}
                 message = rng.choice(
-                    [json.dumps(changed), json.dumps([changed]), json.dumps({"a": changed}), "[" * 900, "", "{", "NaN"]
+                    [
+                        json.dumps(changed),
+                        json.dumps([changed]),
+                        json.dumps({"a": changed}),
+                        "[" * 900,
+                        "",
+                        "{",
+                        "NaN",
+                    ]
                 ).encode()
             if odd and rng.random() < 0.05:
                 stamp = rng.choice([s for s in STAMPS if s >= 0])
@@ -184,7 +287,9 @@ class Logs:
         store = get_typestore(Stores.ROS2_HUMBLE if version == 2 else Stores.ROS1_NOETIC)
         number = store.types["std_msgs/msg/Float64"]
         with (
-            Writer2(path, version=9, storage_plugin=StoragePlugin.SQLITE3) if version == 2 else Writer1(path) as writer
+            Writer2(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+            if version == 2
+            else Writer1(path) as writer
         ):
             for name in self._names:
                 connection = writer.add_connection(f"/{name}", number.__msgtype__, typestore=store)
@@ -201,7 +306,9 @@ def _damaged(rng: random.Random, data: bytes) -> bytes:
     for _ in range(rng.choice([1, 1, 1, 2, 5])):
         at = rng.randrange(len(data) + 1)
         if rng.random() < 0.4:
-            at = max(len(data) - rng.randrange(min(len(data), 400) + 1), 0)  # footers are where it hurts
+            at = max(
+                len(data) - rng.randrange(min(len(data), 400) + 1), 0
+            )  # footers are where it hurts
         size = rng.choice([0, 1, 1, 1, 4, 60])
         what = rng.randrange(6)
         if what <= 2 and at < len(data):
@@ -223,7 +330,11 @@ def replace_columns(rig: Rig, names: dict[str, str]) -> Rig:
         names: of columns → new names.
     """
     return rig.with_values(
-        {f"sensors.{s.name}.column": names[s.log_column] for s in rig.sensors if s.log_column in names}
+        {
+            f"sensors.{s.name}.column": names[s.log_column]
+            for s in rig.sensors
+            if s.log_column in names
+        }
     )
 
 

@@ -1,4 +1,6 @@
-"""Hostile rig files: shipped ones with lines, values, keys and bytes changed, and `--set` of anything."""
+"""Hostile rig files: shipped ones with lines, values, keys and bytes changed, and `--set` of
+anything.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,55 @@ from distal.rig import load_rig, rig_text, shipped_rigs
 from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
 
 VALUES: tuple[Any, ...] = (
-    0, 1, -1, 0.0, -0.0, 1e-300, 1e300, -1e9, 5e-324, 2**63, 10**30, float("nan"), float("inf"),
-    True, False, date(2026, 1, 1),
-    "", "std", "1 mm", "-3 deg", "10 %", "1e999 N", "1 parsec", "1 N m/A", "1,5 mm", "1 mm ± 2 mm", "link", "left", "²",
-    "joints", "\x00", "\x1b[2J", "é" * 300, "a" * 5000,
-    [], [[]], [0], ["1 mm", "2 mm"], [1, 0], ["a"] * 50,
-    {}, {"value": 1}, {"value": "1 N", "std": "10 %"}, {"std": 1}, {"value": {}}, {"kind": "pulley"}, {"kind": "pinned"},
+    0,
+    1,
+    -1,
+    0.0,
+    -0.0,
+    1e-300,
+    1e300,
+    -1e9,
+    5e-324,
+    2**63,
+    10**30,
+    float("nan"),
+    float("inf"),
+    True,
+    False,
+    date(2026, 1, 1),
+    "",
+    "std",
+    "1 mm",
+    "-3 deg",
+    "10 %",
+    "1e999 N",
+    "1 parsec",
+    "1 N m/A",
+    "1,5 mm",
+    "1 mm ± 2 mm",
+    "link",
+    "left",
+    "²",
+    "joints",
+    "\x00",
+    "\x1b[2J",
+    "é" * 300,
+    "a" * 5000,
+    [],
+    [[]],
+    [0],
+    ["1 mm", "2 mm"],
+    [1, 0],
+    ["a"] * 50,
+    {},
+    {"value": 1},
+    {"value": "1 N", "std": "10 %"},
+    {"std": 1},
+    {"value": {}},
+    {"kind": "pulley"},
+    {"kind": "pinned"},
     {"name": "x"},
-)  # fmt: skip
+)
 KEYS = (
     "name",
     "value",
@@ -81,15 +124,22 @@ def changed(seed: int) -> tuple[bytes, list[str]]:
             if kind == 2:
                 _change(rng, raw, parent, key)
             else:
-                assignments.append(
-                    f"{where}={rng.choice([_toml(rng.choice(VALUES)), '', '[', 'x y', '1 mm', _toml(rng.choice(KEYS))])}"
-                )
+                rubbish = [
+                    _toml(rng.choice(VALUES)),
+                    "",
+                    "[",
+                    "x y",
+                    "1 mm",
+                    _toml(rng.choice(KEYS)),
+                ]
+                assignments.append(f"{where}={rng.choice(rubbish)}")
         data = _dumped(raw)
     return data, assignments
 
 
 def attempt(seed: int, folder: Path) -> Outcome:
-    """Load a changed rig and look at its equations as `distal rig check` does; return what came of it.
+    """Load a changed rig and look at its equations as `distal rig check` does; return what came of
+    it.
 
     Args:
         seed: of the change.
@@ -133,7 +183,9 @@ def _lines(rng: random.Random, text: str) -> str:
             other = rng.randrange(len(lines))
             lines[at], lines[other] = lines[other], lines[at]
         else:
-            lines[at] = lines[at].replace(rng.choice('0123456789.mN= "'), rng.choice(["", "-", "0", "e9", "=", '"']), 1)
+            lines[at] = lines[at].replace(
+                rng.choice('0123456789.mN= "'), rng.choice(["", "-", "0", "e9", "=", '"']), 1
+            )
         if not lines:
             break
     return "\n".join(lines) + "\n"

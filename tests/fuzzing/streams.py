@@ -1,4 +1,6 @@
-"""Hostile streams: lines, datagrams and samples of every kind, between good ones; nothing ends the stream."""
+"""Hostile streams: lines, datagrams and samples of every kind, between good ones; nothing ends the
+stream.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,43 @@ from distal.run import HEALTH, LiveEstimator, Monitor
 from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
 
 NUMBERS = (
-    0, 1, -1, 5e-324, 1e-200, -1e-9, 1e8, 1e15, -1e19, 1e300, -1e308, 1.8e308, math.nan, math.inf, -math.inf, 2**63, 2**64,
-    10**400, -(10**400),
-)  # fmt: skip
-JSON_TYPES = (None, True, False, "", "x", "1", "nan", "1e5", "²", [], [1], {}, {"a": 1}, [[[]]], "1" * 5000)
+    0,
+    1,
+    -1,
+    5e-324,
+    1e-200,
+    -1e-9,
+    1e8,
+    1e15,
+    -1e19,
+    1e300,
+    -1e308,
+    1.8e308,
+    math.nan,
+    math.inf,
+    -math.inf,
+    2**63,
+    2**64,
+    10**400,
+    -(10**400),
+)
+JSON_TYPES = (
+    None,
+    True,
+    False,
+    "",
+    "x",
+    "1",
+    "nan",
+    "1e5",
+    "²",
+    [],
+    [1],
+    {},
+    {"a": 1},
+    [[[]]],
+    "1" * 5000,
+)
 CELLS = (
     "",
     "nan",
@@ -57,11 +92,14 @@ SAMPLES = (
 
 
 FAR = 1.0
-"""An angle that no good sample here has [rad]: a wild value must not lead `adaptive` there; `ekf` trusts every sample."""
+"""An angle that no good sample here has [rad]: a wild value must not lead `adaptive` there; `ekf`
+trusts every sample.
+"""
 
 
 class Stream:
-    """A stream that is fed for as long as it lives: `attempt` after `attempt`, of CSV, JSON lines or datagrams.
+    """A stream that is fed for as long as it lives: `attempt` after `attempt`, of CSV, JSON lines
+    or datagrams.
 
     Args:
         rig: its sensors name the columns.
@@ -72,7 +110,9 @@ class Stream:
     def __init__(self, rig: Rig, csv: bool, estimator: str = "adaptive") -> None:
         self.live = LiveEstimator(rig, estimator)
         self._reader = MessageReader(rig, self.live.channels)
-        self._columns = [sensor.log_column for sensor in rig.sensors if sensor.name in self.live.channels]
+        self._columns = [
+            sensor.log_column for sensor in rig.sensors if sensor.name in self.live.channels
+        ]
         self._time = rig.log.time.column
         self._csv, self._at, self._robust = csv, 0.0, estimator == "adaptive"
         self._session = Session(Monitor(self.live), self._reader, None, None, 0, not csv, "rad")
@@ -85,10 +125,14 @@ class Stream:
 
     def _good(self) -> list[str]:
         self._at += self.live.interval
-        values = [1e-3 * math.sin(3 * self._at), 2.0, -1e-3 * math.sin(3 * self._at), 2.0][: len(self._columns)]
+        values = [1e-3 * math.sin(3 * self._at), 2.0, -1e-3 * math.sin(3 * self._at), 2.0][
+            : len(self._columns)
+        ]
         if self._csv:
             return self._answers(",".join(map(repr, [self._at, *values])).encode() + b"\n")
-        return self._answers(json.dumps({self._time: self._at, **dict(zip(self._columns, values))}).encode())
+        return self._answers(
+            json.dumps({self._time: self._at, **dict(zip(self._columns, values))}).encode()
+        )
 
     def _answers(self, line: bytes) -> list[str]:
         out, err = io.StringIO(), io.StringIO()
@@ -97,7 +141,8 @@ class Stream:
         return out.getvalue().splitlines()
 
     def attempt(self, seed: int) -> Outcome:
-        """Feed one hostile input, then good samples, and return whether the stream went on as it promises.
+        """Feed one hostile input, then good samples, and return whether the stream went on as it
+        promises.
 
         Args:
             seed: of the input.
@@ -134,7 +179,10 @@ class Stream:
         if self._csv:
             cells = [
                 repr(stamp),
-                *(rng.choice([repr(rng.choice(NUMBERS)), rng.choice(CELLS), "2.0"]) for _ in self._columns),
+                *(
+                    rng.choice([repr(rng.choice(NUMBERS)), rng.choice(CELLS), "2.0"])
+                    for _ in self._columns
+                ),
             ]
             if kind == 1:
                 cells = cells[: rng.randrange(len(cells) + 1)] + cells[: rng.randrange(3)]
@@ -142,10 +190,15 @@ class Stream:
         else:
             message: object = {
                 self._time: stamp if rng.random() < 0.7 else rng.choice(JSON_TYPES),
-                **{name: rng.choice([rng.choice(NUMBERS), rng.choice(JSON_TYPES), 2.0]) for name in self._columns},
+                **{
+                    name: rng.choice([rng.choice(NUMBERS), rng.choice(JSON_TYPES), 2.0])
+                    for name in self._columns
+                },
             }
             if kind == 1:
-                message = rng.choice([message, [message], rng.choice(JSON_TYPES), {"a": {"b": message}}])
+                message = rng.choice(
+                    [message, [message], rng.choice(JSON_TYPES), {"a": {"b": message}}]
+                )
             line = _json(message).encode()
         if kind == 2:
             at = rng.randrange(len(line) + 1)
@@ -163,14 +216,20 @@ class Stream:
 
     def _recovered(self, answer: str) -> bool:
         theta = answer.split(",")[1] if self._csv else json.loads(answer)["theta"]
-        return theta not in ("", None) and abs(float(theta)) < (FAR if self._robust else LARGEST_ANGLE)
+        return theta not in ("", None) and abs(float(theta)) < (
+            FAR if self._robust else LARGEST_ANGLE
+        )
 
     def _step(self, rng: random.Random) -> Outcome:
-        """Give `LiveEstimator.step` what is no sample, or no time: it refuses by a `DistalError` only, or takes it."""
+        """Give `LiveEstimator.step` what is no sample, or no time: it refuses by a `DistalError`
+        only, or takes it.
+        """
         width = len(self.live.channels)
         time = rng.choice([*NUMBERS, *JSON_TYPES, np.float32(1), np.array([1.0]), self._at + 1e-3])
         odd = np.array([_float(rng.choice(NUMBERS)) for _ in range(width)])
-        plain = rng.choice([np.full(width, np.nan), np.zeros(width, dtype=rng.choice(["f4", "f8", "i2", "u8"]))])
+        plain = rng.choice(
+            [np.full(width, np.nan), np.zeros(width, dtype=rng.choice(["f4", "f8", "i2", "u8"]))]
+        )
         sample = rng.choice([rng.choice(SAMPLES), odd, plain])
         if rng.random() < 0.5:
             time = self._at + 1e-3

@@ -1,4 +1,6 @@
-"""`Hand` beside SDKs: its readings, what it sends, lost packets, motors that restart, wrong hands."""
+"""`Hand` beside SDKs: its readings, what it sends, lost packets, motors that restart, wrong
+hands.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def sound_rig() -> Rig:
     """Return the rig of a hand of two joints whose zeros are known."""
     known, _ = orca_like([3], JOINTS)
     rig = renamed(rig_of(known))
-    return rig.with_values({f"sensors.motor_{i}_position.bias": {"value": 0.0, "std": 0.02} for i in (1, 2)})
+    return rig.with_values(
+        {f"sensors.motor_{i}_position.bias": {"value": 0.0, "std": 0.02} for i in (1, 2)}
+    )
 
 
 class Orca:
@@ -66,7 +70,9 @@ def hand(orca: Orca) -> Hand:
     return Hand(orca, sound_rig(), compiled=False)
 
 
-def test_angles_are_degrees_by_joint_and_nan_before_the_first_update(hand: Hand, orca: Orca) -> None:
+def test_angles_are_degrees_by_joint_and_nan_before_the_first_update(
+    hand: Hand, orca: Orca
+) -> None:
     assert set(hand.get_joint_positions()) == set(JOINTS)
     assert np.isnan(list(hand.get_joint_positions().values())).all()
     for k in range(50):
@@ -108,12 +114,20 @@ def test_a_hot_motor_is_named_with_its_temperature(hand: Hand, orca: Orca) -> No
 
 @pytest.mark.parametrize(
     ("place", "torque", "beyond"),
-    [(1.95, 0.0, False), (2.1, 300.0, False), (2.4, 20.0, True), (-0.2, 0.0, False), (-0.9, 0.0, True)],
+    [
+        (1.95, 0.0, False),
+        (2.1, 300.0, False),
+        (2.4, 20.0, True),
+        (-0.2, 0.0, False),
+        (-0.9, 0.0, True),
+    ],
 )
 def test_a_spool_that_slipped_is_named_where_its_joint_should_have_ended(
     hand: Hand, orca: Orca, place: float, torque: float, beyond: bool
 ) -> None:
-    """The joint turns to 100 degrees, which is 110 of the motor; beyond it by stretch alone is no fault."""
+    """The joint turns to 100 degrees, which is 110 of the motor; beyond it by stretch alone is no
+    fault.
+    """
     orca.places[:], orca.currents[:] = [place, 0.0], [torque, 0.0]
     hand.update(0.0)
     hand.update(0.01)
@@ -129,9 +143,20 @@ def test_a_spool_that_slipped_is_named_where_its_joint_should_have_ended(
 
 
 def test_a_motor_is_beyond_its_range_until_it_leaves_the_end(hand: Hand, orca: Orca) -> None:
-    """It is judged on the way there: on the way back friction hides the tension. Away from the end all is forgotten."""
+    """It is judged on the way there: on the way back friction hides the tension. Away from the end
+    all is forgotten.
+    """
     found = []
-    ways = [(1.9, 50.0), (2.02, 290.0), (2.02, 0.0), (1.95, 0.0), (1.2, 0.0), (2.02, 0.0), (2.0, 290.0), (1.2, 0.0)]
+    ways = [
+        (1.9, 50.0),
+        (2.02, 290.0),
+        (2.02, 0.0),
+        (1.95, 0.0),
+        (1.2, 0.0),
+        (2.02, 0.0),
+        (2.0, 290.0),
+        (1.2, 0.0),
+    ]
     for k, (place, torque) in enumerate(ways):
         orca.places[:], orca.currents[:] = [place, 0.0], [torque, 0.0]
         hand.update(0.01 * k)
@@ -162,7 +187,9 @@ def test_wanted_angles_are_sent_through_the_transmission(hand: Hand, orca: Orca)
         ({"index_mcp": float("nan")}, "nan came"),
     ],
 )
-def test_angles_that_cannot_be_wanted_are_named(hand: Hand, wanted: dict[str, Any], says: str) -> None:
+def test_angles_that_cannot_be_wanted_are_named(
+    hand: Hand, wanted: dict[str, Any], says: str
+) -> None:
     with pytest.raises(CommandError, match="not known yet"):
         hand.set_joint_positions({"index_mcp": 1.0})
     hand.update(0.0)
@@ -176,7 +203,8 @@ def test_a_hand_that_was_never_calibrated_is_not_moved(orca: Orca) -> None:
     for k in range(20):
         hand.update(0.01 * k)
     with pytest.raises(
-        CommandError, match="where motor_1, motor_2 have their zero is not known, so nothing is sent: call"
+        CommandError,
+        match="where motor_1, motor_2 have their zero is not known, so nothing is sent: call",
     ):
         hand.set_joint_positions({"index_mcp": 10.0})
     assert orca.sent == {}
@@ -212,7 +240,9 @@ class Aero:
 def test_actuations_in_degrees_are_read_and_sent() -> None:
     rig = sound_rig()
     raw = rig.model_dump()
-    raw["sensors"] = [dict(s) | ({"unit": "deg"} if s["measures"] == "position" else {}) for s in raw["sensors"]]
+    raw["sensors"] = [
+        dict(s) | ({"unit": "deg"} if s["measures"] == "position" else {}) for s in raw["sensors"]
+    ]
     aero = Aero()
     hand = Hand(aero, build_rig(raw, "aero"), compiled=False)
     for k in range(40):
@@ -232,7 +262,12 @@ class Own:
         self.goals: Mapping[str, float] = {}
 
     def read(self) -> Mapping[str, float]:
-        return {"motor_1_position": 0.1, "motor_1_current": 5.0, "motor_2_position": 0.0, "something": 1.0}
+        return {
+            "motor_1_position": 0.1,
+            "motor_1_current": 5.0,
+            "motor_2_position": 0.0,
+            "something": 1.0,
+        }
 
     def temperatures(self) -> Mapping[str, float]:
         return {}
@@ -251,12 +286,16 @@ def test_any_hand_with_three_methods_will_do() -> None:
 
 
 class Simulated:
-    """A hand of one's own on a plant that shares no code with the model, with a clock of its own."""
+    """A hand of one's own on a plant that shares no code with the model, with a clock of its
+    own.
+    """
 
     def __init__(self) -> None:
         self.known, self.hands = orca_like([3], JOINTS)
         self.time, self.fails = 0.0, 0
-        self.goals = (self.hands.places + self.hands.d.zeros * self.hands.d.signs) * self.hands.d.signs
+        self.goals = (
+            self.hands.places + self.hands.d.zeros * self.hands.d.signs
+        ) * self.hands.d.signs
         self.read_out = self.hands.step(self.goals)
 
     def now(self) -> float:
@@ -274,7 +313,9 @@ class Simulated:
         signs, found = self.hands.d.signs[0], dict[str, float]()
         for k in range(2):
             found[f"motor_{k + 1}_position"] = float(self.read_out["places"][0, k] * signs[k])
-            found[f"motor_{k + 1}_current"] = float(1e3 * self.read_out["currents"][0, k] * signs[k])
+            found[f"motor_{k + 1}_current"] = float(
+                1e3 * self.read_out["currents"][0, k] * signs[k]
+            )
         return found
 
     def temperatures(self) -> Mapping[str, float]:
@@ -309,7 +350,9 @@ def test_from_power_on_to_live_angles_and_wanted_ones(tmp_path: Path) -> None:
 
 
 def test_an_interruption_anywhere_leaves_the_motors_where_they_are() -> None:
-    """Most of the time it comes while the loop waits; the goal of a motor that is held is then far ahead of it."""
+    """Most of the time it comes while the loop waits; the goal of a motor that is held is then far
+    ahead of it.
+    """
     own = Own()
     hand = Hand(own, sound_rig(), compiled=False)
     ticks, ahead = iter(np.arange(0.0, 100.0, 0.004)), list[float]()
@@ -355,7 +398,9 @@ def test_a_joint_that_follows_another_moves_with_it_and_is_not_wanted_by_itself(
     angles = hand.get_joint_positions()
     assert angles["pip"] == pytest.approx(30.0, abs=8.0)
     assert angles["dip"] == pytest.approx(0.67 * angles["pip"], abs=1e-6)
-    with pytest.raises(CommandError, match="'dip' follows another joint and is not moved by itself"):
+    with pytest.raises(
+        CommandError, match="'dip' follows another joint and is not moved by itself"
+    ):
         hand.set_joint_positions({"dip": 20.0})
 
 

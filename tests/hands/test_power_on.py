@@ -1,4 +1,6 @@
-"""The power-on routine on plants of others: what it moves, what it finds, what it says of faults."""
+"""The power-on routine on plants of others: what it moves, what it finds, what it says of
+faults.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,9 @@ def test_each_motor_meets_both_ends_and_only_one_moves_at_a_time() -> None:
         sweeps = sweeps_of(log, rig, motor)
         assert [sweep.way for sweep in sweeps] == [1, -1, 1, -1, 1]
         assert all(sweep.resisted for sweep in sweeps)
-    moving = [np.abs(np.gradient(log.channels[f"{motor}_position"])) > 1e-3 for motor in known.motors]
+    moving = [
+        np.abs(np.gradient(log.channels[f"{motor}_position"])) > 1e-3 for motor in known.motors
+    ]
     assert np.count_nonzero(moving[0] & moving[1]) < 10  # the first comes to rest
 
 
@@ -87,13 +91,17 @@ def test_numbers_are_those_of_the_plant_within_their_errors() -> None:
 def test_angles_after_the_routine_beat_the_ratio_of_the_travel() -> None:
     known, hands = hand()
     rig = rig_of(known)
-    (found, log), = calibrated(known, hands, rig)  # fmt: skip
-    ends = np.array([[[f(log.channels[f"{m}_position"]) for m in known.motors]] for f in (np.min, np.max)])
+    ((found, log),) = calibrated(known, hands, rig)
+    ends = np.array(
+        [[[f(log.channels[f"{m}_position"]) for m in known.motors]] for f in (np.min, np.max)]
+    )
     moves = motion(known, hands, ends, 1)
     truth = moves["angles"][:, 0]
     estimated = estimate(log_of(known, moves, 0), found.rig)
     error = np.sqrt(np.mean((estimated.angles - truth) ** 2))
-    plain = np.sqrt(np.mean((ratio(known, moves["places"][:, 0], (ends[0, 0], ends[1, 0])) - truth) ** 2))
+    plain = np.sqrt(
+        np.mean((ratio(known, moves["places"][:, 0], (ends[0, 0], ends[1, 0])) - truth) ** 2)
+    )
     assert error < 0.6 * plain
     assert np.mean(np.abs(estimated.angles - truth) < 1.96 * estimated.angle_stds) > 0.9
     # the rig as it came is far off: it does not know where motors have their zero
@@ -118,7 +126,8 @@ def spoiled(kind: str) -> tuple[Rig, Log]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "says"), [("broken", "m1_minus is broken"), ("side", "the wrong way round"), ("slipped", "spool slips")]
+    ("kind", "says"),
+    [("broken", "m1_minus is broken"), ("side", "the wrong way round"), ("slipped", "spool slips")],
 )
 def test_a_fault_is_found_at_its_motor_and_at_no_other(kind: str, says: str) -> None:
     rig, log = spoiled(kind)
@@ -149,7 +158,9 @@ def test_what_a_sound_hand_says_is_nothing() -> None:
 def test_a_motor_that_says_nothing_ends_the_routine_where_it_is() -> None:
     known, _ = hand()
     routine = Routine(rig_of(known))
-    goals = routine.step(0.0, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0})
+    goals = routine.step(
+        0.0, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0}
+    )
     for k in range(1, 100):
         goals = routine.step(0.01 * k, {"m1_position": nan, "m2_position": 2.0})
     assert routine.done
@@ -162,7 +173,9 @@ def test_a_torque_far_beyond_the_limit_ends_it() -> None:
     known, _ = hand()
     routine = Routine(rig_of(known))
     for k in range(5):
-        routine.step(0.01 * k, {"m1_position": 1.0, "m1_current": 0.9, "m2_position": 2.0, "m2_current": 0.0})
+        routine.step(
+            0.01 * k, {"m1_position": 1.0, "m1_current": 0.9, "m2_position": 2.0, "m2_current": 0.0}
+        )
     assert routine.aborted == "m1: a torque of 0.90 N m; its limit is 0.15"
 
 
@@ -171,7 +184,9 @@ def test_a_motor_that_does_not_move_ends_it_in_time() -> None:
     routine = Routine(rig_of(known), RoutineOptions(longest=3.0))
     k = 0
     while not routine.done:
-        routine.step(0.01 * k, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0})
+        routine.step(
+            0.01 * k, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0}
+        )
         k += 1
     assert k == pytest.approx(300, abs=3)
     assert "does the motor move?" in routine.aborted
@@ -243,7 +258,9 @@ def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
         ({"longest": 0.0}, r"longest \[s\] must be from 1 to 3600"),
     ],
 )
-def test_options_that_cannot_be_are_refused_before_anything_moves(change: dict[str, object], says: str) -> None:
+def test_options_that_cannot_be_are_refused_before_anything_moves(
+    change: dict[str, object], says: str
+) -> None:
     known, _ = hand()
     with pytest.raises(CommandError, match=says):
         Routine(rig_of(known), RoutineOptions(**change))  # type: ignore[arg-type]
@@ -255,16 +272,20 @@ def test_options_that_cannot_be_are_refused_before_anything_moves(change: dict[s
         (
             180 / np.pi,
             1.0,
-            "turn [0-9]+ times as far as their joints' ranges ask for, or more; is the unit of their positions",
+            "turn [0-9]+ times as far as their joints' ranges ask for, or more; is the unit of "
+            "their positions",
         ),
         (1.0, 1e-3, "torques while they move are .* N m at most; is the unit of their currents"),
         (1.0, 1e3, "is the unit of their currents"),
     ],
 )
-def test_wrong_units_are_named_instead_of_broken_tendons(places: float, torques: float, says: str) -> None:
+def test_wrong_units_are_named_instead_of_broken_tendons(
+    places: float, torques: float, says: str
+) -> None:
     _, log = routine_log()
     channels = {
-        name: values * (places if name.endswith("position") else torques) for name, values in log.channels.items()
+        name: values * (places if name.endswith("position") else torques)
+        for name, values in log.channels.items()
     }
     with pytest.raises(FitError, match=says):
         calibrate(Log(log.time, channels, {}, "degrees"), rig_of(hand()[0]))

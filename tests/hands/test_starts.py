@@ -1,4 +1,6 @@
-"""Where a calibration begins: numbers that agree with contacts and slopes, and a joint at the end of the first sweep."""
+"""Where a calibration begins: numbers that agree with contacts and slopes, and a joint at the end
+of the first sweep.
+"""
 
 from __future__ import annotations
 
@@ -34,14 +36,19 @@ SWEEPS = (swept(1, 2.0), swept(-1, -0.6), swept(1, 2.0), swept(-1, -0.6), swept(
 def test_each_start_of_a_pair_explains_its_travel_and_its_middle(stretched: bool) -> None:
     rig = pair_rig()
     starts = pair_starts(rig, "m1", SWEEPS, stretched)
-    assert len({round(start["drives.0.radius"], 9) for start in starts}) == (1 if stretched else len(starts))
+    assert len({round(start["drives.0.radius"], 9) for start in starts}) == (
+        1 if stretched else len(starts)
+    )
     low, high = rig.joints[0].travel
     for start in starts:
-        found = rig.with_values({path: value for path, value in start.items() if "pretension" not in path})
+        found = rig.with_values(
+            {path: value for path, value in start.items() if "pretension" not in path}
+        )
         motor, arm = found.drives[0], found.tendons[0].arms()["index_mcp"]
         assert isinstance(motor, Capstan)
         play = 0.0 if stretched else sum(tendon.slack.value for tendon in found.tendons)
-        # the travel that is left after play turns the joint through its range, but for a stretch of a degree
+        # the travel that is left after play turns the joint through its range, but for a stretch of
+        # a degree
         turned = (2.6 * motor.radius.value - play) / arm
         assert turned == pytest.approx(high - low, abs=np.deg2rad(1.0))
         middle = (0.7 - start["sensors.0.bias"]) * motor.radius.value / arm
@@ -61,7 +68,15 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
 
 def test_springs_begin_as_stiff_as_the_pull_at_the_top_holds_them() -> None:
     rows = [
-        Row(joint=name, motor="m", low=0.0, high=1.5, spool_radius=9e-3, joint_radius=arm, back="spring")
+        Row(
+            joint=name,
+            motor="m",
+            low=0.0,
+            high=1.5,
+            spool_radius=9e-3,
+            joint_radius=arm,
+            back="spring",
+        )
         for name, arm in (("mcp", 12e-3), ("pip", 6e-3))
     ]
     rig = hand_of(rows, "finger", "table").rig
@@ -70,7 +85,8 @@ def test_springs_begin_as_stiff_as_the_pull_at_the_top_holds_them() -> None:
     starts = single_starts(rig, "m", sweeps)
     middle = starts[len(starts) // 2]
     stiffness = [middle[f"joints.{i}.spring.stiffness"] for i in (0, 1)]
-    # both close together: k (middle - rest) = arm T, with the tension of (0.09 + 0.03)/2 N m on a spool of 9 mm
+    # both close together: k (middle - rest) = arm T, with the tension of (0.09 + 0.03)/2 N m on a
+    # spool of 9 mm
     assert stiffness[0] / stiffness[1] == pytest.approx(2.0)
     spring = rig.joints[0].spring
     assert spring is not None

@@ -1,4 +1,6 @@
-"""Homing with a discrepancy: the rig's numbers by the filter, then the rest by Bayes' rule; the run reads no reference."""
+"""Homing with a discrepancy: the rig's numbers by the filter, then the rest by Bayes' rule; the run
+reads no reference.
+"""
 
 from __future__ import annotations
 
@@ -37,14 +39,20 @@ def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) ->
     for each in (rig, rig.bare()):
         runner = AdaptiveFilter(each, compiled=False)
         samples = samples_of(log, runner.channels)
-        runs.append(plain_samples(runner, runner.initial(0.0, first_values(samples)), log, samples, truths))
+        runs.append(
+            plain_samples(runner, runner.initial(0.0, first_values(samples)), log, samples, truths)
+        )
     np.testing.assert_allclose(runs[0].angles, runs[1].angles, rtol=0, atol=1e-12)
     np.testing.assert_allclose(runs[0].variances, runs[1].variances, rtol=1e-9)
     np.testing.assert_allclose(runs[0].readings, runs[1].readings, rtol=0, atol=1e-15)
 
 
-def test_the_rigs_numbers_are_where_two_passes_leave_them(rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sample by sample: the window twice, each pass from the prior with the numbers of the pass before."""
+def test_the_rigs_numbers_are_where_two_passes_leave_them(
+    rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sample by sample: the window twice, each pass from the prior with the numbers of the pass
+    before.
+    """
     monkeypatch.setattr("distal.homing.window.Window.within", lambda *arguments: True)
     described, references = with_references(rig.bare(), log)
     runner = AdaptiveFilter(described, compiled=False, references=references)
@@ -67,19 +75,28 @@ def test_the_rigs_numbers_are_where_two_passes_leave_them(rig: Rig, log: Log, mo
     others = np.setdiff1d(np.arange(start.size), lasting)
     np.testing.assert_array_equal(found.mean[others], start.mean[others])
     square = np.ix_(lasting, lasting)
-    np.testing.assert_allclose(found.covariance[square], after.covariance[square], rtol=1e-8, atol=1e-18)
-    np.testing.assert_array_equal(found.covariance[np.ix_(others, others)], start.covariance[np.ix_(others, others)])
+    np.testing.assert_allclose(
+        found.covariance[square], after.covariance[square], rtol=1e-8, atol=1e-18
+    )
+    np.testing.assert_array_equal(
+        found.covariance[np.ix_(others, others)], start.covariance[np.ix_(others, others)]
+    )
     assert np.abs(found.mean[lasting] - start.mean[lasting]).max() > 0.0
 
 
 def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
-    """A constant error that the prior allows is gone after the move, and the move itself is not judged."""
+    """A constant error that the prior allows is gone after the move, and the move itself is not
+    judged.
+    """
     wide = made().model_dump()
     wide["joints"][0]["covariance"] = (
         np.array(wide["joints"][0]["covariance"]) + np.diag([0.04, 0, 0, 0, 0, 0])
     ).tolist()
     described = rig.with_values({"discrepancy": wide})
-    before, after = estimate(log, described, compiled=False), estimate(log, described, compiled=False, homing=1.0)
+    before, after = (
+        estimate(log, described, compiled=False),
+        estimate(log, described, compiled=False, homing=1.0),
+    )
     assert np.isnan(after.errors()[log.time < 1.0]).all()
     late = log.time >= 1.0
     assert abs(np.mean(after.errors()[late])) < 0.5 * abs(np.mean(before.errors()[late]))
@@ -89,7 +106,9 @@ def test_a_homing_move_takes_off_what_it_shows(rig: Rig, log: Log) -> None:
 def test_missing_readings_are_held() -> None:
     """Each is the last before it; the first ones are the first that is there."""
     nan = np.nan
-    np.testing.assert_array_equal(held(np.array([nan, nan, 3.0, nan, 5.0, nan])), [3.0, 3.0, 3.0, 3.0, 5.0, 5.0])
+    np.testing.assert_array_equal(
+        held(np.array([nan, nan, 3.0, nan, 5.0, nan])), [3.0, 3.0, 3.0, 3.0, 5.0, 5.0]
+    )
     np.testing.assert_array_equal(held(np.array([2.0, nan, 7.0])), [2.0, 2.0, 7.0])
 
 
@@ -106,7 +125,9 @@ def test_what_a_contacts_map_sees_begins_at_zero(rig: Rig) -> None:
 
 def window_of(rig: Rig, log: Log, **sensor: object) -> Window:
     """Return half a second of the log with its truth as the reference."""
-    changed = rig.bare().with_values({f"sensors.encoder.{key}": value for key, value in sensor.items()})
+    changed = rig.bare().with_values(
+        {f"sensors.encoder.{key}": value for key, value in sensor.items()}
+    )
     described, references = with_references(changed, replace(log, truth_source=FROM_SENSOR))
     runner = AdaptiveFilter(described, compiled=False, references=references)
     truths = log.truth["theta"][:, None]
@@ -131,9 +152,15 @@ def test_numbers_are_used_whose_errors_are_one_and_a_half_variances_at_most(
     assert (numbers_filtered(window) is not None) is used
 
 
-def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(rig: Rig, log: Log) -> None:
-    """e = truth − angle − offset, its variance that of the angle and the encoder's noise; it starts at the first truth."""
-    window = window_of(rig, log, noise="0.5 deg", resolution="0.1 deg", bias={"value": 0.0, "std": "1 deg"})
+def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(
+    rig: Rig, log: Log
+) -> None:
+    """e = truth − angle − offset, its variance that of the angle and the encoder's noise; it starts
+    at the first truth.
+    """
+    window = window_of(
+        rig, log, noise="0.5 deg", resolution="0.1 deg", bias={"value": 0.0, "std": "1 deg"}
+    )
     runner, n = window.runner, window.start.size
     bias = runner.state_names.index("bias_encoder")
     (channel,) = window.references
@@ -141,9 +168,13 @@ def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(
     carries[:, 0], carries[:, bias] = [0.1, 0.2, -0.3], [0.01, -0.02, 0.03]
     three = replace(window, truths=window.truths[:3])
     errors, variances = three.errors(carries)
-    np.testing.assert_allclose(errors[:, 0], window.truths[:3, 0] - carries[:, 0] - carries[:, bias], atol=1e-15)
+    np.testing.assert_allclose(
+        errors[:, 0], window.truths[:3, 0] - carries[:, 0] - carries[:, bias], atol=1e-15
+    )
     own = covariance_of(window.start.carry, n)[0, 0]
-    np.testing.assert_allclose(variances[:, 0], own + np.deg2rad(0.5) ** 2 + np.deg2rad(0.1) ** 2 / 12, rtol=1e-9)
+    np.testing.assert_allclose(
+        variances[:, 0], own + np.deg2rad(0.5) ** 2 + np.deg2rad(0.1) ** 2 / 12, rtol=1e-9
+    )
     truths = window.truths.copy()
     truths[:2] = np.nan
     begun = replace(window, truths=truths).anchored(window.start.carry)

@@ -1,4 +1,6 @@
-"""Least squares on the homing move sees that a rig is described wrong, and its line is then what is reported."""
+"""Least squares on the homing move sees that a rig is described wrong, and its line is then what is
+reported.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def wrong() -> Log:
 
 
 def test_a_rig_that_is_wrong_says_what_least_squares_says(wrong: Log) -> None:
-    ours, line = (estimate(wrong, RIG, name, compiled=False, homing=HOMING) for name in ("adaptive", "affine"))
+    ours, line = (
+        estimate(wrong, RIG, name, compiled=False, homing=HOMING) for name in ("adaptive", "affine")
+    )
     assert any("least squares" in note for note in ours.notes)
     late = wrong.time - wrong.time[0] >= HOMING
     np.testing.assert_allclose(ours.angles[late], line.angles[late], atol=1e-6)
@@ -47,10 +51,14 @@ def test_a_rig_that_is_wrong_says_what_least_squares_says(wrong: Log) -> None:
 
 
 def test_known_offsets_of_the_sensors_are_those_of_the_line(wrong: Log) -> None:
-    """The filter takes known offsets off its drives' places, and a straight line of raw readings does not."""
+    """The filter takes known offsets off its drives' places, and a straight line of raw readings
+    does not.
+    """
     places = [i for i, sensor in enumerate(RIG.sensors) if sensor.measures == "position"]
     rig = RIG.with_values({f"sensors.{i}.bias.value": 2e-3 for i in places})
-    ours, line = (estimate(wrong, rig, name, compiled=False, homing=HOMING) for name in ("adaptive", "affine"))
+    ours, line = (
+        estimate(wrong, rig, name, compiled=False, homing=HOMING) for name in ("adaptive", "affine")
+    )
     assert any("least squares" in note for note in ours.notes)
     late = wrong.time - wrong.time[0] >= HOMING
     np.testing.assert_allclose(ours.angles[late], line.angles[late], atol=1e-6)
@@ -67,7 +75,9 @@ def test_known_offsets_of_the_sensors_are_those_of_the_line(wrong: Log) -> None:
         ([3.0, np.nan], [1.0, np.nan], [9.0, np.nan], True),  # one that is not known does not count
     ],
 )
-def test_what_decides(sizes: list[float], of_line: list[float], surprise: list[float], better: bool) -> None:
+def test_what_decides(
+    sizes: list[float], of_line: list[float], surprise: list[float], better: bool
+) -> None:
     assert line_is_better(np.array(sizes), np.array(of_line), np.array(surprise)) == better
 
 
@@ -96,7 +106,9 @@ def test_a_batch_may_have_both(wrong: Log) -> None:
 
 
 def test_a_reference_that_stands_still_teaches_no_line() -> None:
-    """The joint moves during the move while it is said to be at rest: the angle must not stand still with it."""
+    """The joint moves during the move while it is said to be at rest: the angle must not stand
+    still with it.
+    """
     scenario = load_scenario("template")
     rig = scenario_rig(scenario)
     log, homed = at_known_angle(simulate(rig, scenario, 1), rig, 0.5, 0.0, 0.02)

@@ -25,8 +25,13 @@ HOMING = 2.0
 
 
 def wide(rig: Rig) -> Rig:
-    """A stranger's rig: radius known to 40 %, each stiffness to 60 %, each place to 3 mm, and no force sensors."""
-    radius = {"value": rig.tendons[0].insertion.radius.value, "shared": {"name": "disk", "std": "40 %"}}
+    """A stranger's rig: radius known to 40 %, each stiffness to 60 %, each place to 3 mm, and no
+    force sensors.
+    """
+    radius = {
+        "value": rig.tendons[0].insertion.radius.value,
+        "shared": {"name": "disk", "std": "40 %"},
+    }
     described = rig.with_values(
         {
             **{f"tendons.{i}.insertion.radius": radius for i in (0, 1)},
@@ -35,12 +40,16 @@ def wide(rig: Rig) -> Rig:
         }
     )
     raw = described.model_dump()["sensors"]
-    return described.with_values({"sensors": [sensor for sensor in raw if sensor["measures"] != "force"]})
+    return described.with_values(
+        {"sensors": [sensor for sensor in raw if sensor["measures"] != "force"]}
+    )
 
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    """A plant whose radius is half as much again, one tendon twice as stiff, the other twice as soft."""
+    """A plant whose radius is half as much again, one tendon twice as stiff, the other twice as
+    soft.
+    """
     rig = load_rig("pulley-antagonist")
     radius = 1.5 * rig.tendons[0].insertion.radius.value
     plant = {f"tendons.{i}.insertion.radius": radius for i in (0, 1)}
@@ -78,7 +87,9 @@ def errors_after(log: Log, rig: Rig) -> tuple[float, float]:
 @pytest.mark.slow  # many runs of the filter
 def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, home = wide(load_rig("pulley-antagonist")), sys.modules["distal.homing.home"]
-    monkeypatch.setattr(home, "led_astray", lambda *_: None)  # whether least squares does better is not asked here
+    monkeypatch.setattr(
+        home, "led_astray", lambda *_: None
+    )  # whether least squares does better is not asked here
     rms, inside = errors_after(log, rig)
     assert rms < 0.5
     assert inside > 0.9
@@ -88,11 +99,18 @@ def test_wide_priors_do_not_lead_it_astray(log: Log, monkeypatch: pytest.MonkeyP
 
 
 def test_the_numbers_are_those_of_the_plant(found: tuple[Window, Belief]) -> None:
-    """What only products show stays uncertain: each number within three stds of the whole posterior."""
+    """What only products show stays uncertain: each number within three stds of the whole
+    posterior.
+    """
     window, belief = found
     names = list(window.runner.state_parts)
     radius, first, second = (
-        names.index(name) for name in ("disk.factor", "tendons.left.stiffness.factor", "tendons.right.stiffness.factor")
+        names.index(name)
+        for name in (
+            "disk.factor",
+            "tendons.left.stiffness.factor",
+            "tendons.right.stiffness.factor",
+        )
     )
     for at, true in ((radius, 1.5), (first, 1450 / 806), (second, 320 / 806)):
         std = np.sqrt(belief.covariance[at, at] / KEPT)
@@ -101,7 +119,9 @@ def test_the_numbers_are_those_of_the_plant(found: tuple[Window, Belief]) -> Non
 
 
 def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]) -> None:
-    """The naive twin: the criterion written as a loop over samples; no step along a number makes it smaller."""
+    """The naive twin: the criterion written as a loop over samples; no step along a number makes it
+    smaller.
+    """
     window, belief = found
     runner, n = window.runner, window.start.size
     lasting = [i for i in np.flatnonzero(runner.states.lasting) if runner.states.stds[i] > 0]
@@ -127,12 +147,21 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
     base = np.mean(run(means)[1]) + np.deg2rad(0.1) ** 2
     true = window.truths[:, 0]
     ratios = (true - run(belief.mean[lasting])[0]) / np.sqrt(base)
-    # one sample in `INDEPENDENT` s is independent, or fewer where the errors are correlated for longer
-    weight = max(1.0, float(np.mean(ratios**2))) * max(INDEPENDENT * log.rate, correlated_samples(ratios))
+    # one sample in `INDEPENDENT` s is independent, or fewer where the errors are correlated for
+    # longer
+    weight = max(1.0, float(np.mean(ratios**2))) * max(
+        INDEPENDENT * log.rate, correlated_samples(ratios)
+    )
 
     def criterion(numbers: Floats) -> float:
         angles, _ = run(numbers)
-        return float(np.sum((true - angles) ** 2) / base / weight + np.sum(((numbers - means) / stds) ** 2)) / 2
+        return (
+            float(
+                np.sum((true - angles) ** 2) / base / weight
+                + np.sum(((numbers - means) / stds) ** 2)
+            )
+            / 2
+        )
 
     least = criterion(belief.mean[lasting])
     assert least < 0.01 * criterion(means)
@@ -142,7 +171,8 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
             other[k] += step * stds[k]
             if other[k] > runner.states.lowest[lasting[k]]:
                 assert criterion(other) > least - 1e-3
-    # three tenths of the covariance are the inverse of its curvature, here along each number that the move tells most of
+    # three tenths of the covariance are the inverse of its curvature, here along each number that
+    # the move tells most of
     precision = np.linalg.inv(belief.covariance[np.ix_(lasting, lasting)])
     scaled = np.diagonal(precision) * stds**2
     told = [k for k in range(len(lasting)) if scaled[k] > 30.0]
@@ -189,11 +219,15 @@ def test_the_covariance_goes_on_with_the_run(found: tuple[Window, Belief]) -> No
     )
     assert np.linalg.eigvalsh(belief.covariance).min() >= 0.0
     priors = window.runner.states.stds[lasting]
-    assert np.all(np.sqrt(np.diagonal(belief.covariance)[lasting]) <= np.sqrt(KEPT) * priors * (1 + 1e-6))
+    assert np.all(
+        np.sqrt(np.diagonal(belief.covariance)[lasting]) <= np.sqrt(KEPT) * priors * (1 + 1e-6)
+    )
     assert belief.mean[0] == pytest.approx(window.truths[0, 0])
 
 
-def test_a_window_in_which_the_filter_leaves_all_bounds(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_in_which_the_filter_leaves_all_bounds(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Numbers for which the filter has no answer are as bad as can be, and no reason to stop."""
     window = window_of(log, wide(load_rig("pulley-antagonist")), 0.3)
     scan, calls = Window.scan, [0]
@@ -216,11 +250,15 @@ def test_a_prior_with_which_the_filter_leaves_all_bounds_is_left_as_it_was(
 
 
 def test_a_rig_in_which_nothing_is_uncertain() -> None:
-    """There is nothing to find, and the run goes on: a frictionless joint whose every number is known."""
+    """There is nothing to find, and the run goes on: a frictionless joint whose every number is
+    known.
+    """
     rig = load_rig("pulley-antagonist").with_values(CERTAIN)
     drives = {"left": {"weight": "4 N"}, "right": {"weight": "2 N"}}
     certain = simulate(
-        rig, build_scenario({"rig": "pulley-antagonist", "duration": 1.0, "drives": drives}, "certain"), 0
+        rig,
+        build_scenario({"rig": "pulley-antagonist", "duration": 1.0, "drives": drives}, "certain"),
+        0,
     )
     window = window_of(certain, rig, 0.3)
     assert not window.runner.states.lasting.any()

@@ -1,4 +1,6 @@
-"""The inverse: least pulls against a linear programme, places against the model's balance, angles of MuJoCo's fingers."""
+"""The inverse: least pulls against a linear programme, places against the model's balance, angles
+of MuJoCo's fingers.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ STIFF = {"slider": (3e5, 120.0), "motor": (60.0, 0.03)}
 def finger(inverse: Inverse, middle: float = 0.35, size: float = 0.25) -> Commands:
     """Return commands for slow sines of all joints that move by themselves."""
     names = inverse.joints
-    return inverse(TIME, {name: middle + size * np.sin((1.5 + 0.3 * k) * TIME) for k, name in enumerate(names)})
+    return inverse(
+        TIME, {name: middle + size * np.sin((1.5 + 0.3 * k) * TIME) for k, name in enumerate(names)}
+    )
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -44,7 +48,9 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
     symbols = [ca.SX.sym("A", n, m), ca.SX.sym("t", n), ca.SX.sym("low", m)]
     function = ca.Function("least", symbols, [least_pulls(*symbols, [True] * m, "tension")])
     pulls = np.array(function(arms, torques, lowest)).ravel()
-    known = linprog(np.ones(m), A_eq=arms, b_eq=torques, bounds=[(low, None) for low in lowest], method="highs")
+    known = linprog(
+        np.ones(m), A_eq=arms, b_eq=torques, bounds=[(low, None) for low in lowest], method="highs"
+    )
     assert known.success
     assert pulls.sum() == pytest.approx(known.fun, rel=1e-6)
     np.testing.assert_allclose(arms @ pulls, torques, atol=1e-12)
@@ -53,7 +59,9 @@ def test_the_least_pulls_are_those_of_a_linear_programme(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_coolest_pulls_are_those_of_a_quadratic_programme(seed: int) -> None:
-    """Least Σ f² against SciPy's non-negative least squares, with the torques as heavy rows (Haskell and Hanson, 1981)."""
+    """Least Σ f² against SciPy's non-negative least squares, with the torques as heavy rows
+    (Haskell and Hanson, 1981).
+    """
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 3))
     m = n + 1 if seed % 2 else 2 * n
@@ -66,14 +74,19 @@ def test_the_coolest_pulls_are_those_of_a_quadratic_programme(seed: int) -> None
     pulls = np.array(function(arms, torques, lowest)).ravel()
     weight = 1e8
     above, _ = nnls(
-        np.vstack([np.eye(m), weight * arms]), np.concatenate([-lowest, weight * (torques - arms @ lowest)])
+        np.vstack([np.eye(m), weight * arms]),
+        np.concatenate([-lowest, weight * (torques - arms @ lowest)]),
     )
     np.testing.assert_allclose(pulls, lowest + above, rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["paper-2008", "lab-bench", "finger-2n", "finger-n-plus-1", "wrist-instrument"])
+@pytest.mark.parametrize(
+    "name", ["paper-2008", "lab-bench", "finger-2n", "finger-n-plus-1", "wrist-instrument"]
+)
 def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
-    """Moving on, a joint's tendons pull what its motion and all of its friction need; and no tendon is too loose."""
+    """Moving on, a joint's tendons pull what its motion and all of its friction need; and no tendon
+    is too loose.
+    """
     rig = load_rig(name)
     if name == "paper-2008":  # its sliders have little room, and commands end there
         rig = rig.with_values({f"drives.{i}.stops": [-0.05, 0.05] for i in range(2)})
@@ -92,10 +105,18 @@ def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
         at = np.concatenate([commands.angles[k], commands.places[k]])
         ways = np.sign(speeds[k])
         needed, limits = model.needed(
-            commands.angles[k], speeds[k], accelerations[k], commands.places[k], ways, np.zeros(nj), p
+            commands.angles[k],
+            speeds[k],
+            accelerations[k],
+            commands.places[k],
+            ways,
+            np.zeros(nj),
+            p,
         )
         made = np.array(pulled(at, p)).ravel()
-        np.testing.assert_allclose(made, np.array(needed).ravel(), atol=2e-3 * float(np.array(limits).max()) + 1e-7)
+        np.testing.assert_allclose(
+            made, np.array(needed).ravel(), atol=2e-3 * float(np.array(limits).max()) + 1e-7
+        )
     if all(model.one_sided):
         assert commands.tensions.min() >= 2.0 - 1e-6
     assert nd == commands.places.shape[1]
@@ -103,7 +124,9 @@ def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
 
 
 def test_the_least_tension_is_kept_by_tendons_that_are_softer_than_the_file_says() -> None:
-    """Exactly known tendons hold what is asked for; those that are known to 10 % hold 1.96 × 10 % more in the model."""
+    """Exactly known tendons hold what is asked for; those that are known to 10 % hold 1.96 × 10 %
+    more in the model.
+    """
     for std, most in ((0.0, 1.0), (0.1, 1.0 + 1.96 * 0.1)):
         known = {"value": 2500.0, "std": 2500.0 * std}
         rig = load_rig("finger-2n").with_values({f"tendons.{i}.stiffness": known for i in range(4)})
@@ -121,12 +144,21 @@ def test_a_drive_goes_no_further_than_its_range_and_it_is_said() -> None:
 
 
 def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
-    """A map that adds 0.02 rad: the commands are those of a rig without it for angles that are so much smaller."""
+    """A map that adds 0.02 rad: the commands are those of a rig without it for angles that are so
+    much smaller.
+    """
     rig = load_rig("capstan-joint")
     constant = {"joint": "jaw", "coefficients": [0.02], "covariance": [[0.0]], "std": 0.01}
-    wide = {"low": [-50.0] * 3, "high": [50.0] * 3, "distance": [[1e-6, 0.0], [0.0, 1e-6]], "reach": 1e3}
+    wide = {
+        "low": [-50.0] * 3,
+        "high": [50.0] * 3,
+        "distance": [[1e-6, 0.0], [0.0, 1e-6]],
+        "reach": 1e3,
+    }
     learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
-    plain, mapped = (Inverse(one, compiled=False) for one in (rig, rig.with_values({"discrepancy": learned})))
+    plain, mapped = (
+        Inverse(one, compiled=False) for one in (rig, rig.with_values({"discrepancy": learned}))
+    )
     wanted = 0.3 + 0.1 * np.sin(TIME)
     with_map, without = mapped(TIME, wanted), plain(TIME, wanted - 0.02)
     late = TIME > 1.0
@@ -137,7 +169,9 @@ def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
 
 
 def driven(name: str, seed: int, places: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """Return the true angles of a drawn plant in MuJoCo whose drives are where they were sent to, at `TIME`."""
+    """Return the true angles of a drawn plant in MuJoCo whose drives are where they were sent to,
+    at `TIME`.
+    """
     plant = chain_plants.PLANTS[RIGS[name][0]]
     truth = chain_plants.draw_truth(plant, np.random.default_rng([seed, 77]))
     model = chain_plants.build_model(plant, truth.springs)
@@ -154,7 +188,9 @@ def driven(name: str, seed: int, places: np.ndarray, begin: np.ndarray) -> np.nd
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["finger-2n", "finger-n-plus-1", "wrist-instrument"])
 def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
-    """A plant that shares no code, as drawn: 0.6 times the error of arms and a constant tension, band included."""
+    """A plant that shares no code, as drawn: 0.6 times the error of arms and a constant tension,
+    band included.
+    """
     plant = chain_plants.PLANTS[RIGS[name][0]]
     arms, winding = np.array(plant.arms), np.array(plant.drives.winding)
     commands = finger(Inverse(name, least_tension=2.0), size=0.2)
@@ -162,8 +198,12 @@ def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
     tension = 0.0 if any(plant.pretensions) else 4.0 * balance / balance.mean()
     ratio = (commands.wanted @ arms.T + tension / plant.stiffness) @ np.linalg.pinv(winding).T
     for seed in (1, 2):
-        own, other = (driven(name, seed, places, commands.wanted[0]) for places in (commands.places, ratio))
-        errors = [float(np.sqrt(np.mean((angles - commands.wanted) ** 2))) for angles in (own, other)]
+        own, other = (
+            driven(name, seed, places, commands.wanted[0]) for places in (commands.places, ratio)
+        )
+        errors = [
+            float(np.sqrt(np.mean((angles - commands.wanted) ** 2))) for angles in (own, other)
+        ]
         assert errors[0] < 0.6 * errors[1]
         assert np.mean(np.abs(own - commands.angles) < 1.96 * commands.stds) > 0.7
 
@@ -182,7 +222,9 @@ def test_what_cannot_be_reached_is_said() -> None:
     beyond = finger(inverse, middle=1.5, size=0.5)
     assert any("beyond its stops" in note for note in beyond.notes)
     limited = load_rig("finger-2n", ["drives.mcp_f.limit=0.5"])
-    assert any("its limit is 0.5 N" in note for note in finger(Inverse(limited, compiled=False)).notes)
+    assert any(
+        "its limit is 0.5 N" in note for note in finger(Inverse(limited, compiled=False)).notes
+    )
 
 
 def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
@@ -216,7 +258,9 @@ def test_wrong_wishes_are_refused(time: object, angles: object, word: str) -> No
 
 
 def test_friction_is_made_up_for_in_the_direction_of_motion() -> None:
-    """Up and down through one angle the motor is 2 (l + b ω)/(2 k r²) r/R apart: l = μ r_a Σ T of both cables."""
+    """Up and down through one angle the motor is 2 (l + b ω)/(2 k r²) r/R apart: l = μ r_a Σ T of
+    both cables.
+    """
     angles = 0.3 * (1 - np.abs(TIME / 4.0 - 1.0))
     commands = Inverse("lab-bench", compiled=False)(TIME, angles[:, None])
     up, down = 200, 600
@@ -227,9 +271,11 @@ def test_friction_is_made_up_for_in_the_direction_of_motion() -> None:
 
 
 def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
-    """By differences: a rig with one number off needs other places, and by dθ/ds the joint would be off by as much.
+    """By differences: a rig with one number off needs other places, and by dθ/ds the joint would be
+    off by as much.
 
-    At the start friction holds the joint anywhere within ± l of its balance: a third of (l/K)² more.
+    At the start friction holds the joint anywhere within ± l of its balance: a third of (l/K)²
+    more.
     """
     # pre-tension that is hardly known would hide all else
     tight = [f'tendons.{name}.pretension.std="0 N"' for name in ("flexor", "extensor")]
@@ -243,9 +289,14 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
     slope = (places(rig, 1e-3) - right) / 1e-3
     off = np.zeros(2)
     for draw in draws:
-        paths = [path for path in draw.paths if not path.startswith("sensors") and ".initial" not in path]
+        paths = [
+            path for path in draw.paths if not path.startswith("sensors") and ".initial" not in path
+        ]
         known = {path: number(rig, path).value for path in paths}
-        steps = {path: share * draw.std * (value if draw.common else 1.0) for path, value in known.items()}
+        steps = {
+            path: share * draw.std * (value if draw.common else 1.0)
+            for path, value in known.items()
+        }
         values = {path: known[path] + step for path, step in steps.items()}
         off += ((places(rig.with_values(values)) - right) / slope / share) ** 2 if values else 0.0
     limit, stiffness = 0.15 * 2e-3 * commands.tensions[0].sum(), 2 * 20e3 * 8e-3**2
@@ -254,14 +305,18 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
 
 
 def test_a_joint_is_as_stiff_as_its_tendons_say() -> None:
-    """Tendons of k at arms r hold the joint with Σ k r², whatever their tension: pulleys, and straight springs."""
+    """Tendons of k at arms r hold the joint with Σ k r², whatever their tension: pulleys, and
+    straight springs.
+    """
     inverse = Inverse("finger-2n", compiled=False)
     found = inverse.stiffness({"mcp": 0.4, "pip": 0.3}, "3 N")
     rig = inverse.rig
     for joint, stiffness in zip(inverse.joints, found):
         arms = [tendon.arms().get(joint, 0.0) for tendon in rig.tendons]
         springs = [tendon.stiffness.value for tendon in rig.tendons]
-        assert stiffness == pytest.approx(sum(k * r**2 for k, r in zip(springs, arms)), rel=0.05)  # and gravity
+        assert stiffness == pytest.approx(
+            sum(k * r**2 for k, r in zip(springs, arms)), rel=0.05
+        )  # and gravity
     np.testing.assert_allclose(found, inverse.stiffness([0.4, 0.3], 30.0), rtol=1e-6)
     assert inverse.pretension([0.4, 0.3], 0.5 * found.min()) == pytest.approx(0.1)
     with pytest.raises(CommandError, match="more than the tendons give"):
@@ -270,9 +325,13 @@ def test_a_joint_is_as_stiff_as_its_tendons_say() -> None:
 
 def test_pretension_makes_a_joint_stiff_whose_tendons_stiffen() -> None:
     """The stiffness that is wanted is that at the tension that is returned."""
-    stiffening = load_rig("paper-2008").with_values({f"tendons.{i}.stiffening": 200.0 for i in range(2)})
+    stiffening = load_rig("paper-2008").with_values(
+        {f"tendons.{i}.stiffening": 200.0 for i in range(2)}
+    )
     inverse = Inverse(stiffening, compiled=False)
     low, high = (float(inverse.stiffness([0.2], tension)[0]) for tension in (1.0, 50.0))
     assert high > 1.1 * low
     tension = inverse.pretension([0.2], 0.5 * (low + high))
-    assert float(inverse.stiffness([0.2], tension)[0]) == pytest.approx(0.5 * (low + high), rel=1e-3)
+    assert float(inverse.stiffness([0.2], tension)[0]) == pytest.approx(
+        0.5 * (low + high), rel=1e-3
+    )

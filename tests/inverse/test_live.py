@@ -1,4 +1,6 @@
-"""The inverse in a loop: its guide against a naive twin, a plant that is not the model's, and what goes wrong in use."""
+"""The inverse in a loop: its guide against a naive twin, a plant that is not the model's, and what
+goes wrong in use.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def sample_of(inverse: LiveInverse) -> np.ndarray:
     sensors = {sensor.name: sensor for sensor in inverse.rig.sensors}
     drives = [drive.name for drive in inverse.rig.drives]
     kinds = {"position": commands.sent[-1], "force": commands.forces[-1]}
-    return np.array([kinds[sensors[name].measures][drives.index(sensors[name].of)] for name in inverse.channels])
+    return np.array(
+        [kinds[sensors[name].measures][drives.index(sensors[name].of)] for name in inverse.channels]
+    )
 
 
 def naive_guide(v: dict[str, float]) -> dict[str, float]:
@@ -51,18 +55,34 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
     wished, fastest = v["wished_before"] if v["started_before"] else first, v["fastest"]
     most = fastest / SPEEDS_UP
     braking = np.sqrt(2 * most * abs(wished - before))
-    rate = max(-fastest, min(fastest, (v["wanted"] - wished) / dt)) + np.clip((wished - before) / dt, -braking, braking)
-    rate = float(np.clip(np.clip(rate, -fastest, fastest), v["rate_before"] - most * dt, v["rate_before"] + most * dt))
+    rate = max(-fastest, min(fastest, (v["wanted"] - wished) / dt)) + np.clip(
+        (wished - before) / dt, -braking, braking
+    )
+    rate = float(
+        np.clip(
+            np.clip(rate, -fastest, fastest),
+            v["rate_before"] - most * dt,
+            v["rate_before"] + most * dt,
+        )
+    )
     step = rate * dt
     share = dt / (dt + SMOOTHED)
     speed = (1 - share) * v["speed_before"] + share * step / dt
     acceleration = (1 - share) * v["acceleration_before"] + share * (speed - v["speed_before"]) / dt
     error = before + step - v["angles"]
     rests = abs(error) < v["deadband"] * (LEAVES if v["rests_before"] else 1.0)
-    counted = 0.0 if rests or not v["trusted"] else np.sign(error) * max(abs(error) - v["deadband"], 0.0)
-    correction = max(-MOST, min(MOST, v["correction_before"] + v["winds"] * v["follow"] * counted * dt))
+    counted = (
+        0.0 if rests or not v["trusted"] else np.sign(error) * max(abs(error) - v["deadband"], 0.0)
+    )
+    correction = max(
+        -MOST, min(MOST, v["correction_before"] + v["winds"] * v["follow"] * counted * dt)
+    )
     turning = (v["angles"] - v["last_before"]) / dt if v["started_before"] else 0.0
-    asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * v["trusted"] * (speed - turning)
+    asked = (
+        v["kp"] * counted
+        + v["ki"] * v["effort_before"]
+        + v["kd"] * v["trusted"] * (speed - turning)
+    )
     pushed = max(-v["torque_limit"], min(v["torque_limit"], asked))
     return {
         "wished": v["wanted"],
@@ -86,8 +106,13 @@ def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
     values = {name: float(rng.normal()) for name in guide.name_in()}
     positive = ("fastest", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
     values |= {name: abs(values[name]) for name in positive} | {"dt": rng.uniform(0.001, 0.02)}
-    values |= {name: float(rng.integers(2)) for name in ("trusted", "winds", "started_before", "rests_before")}
-    values["wished_before"] = values["reference_before"] + 0.1 * rng.normal() * values["fastest"] * values["dt"]
+    values |= {
+        name: float(rng.integers(2))
+        for name in ("trusted", "winds", "started_before", "rests_before")
+    }
+    values["wished_before"] = (
+        values["reference_before"] + 0.1 * rng.normal() * values["fastest"] * values["dt"]
+    )
     values["wanted"] = values["wished_before"] + rng.normal() * values["fastest"] * values["dt"]
     values["rate_before"] = rng.normal() * values["fastest"]
     values["angles"] = values["reference_before"] + rng.normal() * values["deadband"]
@@ -97,7 +122,9 @@ def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
 
 
 def test_on_a_plant_of_others_the_joint_goes_where_it_is_wanted() -> None:
-    """Ropes that creep, with backlash and servos that lag: better than lengths alone, and still at rest."""
+    """Ropes that creep, with backlash and servos that lag: better than lengths alone, and still at
+    rest.
+    """
     rig, time = Ropes(0).rig, np.arange(600) * PERIOD
     wanted = np.where(time < 3.0, 0.4 * np.sin(2.0 * time), 0.4 * np.sin(6.0))[:, None]
     start = Inverse(rig, least_tension=2.0)(time, wanted).sent[0]
@@ -130,7 +157,9 @@ def test_a_clone_goes_on_alone(inverse: LiveInverse) -> None:
         other = cloned(inverse)
         once = other.step(0.05, [0.25], sample)
         assert inverse.estimator.time == 0.04
-        np.testing.assert_array_equal(once.places, cloned(inverse).step(0.05, [0.25], sample).places)
+        np.testing.assert_array_equal(
+            once.places, cloned(inverse).step(0.05, [0.25], sample).places
+        )
 
 
 def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
@@ -146,7 +175,9 @@ def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
     assert "stays" not in inverse.step(0.02, [0.12], sample).note
 
 
-def test_a_jump_is_as_fast_as_joints_may_turn_and_no_angle_is_the_one_before(inverse: LiveInverse) -> None:
+def test_a_jump_is_as_fast_as_joints_may_turn_and_no_angle_is_the_one_before(
+    inverse: LiveInverse,
+) -> None:
     inverse.reset()
     sample, places = sample_of(inverse), []
     for k in range(60):
@@ -179,7 +210,9 @@ def test_what_is_not_known_is_not_fed_back(inverse: LiveInverse) -> None:
 
 
 def test_an_angle_is_commanded_for_when_the_drive_gets_there() -> None:
-    """With a delay of 50 ms, along w = a t²/2: the command is for w at t + 50 ms, the bend included."""
+    """With a delay of 50 ms, along w = a t²/2: the command is for w at t + 50 ms, the bend
+    included.
+    """
     late, acceleration = 0.05, 4.0
     inverse = LiveInverse(with_delay(late), feedback=Feedback(follow=0.0), compiled=False)
     for k in range(60):
@@ -192,10 +225,17 @@ def test_an_angle_is_commanded_for_when_the_drive_gets_there() -> None:
 
 
 def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
-    """A map that adds 0.02 rad: the same places as without it for an angle that is 0.02 rad smaller."""
+    """A map that adds 0.02 rad: the same places as without it for an angle that is 0.02 rad
+    smaller.
+    """
     rig = load_rig("capstan-joint")
     constant = {"joint": "jaw", "coefficients": [0.02], "covariance": [[0.0]], "std": 0.01}
-    wide = {"low": [-50.0] * 3, "high": [50.0] * 3, "distance": [[1e-6, 0.0], [0.0, 1e-6]], "reach": 1e3}
+    wide = {
+        "low": [-50.0] * 3,
+        "high": [50.0] * 3,
+        "distance": [[1e-6, 0.0], [0.0, 1e-6]],
+        "reach": 1e3,
+    }
     learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
     places = []
     for one, wanted in ((rig, 0.1), (rig.with_values({"discrepancy": learned}), 0.12)):
@@ -227,7 +267,9 @@ def test_a_torque_that_the_filter_sees_is_held_against() -> None:
 
 
 def test_nothing_winds_up_against_a_stop_or_the_end_of_a_range() -> None:
-    """Wanted far beyond what the rig can: said, the correction stays small, and the joint comes back at once."""
+    """Wanted far beyond what the rig can: said, the correction stays small, and the joint comes
+    back at once.
+    """
     for name, why in (("lab-bench", ""), (RIG, "at the end of its range")):
         inverse = LiveInverse(name, feedback=Feedback(follow=5.0), compiled=False)
         sample, joint = np.zeros(len(inverse.channels)), inverse.rig.joints[0]
@@ -235,7 +277,10 @@ def test_nothing_winds_up_against_a_stop_or_the_end_of_a_range() -> None:
             command = inverse.step(0.01 * k, [3.0], sample)
         assert why in command.note
         correction = float(inverse._loop.carry[inverse._layouts.carry["correction"]][0])
-        assert abs(float(inverse._loop.carry[inverse._layouts.carry["reference"]][0])) <= (joint.stops or (0.0, 3.0))[1]
+        assert (
+            abs(float(inverse._loop.carry[inverse._layouts.carry["reference"]][0]))
+            <= (joint.stops or (0.0, 3.0))[1]
+        )
     assert abs(correction) < 0.5 * MOST
 
 
@@ -263,8 +308,12 @@ def test_a_reading_is_the_place_its_offset_and_its_curve() -> None:
 
 
 def test_a_servo_is_where_it_has_to_be_in_time() -> None:
-    """A drive with lag and delay that is sent what `sent` says follows a sine; alone it would be 10 % behind."""
-    rig = load_rig(RIG).with_values({"drives.0.servo": {"bandwidth": 10.0, "delay": 0.02, "fastest": 1.0}})
+    """A drive with lag and delay that is sent what `sent` says follows a sine; alone it would be 10
+    % behind.
+    """
+    rig = load_rig(RIG).with_values(
+        {"drives.0.servo": {"bandwidth": 10.0, "delay": 0.02, "fastest": 1.0}}
+    )
     step = 1e-3
     time = np.arange(0.0, 3.0, step)
     places = 5e-3 * np.sin(2 * np.pi * 0.7 * time)

@@ -23,7 +23,9 @@ def used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777])
-def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int) -> None:
+def test_a_folder_that_others_can_write_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int
+) -> None:
     tmp_path.chmod(mode)
     said = used(tmp_path, monkeypatch)
     assert f"is not used: others can write to it (mode {mode:o}); chmod go-w helps" in said
@@ -32,7 +34,9 @@ def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path, monkeypatch:
     check_own(tmp_path)
 
 
-def test_a_folder_of_another_user_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_of_another_user_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid + 1)
     assert "is not used: it belongs to another user" in used(tmp_path, monkeypatch)
     assert not list(tmp_path.iterdir())
@@ -57,15 +61,35 @@ def test_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow  # a process of its own, whose user has no name and no folder
 def test_commands_without_a_home(tmp_path: Path) -> None:
-    kept = {key: value for key, value in os.environ.items() if key not in ("HOME", "XDG_CACHE_HOME", "DISTAL_CACHE")}
-    program = "import pwd; pwd.getpwuid = lambda number: {}[number]\nfrom distal.cli import main; main()"
+    kept = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("HOME", "XDG_CACHE_HOME", "DISTAL_CACHE")
+    }
+    program = (
+        "import pwd; pwd.getpwuid = lambda number: {}[number]\nfrom distal.cli import main; main()"
+    )
     for words in (
         ["doctor"],
         ["simulate", "series-2", "--out", "log.csv"],
-        ["estimate", "log.csv", "--rig", "paper-2008-printed", "-e", "inextensible", "--plot", "plot.png"],
+        [
+            "estimate",
+            "log.csv",
+            "--rig",
+            "paper-2008-printed",
+            "-e",
+            "inextensible",
+            "--plot",
+            "plot.png",
+        ],
     ):
         done = subprocess.run(
-            [sys.executable, "-c", program, *words], env=kept, capture_output=True, text=True, check=False, cwd=tmp_path
+            [sys.executable, "-c", program, *words],
+            env=kept,
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
         )
         assert done.returncode == 0, done.stderr
         assert "Traceback" not in done.stderr

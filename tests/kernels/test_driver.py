@@ -1,4 +1,6 @@
-"""The driver: runs alone or in lanes give the same numbers, in order, and samples get their own rows."""
+"""The driver: runs alone or in lanes give the same numbers, in order, and samples get their own
+rows.
+"""
 
 import re
 from pathlib import Path
@@ -14,14 +16,20 @@ from distal.kernels import Advanced, Feed, Kernel, advance, advance_all, at_samp
 def kernel(compiled: bool) -> Kernel:
     carry, x, p = ca.SX.sym("carry", 2), ca.SX.sym("x"), ca.SX.sym("p")
     following = ca.vertcat(carry[1] + p, ca.sin(carry[0]) + x)
-    return Kernel(ca.Function("driver", [carry, x, p], [following, ca.vertcat(carry[0] * x, p)]), compiled)
+    return Kernel(
+        ca.Function("driver", [carry, x, p], [following, ca.vertcat(carry[0] * x, p)]), compiled
+    )
 
 
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("keep", [None, (), (1,)])
-def test_more_runs_than_lanes_are_those_of_one_by_one(compiled: bool, keep: tuple[int, ...] | None) -> None:
+def test_more_runs_than_lanes_are_those_of_one_by_one(
+    compiled: bool, keep: tuple[int, ...] | None
+) -> None:
     rng = np.random.default_rng(3)
-    feeds = [Feed(rng.normal(size=2), rng.normal(size=(5 + k, 1)), rng.normal(size=1)) for k in range(19)]
+    feeds = [
+        Feed(rng.normal(size=2), rng.normal(size=(5 + k, 1)), rng.normal(size=1)) for k in range(19)
+    ]
     driven = kernel(compiled)
     runs = advance_all(driven, feeds, keep)
     assert len(runs) == len(feeds)
@@ -30,7 +38,9 @@ def test_more_runs_than_lanes_are_those_of_one_by_one(compiled: bool, keep: tupl
         for k, x in enumerate(feed.rows[:, 0]):
             expected = np.array([carry[1] + feed.p[0], np.sin(carry[0]) + x])
             np.testing.assert_allclose(run.ys[k], [carry[0] * x, feed.p[0]], rtol=1e-14)
-            np.testing.assert_allclose(run.carries[k], expected if keep is None else expected[list(keep)], rtol=1e-12)
+            np.testing.assert_allclose(
+                run.carries[k], expected if keep is None else expected[list(keep)], rtol=1e-12
+            )
             carry = expected
         np.testing.assert_array_equal(run.ys, advance(driven, feed).ys)
 
@@ -49,10 +59,17 @@ def test_bridges_of_gaps_are_left_out() -> None:
 
 
 def test_kernels_are_fed_by_the_driver_alone() -> None:
-    """Live estimators and inverses step loops of their own; all others call `advance` or `advance_all`."""
+    """Live estimators and inverses step loops of their own; all others call `advance` or
+    `advance_all`.
+    """
     source = Path(distal.__file__).parent
     fed = re.compile(r"(kernel|lanes|loop)(\(.*\))?\.(step|scan|lanes|loop)\(")
     files = (
-        path.relative_to(source).as_posix() for path in source.rglob("*.py") if fed.search(path.read_text("utf-8"))
+        path.relative_to(source).as_posix()
+        for path in source.rglob("*.py")
+        if fed.search(path.read_text("utf-8"))
     )
-    assert sorted(path for path in files if not path.startswith("kernels/")) == ["inverse/live.py", "run/live.py"]
+    assert sorted(path for path in files if not path.startswith("kernels/")) == [
+        "inverse/live.py",
+        "run/live.py",
+    ]

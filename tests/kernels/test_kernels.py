@@ -1,4 +1,6 @@
-"""Compiled and interpreted kernels give the same numbers; whatever is broken falls back and says so."""
+"""Compiled and interpreted kernels give the same numbers; whatever is broken falls back and says
+so.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,17 @@ from distal.kernels.cache import Cache, digest
 from distal.run import samples_of
 
 pytestmark = pytest.mark.compiled
-needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler on this machine")
+needs_compiler = pytest.mark.skipif(
+    isinstance(find_compiler(), str), reason="no C compiler on this machine"
+)
 
 
 def small_function(name: str = "small") -> ca.Function:
     carry, x, p = ca.MX.sym("carry", 2), ca.MX.sym("x", 1), ca.MX.sym("p", 1)
     following = ca.vertcat(carry[0] + 0.1 * carry[1], p * carry[1] + x)
-    return ca.Function(name, [carry, x, p], [following, ca.sumsqr(following)], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        name, [carry, x, p], [following, ca.sumsqr(following)], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 @pytest.fixture
@@ -68,8 +74,12 @@ def test_estimators_compiled_and_interpreted_agree(name: str) -> None:
     for compiled in (True, False):
         estimator = make_estimator(name, rig, compiled)
         samples = samples_of(log, estimator.channels)
-        results.append(estimator.scan(estimator.initial(log.time[0], samples[0]), log.time, samples)[0])
-    np.testing.assert_allclose(results[0], results[1], rtol=1e-9, atol=1e-9 * np.abs(results[1]).max())
+        results.append(
+            estimator.scan(estimator.initial(log.time[0], samples[0]), log.time, samples)[0]
+        )
+    np.testing.assert_allclose(
+        results[0], results[1], rtol=1e-9, atol=1e-9 * np.abs(results[1]).max()
+    )
 
 
 @needs_compiler
@@ -94,12 +104,15 @@ def test_a_damaged_library_is_never_loaded(fresh: Path, damage: str) -> None:
     else:
         # a new file: the old one stays mapped by this process
         library.unlink()
-        library.write_bytes({"empty": b"", "garbage": b"garbage", "truncated": content[: len(content) // 2]}[damage])
+        library.write_bytes(
+            {"empty": b"", "garbage": b"garbage", "truncated": content[: len(content) // 2]}[damage]
+        )
     assert Cache(fresh).find(note.stem) is None
     again = Kernel(small_function())
     assert again.backend == "compiled"
     np.testing.assert_array_equal(
-        again.scan(START, INPUTS[0], P)[0], Kernel(small_function(), False).scan(START, INPUTS[0], P)[0]
+        again.scan(START, INPUTS[0], P)[0],
+        Kernel(small_function(), False).scan(START, INPUTS[0], P)[0],
     )
 
 
@@ -121,9 +134,14 @@ def test_no_compiler(fresh: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert probe()[0] == "interpreted"
 
 
-def test_a_compiler_that_fails(fresh: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_compiler_that_fails(
+    fresh: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     bad = tmp_path / "badcc"
-    bad.write_text('#!/bin/sh\n[ "$1" = --version ] && echo "bad 1.0" && exit 0\necho "no space left" >&2\nexit 1\n')
+    bad.write_text(
+        '#!/bin/sh\n[ "$1" = --version ] && echo "bad 1.0" && exit 0\necho "no space left" '
+        ">&2\nexit 1\n"
+    )
     bad.chmod(0o755)
     monkeypatch.setenv("CC", str(bad))
     falls_back("the C compiler failed: no space left")
@@ -160,11 +178,14 @@ def test_several_processes_at_once(fresh: Path, count: int) -> None:
     code = (
         "import numpy as np, casadi as ca, warnings; warnings.simplefilter('error')\n"
         "from tests.kernels.test_kernels import *\n"
-        "k = Kernel(small_function('shared')); print(k.backend, k.scan(START, INPUTS, P)[0].tobytes().hex())"
+        "k = Kernel(small_function('shared')); print(k.backend, k.scan(START, INPUTS, "
+        "P)[0].tobytes().hex())"
     )
     environment = {**os.environ, "DISTAL_CACHE": str(fresh)}
     running = [
-        subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True
+        )
         for _ in range(count)
     ]
     said = {process.communicate()[0] for process in running}
@@ -191,7 +212,9 @@ def test_threads_may_share_a_kernel() -> None:
     from concurrent.futures import ThreadPoolExecutor
 
     carry, x, p = ca.SX.sym("carry", 2), ca.SX.sym("x"), ca.SX.sym("p")
-    function = ca.Function("shared", [carry, x, p], [ca.vertcat(carry[1] + p, ca.sin(carry[0]) + x), carry[0] * x])
+    function = ca.Function(
+        "shared", [carry, x, p], [ca.vertcat(carry[1] + p, ca.sin(carry[0]) + x), carry[0] * x]
+    )
     rng = np.random.default_rng(1)
     starts, xs = rng.normal(size=(16, 2)), rng.normal(size=(16, 300, 1))
     for compiled in (True, False):

@@ -1,4 +1,6 @@
-"""The lab in headless Chromium: its numbers are Python's, it is used by keys, it fits, and it is quick."""
+"""The lab in headless Chromium: its numbers are Python's, it is used by keys, it fits, and it is
+quick.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def rig(request: pytest.FixtureRequest) -> Rig:
     # of the chain's joints each has a torque that nobody measures
     return load_rig(
-        request.param, ["joints.*.external_torque.std=0.05 N m"] if request.param == "wrist-instrument" else ()
+        request.param,
+        ["joints.*.external_torque.std=0.05 N m"] if request.param == "wrist-instrument" else (),
     )
 
 
@@ -78,7 +81,10 @@ def moved(rig: Rig, pulls: np.ndarray, truth: Rig | None = None, whole: bool = F
     kernel = Kernel(plant_function(made.plant, made.count))
     carry, _ = at_rest(made.plant, held, made.start, kernel)
     rows = np.column_stack(
-        [np.repeat(pulls, made.parts, axis=0), np.full(made.parts * len(pulls), made.interval / made.parts)]
+        [
+            np.repeat(pulls, made.parts, axis=0),
+            np.full(made.parts * len(pulls), made.interval / made.parts),
+        ]
     )
     ys = kernel.scan(carry, rows, Mechanism(truth or rig, remembers=True).parameters.values)[1]
     return ys[made.parts - 1 :: made.parts, : None if whole else nj]
@@ -104,7 +110,9 @@ def choose(page: Page, joint: int) -> None:
 
 @pytest.mark.compiled
 def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
-    """The motion and the estimate over 5 s to 1e-9 and over 60 s to 1e-6, from the log that the page saves."""
+    """The motion and the estimate over 5 s to 1e-9 and over 60 s to 1e-6, from the log that the
+    page saves.
+    """
     page.value("lab.pause()")
     nj = len(rig.joints)
     for duration, tolerance in ((5.0, 1e-9), (60.0, 1e-6)):
@@ -135,7 +143,9 @@ def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
 
 @pytest.mark.compiled
 def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Path) -> None:
-    """The true torque is what acts on that joint, the told one and its std are Python's estimate from the saved log."""
+    """The true torque is what acts on that joint, the told one and its std are Python's estimate
+    from the saved log.
+    """
     page.value("lab.pause()")
     torques = page.value("JSON.parse(document.getElementById('lab-data').textContent).torques")
     names, nj = [joint.name for joint in rig.joints], len(rig.joints)
@@ -143,7 +153,9 @@ def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Pat
     for k, (_, _, joint) in enumerate(torques):
         choose(page, joint)
         set_by_hand(page, f"{LOAD}.max", "load")
-        found = page.value("(lab.begin(), lab.run(3), { last: lab.last(), acted: lab.acted(), csv: lab.csv() })")
+        found = page.value(
+            "(lab.begin(), lab.run(3), { last: lab.last(), acted: lab.acted(), csv: lab.csv() })"
+        )
         row = np.array(found["last"][1 + 4 * nj + 3 * k :][:3])
         assert row[0] == found["acted"][joint] > 0.0
         (folder / "touched.csv").write_text(found["csv"])
@@ -156,14 +168,23 @@ def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Pat
 
 def times(rig: Rig, factor: float, *names: str) -> dict[str, object]:
     """Return the numbers of a rig whose path ends with one of some names, times a factor."""
-    paths = [path for path in Mechanism(rig).parameters.names if re.search(rf"({'|'.join(names)})$", path)]
+    paths = [
+        path
+        for path in Mechanism(rig).parameters.names
+        if re.search(rf"({'|'.join(names)})$", path)
+    ]
     return {path: factor * number(rig, path).value for path in paths}
 
 
 def changed(rig: Rig, settings: dict[str, float]) -> Rig:
-    """Return the rig that is true: what sliders say, written down without looking at the page's list of numbers."""
+    """Return the rig that is true: what sliders say, written down without looking at the page's
+    list of numbers.
+    """
     friction = times(
-        rig, settings["friction"], r"friction\.(coefficient|constant|load)", r"hysteresis\.(constant|slope)"
+        rig,
+        settings["friction"],
+        r"friction\.(coefficient|constant|load)",
+        r"hysteresis\.(constant|slope)",
     )
     stiffness = times(rig, settings["stiffness"], r"tendons\.\d+\.stiffness")
     pretension = times(rig, settings["pretension"], r"pretension")
@@ -180,8 +201,14 @@ ACT = """(() => {{ {first}; lab.begin(); const pulls = [];
 
 
 def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[str, float]:
-    """Act, and compare each number that is drawn after 5 s with Python's; return the sliders' values."""
-    interval, n, nj = 1 / max(sensor.rate for sensor in rig.sensors), len(rig.joints) + len(rig.drives), len(rig.joints)
+    """Act, and compare each number that is drawn after 5 s with Python's; return the sliders'
+    values.
+    """
+    interval, n, nj = (
+        1 / max(sensor.rate for sensor in rig.sensors),
+        len(rig.joints) + len(rig.drives),
+        len(rig.joints),
+    )
     found = page.value(ACT.format(first=first, steps=round(5.0 / interval), interval=interval))
     (folder / "drawn.csv").write_text(found["csv"])
     log = read_log(folder / "drawn.csv", rig)
@@ -189,7 +216,8 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
     pulls = np.array(found["pulls"])
     whole = moved(rig, pulls, changed(rig, found["settings"]), whole=True)
     truth, told, half = (
-        np.rad2deg(column[:, joint]) for column in (whole[:, :nj], known.angles[1:], BAND * known.angle_stds[1:])
+        np.rad2deg(column[:, joint])
+        for column in (whole[:, :nj], known.angles[1:], BAND * known.angle_stds[1:])
     )
     rough = np.rad2deg(plain.angles[1:, joint])
 
@@ -206,7 +234,10 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
     torques = external_torques_of(make_estimator("adaptive", rig))
     if name in torques:
         touched, std = known.means[1:, torques[name]], np.sqrt(known.variances[1:, torques[name]])
-        agree(found["drawn"]["torque"], [pulls[:, joint], touched, touched - BAND * std, touched + BAND * std])
+        agree(
+            found["drawn"]["torque"],
+            [pulls[:, joint], touched, touched - BAND * std, touched + BAND * std],
+        )
     else:
         assert found["drawn"]["torque"] == []
     now, halves, true, tensions = found["drawn"]["pictured"]
@@ -214,13 +245,19 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
     np.testing.assert_allclose(halves, BAND * known.angle_stds[-1], atol=1e-9)
     np.testing.assert_allclose(true, whole[-1, :nj], atol=1e-9)
     # a tendon of 20 kN/m turns 1e-13 m into 2e-9 N
-    np.testing.assert_allclose(tensions, whole[-1, 2 * n : 2 * n + len(rig.tendons)], rtol=1e-9, atol=1e-7)
+    np.testing.assert_allclose(
+        tensions, whole[-1, 2 * n : 2 * n + len(rig.tendons)], rtol=1e-9, atol=1e-7
+    )
     return dict(found["settings"])
 
 
 @pytest.mark.compiled
-def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(page: Page, rig: Rig, folder: Path) -> None:
-    """Angle, band, torques true and told, and tensions, of each joint; what one experiment set the next one has not."""
+def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
+    page: Page, rig: Rig, folder: Path
+) -> None:
+    """Angle, band, torques true and told, and tensions, of each joint; what one experiment set the
+    next one has not.
+    """
     page.value("lab.pause()")
     for joint in range(len(rig.joints)):
         choose(page, joint)
@@ -229,11 +266,17 @@ def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(page: Page, rig: Ri
             wanted = page.value(f"JSON.parse({BUTTONS}[{k}].dataset.set)")
             for name, value in settings.items():
                 plain = {"load": 0.0, "wanted": 0.0, "range": 0.7, "speed": 0.15}.get(name, 1.0)
-                expected = wanted.get(name, 0.0) if name == "load" else 2 ** wanted[name] if name in wanted else plain
+                expected = (
+                    wanted.get(name, 0.0)
+                    if name == "load"
+                    else 2 ** wanted[name]
+                    if name in wanted
+                    else plain
+                )
                 assert value == pytest.approx(expected, rel=0.02), name  # a slider moves in steps
-            assert page.value("document.querySelectorAll('input[type=checkbox]:checked').length") == len(
-                wanted.get("dead", [])
-            )
+            assert page.value(
+                "document.querySelectorAll('input[type=checkbox]:checked').length"
+            ) == len(wanted.get("dead", []))
             assert text(page, "why") == page.value(f"{BUTTONS}[{k}].dataset.why")
             pressed = page.value(f"[...{BUTTONS}].map((one) => one.getAttribute('aria-pressed'))")
             assert [one == "true" for one in pressed] == [i == k for i in range(len(pressed))]
@@ -241,14 +284,20 @@ def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(page: Page, rig: Ri
 
 @pytest.mark.compiled
 def test_each_control_changes_what_is_true(page: Page, rig: Rig, folder: Path) -> None:
-    """Each slider alone, to one of its ends, against Python; what is set by hand is said and is no experiment any more."""
+    """Each slider alone, to one of its ends, against Python; what is set by hand is said and is no
+    experiment any more.
+    """
     page.value("lab.pause()")
-    for name in page.value("[...document.querySelectorAll('input[type=range]')].map((one) => one.name)"):
+    for name in page.value(
+        "[...document.querySelectorAll('input[type=range]')].map((one) => one.name)"
+    ):
         if page.value(f"document.querySelector('input[name={name}]').closest('label').hidden"):
             continue
         page.value(f"{BUTTONS}[0].click()")
         set_by_hand(page, f"document.querySelector('input[name={name}]').min", name)
-        label = page.value(f"document.querySelector('input[name={name}]').labels[0].firstChild.textContent").strip()
+        label = page.value(
+            f"document.querySelector('input[name={name}]').labels[0].firstChild.textContent"
+        ).strip()
         assert text(page, "why").startswith("Set by hand: ")
         assert label in text(page, "why")
         assert page.value("document.querySelectorAll('[aria-pressed=true]').length") == 0
@@ -259,7 +308,9 @@ def test_each_control_changes_what_is_true(page: Page, rig: Rig, folder: Path) -
 
 @pytest.mark.compiled
 def test_an_experiment_leaves_nothing_to_the_next_one(page: Page, rig: Rig) -> None:
-    """After a load and a dead sensor for 10 s "As described" gives the numbers of a page just opened, to the last bit."""
+    """After a load and a dead sensor for 10 s "As described" gives the numbers of a page just
+    opened, to the last bit.
+    """
     page.value("lab.pause(); document.getElementById('seed').value = 1")
     run = f"({BUTTONS}[0].click(), lab.run(4), lab.drawn())"
     fresh = page.value(run)
@@ -272,7 +323,9 @@ def test_an_experiment_leaves_nothing_to_the_next_one(page: Page, rig: Rig) -> N
 
 @pytest.mark.compiled
 def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, rig: Rig) -> None:
-    """At least 88 % of the first 15 s after a click, and of those after the first 3 s, for each joint and three seeds."""
+    """At least 88 % of the first 15 s after a click, and of those after the first 3 s, for each
+    joint and three seeds.
+    """
     page.value("lab.pause()")
     interval, band = 1 / max(sensor.rate for sensor in rig.sensors), BAND
     tried = 0
@@ -284,26 +337,41 @@ def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, r
             choose(page, joint)
             for seed in (1, 2, 3):
                 rows = page.value(
-                    f"(() => {{ document.getElementById('seed').value = {seed}; {BUTTONS}[{k}].click(); const rows = []; "
-                    f"for (let i = 0; i < {round(15 / interval)}; i++) {{ lab.run({interval}); rows.push(lab.last()); }} "
+                    f"(() => {{ document.getElementById('seed').value = {seed}; "
+                    f"{BUTTONS}[{k}].click(); const rows = []; "
+                    f"for (let i = 0; i < {round(15 / interval)}; i++) {{ lab.run({interval}); "
+                    f"rows.push(lab.last()); }} "
                     "return rows; })()"
                 )
                 kept = np.array([[np.nan if x is None else x for x in row] for row in rows])
                 true, told, stds = (kept[:, 1 + 4 * joint + what] for what in range(3))
                 inside = np.abs(told - true) <= band * stds
-                assert min(inside.mean(), inside[kept[:, 0] > 3.0].mean()) >= 0.88, (why, joint, seed)
+                assert min(inside.mean(), inside[kept[:, 0] > 3.0].mean()) >= 0.88, (
+                    why,
+                    joint,
+                    seed,
+                )
                 tried += 1
     page.value("document.getElementById('seed').value = 1")
     assert tried >= 3 * len(rig.joints)
 
 
 def test_a_screen_reader_is_spoken_to_every_five_seconds_at_most(page: Page) -> None:
-    """Clicks and sliders without pause for 12 s: one live region, whose text changes at most every 5 s."""
-    assert page.value("document.querySelectorAll('[aria-live], [role=status], [role=alert]').length") == 1
-    page.value("document.getElementById('play').textContent === 'Pause' || document.getElementById('play').click()")
+    """Clicks and sliders without pause for 12 s: one live region, whose text changes at most every
+    5 s.
+    """
+    assert (
+        page.value("document.querySelectorAll('[aria-live], [role=status], [role=alert]').length")
+        == 1
+    )
+    page.value(
+        "document.getElementById('play').textContent === 'Pause' || "
+        "document.getElementById('play').click()"
+    )
     page.value(
         "lab.heard = []; new MutationObserver(() => lab.heard.push([performance.now(), "
-        "document.getElementById('live').textContent])).observe(document.getElementById('live'), {childList: true})"
+        "document.getElementById('live').textContent])).observe(document.getElementById('live'), "
+        "{childList: true})"
     )
     begun = time.monotonic()
     while time.monotonic() - begun < 12.0:
@@ -313,16 +381,26 @@ def test_a_screen_reader_is_spoken_to_every_five_seconds_at_most(page: Page) -> 
     heard = page.value("lab.heard")
     assert 2 <= len(heard) <= 3
     assert np.diff([stamp for stamp, _ in heard]).min() >= 4900.0
-    assert any("Set by hand" in said or "Without a sensor" in said or "first second" in said for _, said in heard)
+    assert any(
+        "Set by hand" in said or "Without a sensor" in said or "first second" in said
+        for _, said in heard
+    )
 
 
 def test_slow_motion_is_said(page: Page) -> None:
-    """Where each step takes 30 ms of the page's clock, the page says at which share of real time it moves."""
-    page.value("document.getElementById('play').textContent === 'Pause' || document.getElementById('play').click()")
+    """Where each step takes 30 ms of the page's clock, the page says at which share of real time it
+    moves.
+    """
+    page.value(
+        "document.getElementById('play').textContent === 'Pause' || "
+        "document.getElementById('play').click()"
+    )
     page.value(f"{BUTTONS}[0].click()")
     time.sleep(2.5)
     assert text(page, "pace") == ""
-    page.value("lab.read = 0; lab.clock = performance.now; performance.now = () => (lab.read += 30)")
+    page.value(
+        "lab.read = 0; lab.clock = performance.now; performance.now = () => (lab.read += 30)"
+    )
     time.sleep(3.0)
     said = text(page, "pace")
     page.value("performance.now = lab.clock")
@@ -332,15 +410,26 @@ def test_slow_motion_is_said(page: Page) -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (400, 800)])
-def test_the_sliders_are_beside_the_curves_and_the_verdict(path: Path, width: int, height: int) -> None:
-    """In a wide window the sliders and two curves are seen at once, on a telephone a slider and the verdict."""
-    box = "(id) => (({top, bottom}) => [top, bottom])(document.getElementById(id).getBoundingClientRect())"
+def test_the_sliders_are_beside_the_curves_and_the_verdict(
+    path: Path, width: int, height: int
+) -> None:
+    """In a wide window the sliders and two curves are seen at once, on a telephone a slider and the
+    verdict.
+    """
+    box = (
+        "(id) => (({top, bottom}) => [top, "
+        "bottom])(document.getElementById(id).getBoundingClientRect())"
+    )
     with opened(path, "", width, height) as page:
         time.sleep(1.0)
         if width == 400:
             page.value("document.getElementById('set-load').scrollIntoView({block: 'center'})")
             time.sleep(0.5)
-        seen = ("verdict", "set-load") if width == 400 else ("verdict", "set-friction", "set-load", "angles", "errors")
+        seen = (
+            ("verdict", "set-load")
+            if width == 400
+            else ("verdict", "set-friction", "set-load", "angles", "errors")
+        )
         for name in seen:
             top, bottom = page.value(f"({box})('{name}')")
             assert top >= 0.0, name
@@ -348,7 +437,9 @@ def test_the_sliders_are_beside_the_curves_and_the_verdict(path: Path, width: in
 
 
 def test_a_joint_is_brought_to_a_wanted_angle(page: Page, rig: Rig) -> None:
-    """The inverse moves the drives: the joint goes where the slider says, to both sides, and stays when it is let go."""
+    """The inverse moves the drives: the joint goes where the slider says, to both sides, and stays
+    when it is let go.
+    """
     page.value("lab.pause()")
     choose(page, 0)
     page.value("document.querySelector('button[data-set]').click()")
@@ -366,8 +457,13 @@ def test_a_joint_is_brought_to_a_wanted_angle(page: Page, rig: Rig) -> None:
 
 @pytest.mark.compiled
 def test_a_sensor_that_is_dead_from_the_beginning(page: Page, rig: Rig, folder: Path) -> None:
-    """Begun anew with a dead sensor: it tells one value, and the saved log gives the page's angles."""
-    page.value("lab.pause(); document.getElementById('dead-0').checked = true; lab.begin(); lab.run(2); lab.begin()")
+    """Begun anew with a dead sensor: it tells one value, and the saved log gives the page's
+    angles.
+    """
+    page.value(
+        "lab.pause(); document.getElementById('dead-0').checked = true; lab.begin(); lab.run(2); "
+        "lab.begin()"
+    )
     found = page.value("lab.run(2), { last: lab.last(), csv: lab.csv() }")
     page.value("document.getElementById('dead-0').checked = false; lab.begin()")
     (folder / "dead.csv").write_text(found["csv"])
@@ -377,7 +473,9 @@ def test_a_sensor_that_is_dead_from_the_beginning(page: Page, rig: Rig, folder: 
 
 
 def test_it_is_used_by_keys(page: Page, rig: Rig) -> None:
-    """A slider changes what is true, a button sets them all, a dead sensor is told; without a mouse."""
+    """A slider changes what is true, a button sets them all, a dead sensor is told; without a
+    mouse.
+    """
     page.value("lab.begin()")
     said = "document.getElementById('friction-said').textContent"
     assert page.value(said) == "1.00 ×"
@@ -393,7 +491,9 @@ def test_it_is_used_by_keys(page: Page, rig: Rig) -> None:
     assert "half as stiff" in page.value("document.getElementById('why').textContent")
     page.value("document.getElementById('dead-0').focus()")
     page.press(" ", 32)
-    page.value("document.getElementById('dead-0').checked || document.getElementById('dead-0').click()")
+    page.value(
+        "document.getElementById('dead-0').checked || document.getElementById('dead-0').click()"
+    )
     page.value("lab.run(1)")
     time.sleep(0.5)
     assert page.value("document.getElementById('health').textContent").startswith("dead")
@@ -404,12 +504,16 @@ def test_it_is_used_by_keys(page: Page, rig: Rig) -> None:
     verdict = page.value("document.getElementById('verdict').textContent")
     assert f"Without a sensor in {rig.joints[-1].name}, its angle is known to ±" in verdict
     named = "e.textContent || (e.labels && e.labels.length)"
-    unnamed = f"[...document.querySelectorAll('button, input, select')].filter((e) => !({named})).length"
+    unnamed = (
+        f"[...document.querySelectorAll('button, input, select')].filter((e) => !({named})).length"
+    )
     assert page.value(unnamed) == 0
 
 
 def test_a_link_is_pulled_by_the_mouse(page: Page) -> None:
-    """The pull of the hand has the sign of where the pointer is; it ends when the button is let go."""
+    """The pull of the hand has the sign of where the pointer is; it ends when the button is let
+    go.
+    """
     page.value("lab.begin(); lab.run(3)")
     corner = "document.getElementById('rig').getBoundingClientRect()"
     box = page.value(f"(({{left, top, width, height}}) => [left, top, width, height])({corner})")
@@ -420,7 +524,9 @@ def test_a_link_is_pulled_by_the_mouse(page: Page) -> None:
     bodies = page.value("lab.acted().length / 5")
     held = page.value("lab.acted()")[2 * int(bodies) : 3 * int(bodies)]
     assert max(held[: int(bodies)]) > 0
-    page.ask("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left", clickCount=1)
+    page.ask(
+        "Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left", clickCount=1
+    )
     joints = page.value("JSON.parse(document.getElementById('lab-data').textContent).joints.length")
     page.value("lab.run(0.1)")
     assert page.value("lab.acted()")[2 * int(bodies) : 2 * int(bodies) + joints] == [0] * joints
@@ -432,7 +538,8 @@ def test_it_is_small_and_quick(page: Page, path: Path) -> None:
     assert "http://" not in text
     assert "https://" not in text
     page.value(
-        "lab.times = []; document.getElementById('play').textContent === 'Pause' || document.getElementById('play').click()"
+        "lab.times = []; document.getElementById('play').textContent === 'Pause' || "
+        "document.getElementById('play').click()"
     )
     time.sleep(1.5)
     times = page.value("lab.times")
@@ -451,9 +558,9 @@ def test_the_command_and_without_ziglang(tmp_path: Path, monkeypatch: pytest.Mon
     done = CliRunner().invoke(app, ["lab", "capstan-joint", "--out", str(tmp_path / "lab.html")])
     assert done.exit_code == 0, done.output
     assert "one file of" in done.output
-    assert "distal estimate lab.csv --rig capstan-joint -e adaptive" in (tmp_path / "lab.html").read_text(
-        encoding="utf-8"
-    )
+    assert "distal estimate lab.csv --rig capstan-joint -e adaptive" in (
+        tmp_path / "lab.html"
+    ).read_text(encoding="utf-8")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ExportError, match=r"ziglang; pip install '\.\[lab\]'"):
         lab_page(load_rig("capstan-joint"), tmp_path / "other.html")

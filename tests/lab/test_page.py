@@ -38,8 +38,12 @@ def capstan() -> tuple[Rig, ExportedPlant]:
 
 
 def test_joints_swing_within_their_stops_each_at_a_pace_of_its_own() -> None:
-    """About the middle, over 70 % of the range and 2 rad at most; without stops about where it begins."""
-    rig = load_rig("finger-2n").with_values({"joints.0.stops": [-0.3, 1.5], "joints.1.stops": [-4.0, 2.0]})
+    """About the middle, over 70 % of the range and 2 rad at most; without stops about where it
+    begins.
+    """
+    rig = load_rig("finger-2n").with_values(
+        {"joints.0.stops": [-0.3, 1.5], "joints.1.stops": [-4.0, 2.0]}
+    )
     first, second = _motion(rig)
     assert (first["centre"], first["amplitude"]) == pytest.approx((0.6, 0.35 * 1.8))
     assert (second["centre"], second["amplitude"]) == pytest.approx((-1.0, 2 * SWING))
@@ -52,8 +56,12 @@ def test_joints_swing_within_their_stops_each_at_a_pace_of_its_own() -> None:
     assert (free["from"], free["centre"], free["amplitude"]) == pytest.approx((0.2, 0.2, SWING))
 
 
-def test_drives_stand_where_their_tendons_are_as_taut_as_at_the_start(capstan: tuple[Rig, ExportedPlant]) -> None:
-    """Of a capstan without torque r θ/R from its place at the start, at angles on both sides that the joint is led to."""
+def test_drives_stand_where_their_tendons_are_as_taut_as_at_the_start(
+    capstan: tuple[Rig, ExportedPlant],
+) -> None:
+    """Of a capstan without torque r θ/R from its place at the start, at angles on both sides that
+    the joint is led to.
+    """
     rig, plant = capstan
     (table,), (motion,) = _places(rig, plant), _motion(rig)
     radius, arm = rig.drives[0].radius.value, rig.tendons[0].arms()["jaw"]  # type: ignore[union-attr]
@@ -61,10 +69,14 @@ def test_drives_stand_where_their_tendons_are_as_taut_as_at_the_start(capstan: t
     assert table["from"] <= motion["centre"] - motion["amplitude"] + 1e-12
     assert table["to"] >= motion["centre"] + motion["amplitude"] - 1e-12
     assert (table["from"] + table["to"]) / 2 == pytest.approx(motion["from"])
-    np.testing.assert_allclose(np.ravel(table["rows"]), abs(arm) / radius * (angles - motion["from"]), atol=1e-6)
+    np.testing.assert_allclose(
+        np.ravel(table["rows"]), abs(arm) / radius * (angles - motion["from"]), atol=1e-6
+    )
 
 
-def test_position_loops_are_stiff_and_damped_at_seven_tenths(capstan: tuple[Rig, ExportedPlant]) -> None:
+def test_position_loops_are_stiff_and_damped_at_seven_tenths(
+    capstan: tuple[Rig, ExportedPlant],
+) -> None:
     """Twenty times the tendons' Σ k R², and c = 2 · 0.7 √(k J)."""
     rig, plant = capstan
     drive = rig.drives[0]
@@ -75,7 +87,9 @@ def test_position_loops_are_stiff_and_damped_at_seven_tenths(capstan: tuple[Rig,
 
 
 def test_the_largest_load_is_half_of_what_the_tendons_hold() -> None:
-    """Σ |r| T of the tendon that holds most, to one digit; one that is just straight holds what half a millimetre gives."""
+    """Σ |r| T of the tendon that holds most, to one digit; one that is just straight holds what
+    half a millimetre gives.
+    """
     rig = load_rig("capstan-joint")
     arm, stiffness = abs(rig.tendons[0].arms()["jaw"]), rig.tendons[0].stiffness.value
     assert _largest_load(rig, np.array([20.0, 50.0])) == float(f"{0.5 * 50.0 * arm:.1g}")

@@ -24,7 +24,9 @@ def written(path: Path, lines: list[str], end: str = "\n") -> Path:
 @pytest.mark.parametrize("above", [0, 3])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_row_numbers_are_the_files(tmp_path: Path, quote: str, above: int, end: str) -> None:
-    """An editor shows the same number, whatever stands above the header and whether cells are quoted."""
+    """An editor shows the same number, whatever stands above the header and whether cells are
+    quoted.
+    """
     header = [""] * above + [f"{quote}t{quote},a,b"]
     for bad, said in (
         ("0.5,x,1", "column 'a': 'x'"),
@@ -39,13 +41,19 @@ def test_row_numbers_are_the_files(tmp_path: Path, quote: str, above: int, end: 
 
 @given(
     cells=st.lists(
-        st.tuples(*[st.sampled_from(["1", '"2"', '"3', '4"', '"', '""', '5"6', '"7"8', "", '"a\rb"'])] * 3),
+        st.tuples(
+            *[st.sampled_from(["1", '"2"', '"3', '4"', '"', '""', '5"6', '"7"8', "", '"a\rb"'])] * 3
+        ),
         min_size=1,
         max_size=12,
     )
 )
-def test_no_row_is_lost(cells: list[tuple[str, str, str]], tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Whatever quotes stand where: a file is refused, or it has as many rows as lines, and each is the line's."""
+def test_no_row_is_lost(
+    cells: list[tuple[str, str, str]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Whatever quotes stand where: a file is refused, or it has as many rows as lines, and each is
+    the line's.
+    """
     lines = [f"{k}," + ",".join(row) for k, row in enumerate(cells)]
     path = written(tmp_path_factory.mktemp("csv") / "log.csv", ["t,a,b,c", *lines])
     try:
@@ -76,7 +84,9 @@ def test_what_is_no_text_is_named(tmp_path: Path) -> None:
             read_table(path)
 
 
-def test_memory_is_asked_for_before_it_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_asked_for_before_it_is_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = written(tmp_path / "log.csv", ["t,a,b", *ROWS * 1000])
     assert len(read_table(path).columns["t"]) == 40_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "3 MB")
@@ -99,7 +109,9 @@ def test_many_columns_take_no_time(tmp_path: Path) -> None:
     import time
 
     names = ["t", *(f"c{k}" for k in range(30_000))]
-    path = written(tmp_path / "wide.csv", [",".join(names), *(",".join(["1"] * len(names)) for _ in range(2))])
+    path = written(
+        tmp_path / "wide.csv", [",".join(names), *(",".join(["1"] * len(names)) for _ in range(2))]
+    )
     began = time.perf_counter()
     read_table(path, ["t"])
     assert time.perf_counter() - began < 5.0
@@ -117,8 +129,12 @@ def test_text_beyond_the_first_block_is_looked_at(tmp_path: Path) -> None:
         read_table(path, ["t"])
 
 
-def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its first byte ends a block and the next row begins the other: the row is that of the first byte's line."""
+def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its first byte ends a block and the next row begins the other: the row is that of the first
+    byte's line.
+    """
     from distal.logs.formats import csv
 
     data = b"t,a\n1,\xc3\n2,3\n"
@@ -131,7 +147,9 @@ def test_a_character_that_is_cut_at_a_block_is_in_its_own_row(tmp_path: Path, mo
 
 @pytest.mark.parametrize("cell", ["1_000", "１", "²", "1e400", "-inf", "0x10", "1 2", "nan1"])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_what_python_takes_and_a_log_has_not_is_refused(tmp_path: Path, cell: str, end: str) -> None:
+def test_what_python_takes_and_a_log_has_not_is_refused(
+    tmp_path: Path, cell: str, end: str
+) -> None:
     path = tmp_path / "log.csv"
     path.write_text(end.join(["t,a", "0,1", f"1,{cell}", ""]), encoding="utf-8", newline="")
     with pytest.raises(LogError, match=f"row 3, column 'a': '{cell}' is not a finite number"):
@@ -139,14 +157,20 @@ def test_what_python_takes_and_a_log_has_not_is_refused(tmp_path: Path, cell: st
 
 
 @pytest.mark.parametrize("block", [1, 30, 1000])
-def test_a_file_is_read_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    """Wherever a part ends: values to the last bit, missing ones, and the row of a cell that is none."""
+def test_a_file_is_read_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    """Wherever a part ends: values to the last bit, missing ones, and the row of a cell that is
+    none.
+    """
     from distal.logs.formats import csv
 
     monkeypatch.setattr(csv, "BLOCK", block)
     values = np.random.default_rng(3).normal(size=(200, 3)) * 10.0 ** np.arange(-100, 100)[:, None]
     values[::7, 1] = np.nan
-    lines = [",".join("" if value != value else repr(value) for value in row) for row in values.tolist()]
+    lines = [
+        ",".join("" if value != value else repr(value) for value in row) for row in values.tolist()
+    ]
     read = read_table(written(tmp_path / "log.csv", ["t,a,b", *lines])).columns
     np.testing.assert_array_equal(np.column_stack(list(read.values())), values)
     lines[150] = "1,2,x"

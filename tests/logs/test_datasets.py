@@ -41,7 +41,9 @@ def test_what_is_not_known_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
 
 def test_only_twelve_runs(data: Path) -> None:
-    """The shared logs have the fingerprints of the public ones: twelve runs, of three motion classes."""
+    """The shared logs have the fingerprints of the public ones: twelve runs, of three motion
+    classes.
+    """
     assert {run[0] for run in datasets.FINGERPRINTS} == {"0", "2", "4"}
     for run, path in zip(datasets.FINGERPRINTS, da_vinci_grasper()):
         table = read_table(path).columns

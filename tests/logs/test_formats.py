@@ -1,4 +1,6 @@
-"""A format of logs is one file; what its package lacks is said before the work begins; frames of any library are read."""
+"""A format of logs is one file; what its package lacks is said before the work begins; frames of
+any library are read.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,14 @@ def test_each_file_is_a_format() -> None:
 
 @pytest.mark.parametrize(
     ("name", "module"),
-    [("a.CSV", "csv"), ("a", "csv"), ("a.pq", "parquet"), ("a.mcap", "mcap"), ("a.db3", "rosbag"), ("bag", "rosbag")],
+    [
+        ("a.CSV", "csv"),
+        ("a", "csv"),
+        ("a.pq", "parquet"),
+        ("a.mcap", "mcap"),
+        ("a.db3", "rosbag"),
+        ("bag", "rosbag"),
+    ],
 )
 def test_the_name_tells_the_format(tmp_path: Path, name: str, module: str) -> None:
     (tmp_path / "bag").mkdir()
@@ -53,17 +62,26 @@ def no_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
 
 
-def test_parquet_without_pyarrow(tmp_path: Path, pulley_rig: Rig, log: Log, no_pyarrow: None) -> None:
+def test_parquet_without_pyarrow(
+    tmp_path: Path, pulley_rig: Rig, log: Log, no_pyarrow: None
+) -> None:
     (tmp_path / "log.parquet").write_bytes(b"PAR1")
-    with pytest.raises(LogError, match=r"log\.parquet: Parquet needs .* \(pip install '\.\[parquet\]'\)"):
+    with pytest.raises(
+        LogError, match=r"log\.parquet: Parquet needs .* \(pip install '\.\[parquet\]'\)"
+    ):
         read_log(tmp_path / "log.parquet", pulley_rig)
-    with pytest.raises(OutputError, match=r"out\.parquet: needs .* \(pip install '\.\[parquet\]'\); or write CSV"):
+    with pytest.raises(
+        OutputError, match=r"out\.parquet: needs .* \(pip install '\.\[parquet\]'\); or write CSV"
+    ):
         write_log(log, pulley_rig, tmp_path / "out.parquet")
     assert not (tmp_path / "out.parquet").exists()
 
 
 def test_it_is_said_before_the_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], no_pyarrow: None
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    no_pyarrow: None,
 ) -> None:
     from distal import simulation
     from distal.cli import main
@@ -72,7 +90,9 @@ def test_it_is_said_before_the_work(
         raise AssertionError("the work began")
 
     monkeypatch.setattr(simulation, "simulate", begun)
-    monkeypatch.setattr(sys, "argv", ["distal", "simulate", "template", "--out", str(tmp_path / "log.parquet")])
+    monkeypatch.setattr(
+        sys, "argv", ["distal", "simulate", "template", "--out", str(tmp_path / "log.parquet")]
+    )
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
@@ -83,7 +103,8 @@ def test_csv_needs_no_library_of_frames(tmp_path: Path, pulley_rig: Rig, log: Lo
     write_log(log, pulley_rig, tmp_path / "log.csv")
     code = (
         "import sys; from distal.logs import read_table; table = read_table(sys.argv[1]); "
-        "print(len(table.columns), [name for name in ('polars', 'pandas', 'pyarrow') if name in sys.modules])"
+        "print(len(table.columns), [name for name in ('polars', 'pandas', 'pyarrow') if name in "
+        "sys.modules])"
     )
     words = [sys.executable, "-c", code, str(tmp_path / "log.csv")]
     assert subprocess.run(words, capture_output=True, text=True, check=True).stdout == "5 []\n"

@@ -1,4 +1,6 @@
-"""Headers that say their unit: what is written is read, in degrees and radians, with the unit and without."""
+"""Headers that say their unit: what is written is read, in degrees and radians, with the unit and
+without.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +35,14 @@ def renamed(log: Log, rig: Rig, path: Path, change: dict[str, tuple[str, float]]
     write_log(log, rig, plain)
     frame = pl.read_csv(plain)
     columns = {
-        change.get(name, (name, 1.0))[0]: change.get(name, (name, 1.0))[1] * frame[name] for name in frame.columns
+        change.get(name, (name, 1.0))[0]: change.get(name, (name, 1.0))[1] * frame[name]
+        for name in frame.columns
     }
-    (pl.DataFrame(columns).write_parquet if path.suffix == ".parquet" else pl.DataFrame(columns).write_csv)(path)
+    (
+        pl.DataFrame(columns).write_parquet
+        if path.suffix == ".parquet"
+        else pl.DataFrame(columns).write_csv
+    )(path)
     return path
 
 
@@ -48,8 +55,15 @@ def test_a_header_is_name_and_unit() -> None:
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
-def test_units_in_the_header_count_where_the_rig_gives_none(log: Log, rig: Rig, tmp_path: Path, ending: str) -> None:
-    units = {"t": ("t [ms]", 1e3), "x1": ("x1 [mm]", 1e3), "x2": ("x2 [m]", 1.0), "u1": ("u1 [mN]", 1e3)}
+def test_units_in_the_header_count_where_the_rig_gives_none(
+    log: Log, rig: Rig, tmp_path: Path, ending: str
+) -> None:
+    units = {
+        "t": ("t [ms]", 1e3),
+        "x1": ("x1 [mm]", 1e3),
+        "x2": ("x2 [m]", 1.0),
+        "u1": ("u1 [mN]", 1e3),
+    }
     units["true_theta"] = ("true_theta [deg]", float(np.rad2deg(1.0)))
     read = read_log(renamed(log, rig, tmp_path / f"log.{ending}", units), rig)
     np.testing.assert_allclose(read.time, log.time, atol=1e-12)
@@ -60,7 +74,9 @@ def test_units_in_the_header_count_where_the_rig_gives_none(log: Log, rig: Rig, 
 
 def test_a_unit_that_the_rig_contradicts_is_refused(log: Log, rig: Rig, tmp_path: Path) -> None:
     in_mm = rig.with_values({"sensors.x1.unit": "mm"})
-    with pytest.raises(LogError, match=r"column 'x1 \[m\]': the rig file says unit = \"mm\" for 'x1'"):
+    with pytest.raises(
+        LogError, match=r"column 'x1 \[m\]': the rig file says unit = \"mm\" for 'x1'"
+    ):
         read_log(renamed(log, rig, tmp_path / "log.csv", {"x1": ("x1 [m]", 1.0)}), in_mm)
     same = read_log(renamed(log, in_mm, tmp_path / "log.csv", {"x1": ("x1 [mm]", 1.0)}), in_mm)
     np.testing.assert_allclose(same.channels["x1"], log.channels["x1"], rtol=1e-12, atol=1e-15)
@@ -72,16 +88,26 @@ def test_a_unit_that_the_rig_contradicts_is_refused(log: Log, rig: Rig, tmp_path
         ({"x1": ("x1 [N]", 1.0)}, r"column 'x1 \[N\]': unit 'N' has the wrong dimension"),
         ({"x1": ("x1 [left]", 1.0)}, r"column 'x1 \[left\]': unit 'left' is not known"),
         ({"t": ("t [mm]", 1.0)}, r"column 't \[mm\]': unit 'mm' has the wrong dimension"),
-        ({"x1": ("x1 [mm]", 1.0), "x2": ("x1 [m]", 1.0)}, r"column 'x1' is there twice, as 'x1 \[mm\]' and 'x1 \[m\]'"),
-        ({"true_theta": ("true_theta [m]", 1.0)}, r"column 'true_theta \[m\]': unit 'm' is no angle"),
+        (
+            {"x1": ("x1 [mm]", 1.0), "x2": ("x1 [m]", 1.0)},
+            r"column 'x1' is there twice, as 'x1 \[mm\]' and 'x1 \[m\]'",
+        ),
+        (
+            {"true_theta": ("true_theta [m]", 1.0)},
+            r"column 'true_theta \[m\]': unit 'm' is no angle",
+        ),
     ],
 )
-def test_what_is_refused(log: Log, rig: Rig, tmp_path: Path, change: dict[str, tuple[str, float]], said: str) -> None:
+def test_what_is_refused(
+    log: Log, rig: Rig, tmp_path: Path, change: dict[str, tuple[str, float]], said: str
+) -> None:
     with pytest.raises(LogError, match=said):
         read_log(renamed(log, rig, tmp_path / "log.csv", change), rig)
 
 
-def test_a_column_that_the_rig_names_with_its_unit_is_that_column(log: Log, rig: Rig, tmp_path: Path) -> None:
+def test_a_column_that_the_rig_names_with_its_unit_is_that_column(
+    log: Log, rig: Rig, tmp_path: Path
+) -> None:
     whole = rig.with_values({"sensors.x1.column": "x1 [mm]", "sensors.x1.unit": "m"})
     read = read_log(renamed(log, rig, tmp_path / "log.csv", {"x1": ("x1 [mm]", 1.0)}), whole)
     np.testing.assert_array_equal(read.channels["x1"], log.channels["x1"])
@@ -134,4 +160,6 @@ def test_a_frame_may_say_units(log: Log, rig: Rig, tmp_path: Path) -> None:
     frame = pl.read_csv(renamed(log, rig, tmp_path / "log.csv", {"x1": ("x1 [mm]", 1e3)}))
     readers: list[Callable[[], object]] = [lambda: frame, frame.to_pandas]
     for made in readers:
-        np.testing.assert_allclose(read_log(made(), rig).channels["x1"], log.channels["x1"], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(
+            read_log(made(), rig).channels["x1"], log.channels["x1"], rtol=1e-12, atol=1e-15
+        )

@@ -17,7 +17,9 @@ STEP = 0.002
 
 
 def pulled(seconds: float, text: str = FINGER) -> tuple[Rig, Log, list[float]]:
-    """Return the rig, a log of a finger whose flexor is pulled harder and harder, and the pull at each row."""
+    """Return the rig, a log of a finger whose flexor is pulled harder and harder, and the pull at
+    each row.
+    """
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.timestep = STEP
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
@@ -39,7 +41,8 @@ def test_what_the_sensors_read_is_what_the_tendons_do() -> None:
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
     mcp, pip = log.truth["theta_mcp"], log.truth["theta_pip"]
     assert np.ptp(mcp) > 0.1
-    # a length of −8 mm · mcp − 6 mm · pip: the drive takes up what the tendon is shorter; gear −1 turns a pull round
+    # a length of −8 mm · mcp − 6 mm · pip: the drive takes up what the tendon is shorter; gear −1
+    # turns a pull round
     np.testing.assert_allclose(log.channels["x_flexor"], 0.008 * mcp + 0.006 * pip, atol=1e-9)
     np.testing.assert_allclose(log.channels["u_flexor"], pulls, atol=1e-9)
     np.testing.assert_array_equal(log.channels["encoder_pip"], pip)
@@ -48,9 +51,15 @@ def test_what_the_sensors_read_is_what_the_tendons_do() -> None:
 
 
 def test_a_sensor_of_the_model_stands_before_what_is_computed() -> None:
-    named = FINGER.replace("</mujoco>", '<sensor><jointpos name="x_flexor" joint="thumb"/></sensor></mujoco>')
+    named = FINGER.replace(
+        "</mujoco>", '<sensor><jointpos name="x_flexor" joint="thumb"/></sensor></mujoco>'
+    )
     _, log, _ = pulled(0.1, named)
-    assert np.abs(log.channels["x_flexor"]).max() < 1e-3 < np.abs(pulled(0.1)[1].channels["x_extensor"]).max() + 1e-2
+    assert (
+        np.abs(log.channels["x_flexor"]).max()
+        < 1e-3
+        < np.abs(pulled(0.1)[1].channels["x_extensor"]).max() + 1e-2
+    )
 
 
 def test_slower_sensors_are_read_at_their_own_rate() -> None:
@@ -63,7 +72,9 @@ def test_slower_sensors_are_read_at_their_own_rate() -> None:
         recorder.record()
     log = recorder.log()
     assert np.isfinite(log.channels["x_flexor"]).all()
-    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(log.channels["u_flexor"])), np.arange(0, 40, 4))
+    np.testing.assert_array_equal(
+        np.flatnonzero(np.isfinite(log.channels["u_flexor"])), np.arange(0, 40, 4)
+    )
 
 
 def replace_sensors(rig: Rig, name: str, rate: float) -> Rig:
@@ -86,7 +97,11 @@ def test_what_the_loop_knows_and_the_model_does_not() -> None:
         recorder.record({"tension": 1.0})
     recorder.record({"u_extensor": 1.5, "u_flexor": 2.5, "x_flexor": 0.003})
     log = recorder.log()
-    assert [log.channels[name][0] for name in ("u_extensor", "u_flexor", "x_flexor")] == [1.5, 2.5, 0.003]
+    assert [log.channels[name][0] for name in ("u_extensor", "u_flexor", "x_flexor")] == [
+        1.5,
+        2.5,
+        0.003,
+    ]
     data.time = -1.0
     with pytest.raises(LogError, match="a reset needs a new recorder"):
         recorder.record({"u_extensor": 1.5, "u_flexor": 2.5})

@@ -19,7 +19,9 @@ def one(path: Path) -> list[Output]:
 
 
 def test_the_longest_name_that_is_allowed_can_be_written(tmp_path: Path) -> None:
-    """The limit is that of the file system less the room for a temporary name, so the longest name is really written."""
+    """The limit is that of the file system less the room for a temporary name, so the longest name
+    is really written.
+    """
     most = os.pathconf(tmp_path, "PC_NAME_MAX") - ROOM
     for letter in ("x", "é"):
         path = tmp_path / (letter * ((most - 5) // len(letter.encode())) + ".mcap")
@@ -40,7 +42,10 @@ def test_a_name_that_no_file_can_have_is_an_error_of_ours(tmp_path: Path) -> Non
     loop = tmp_path / "loop"
     loop.symlink_to(loop)
     for name in ("a\0b", "a\ud800b", "loop", "x" * 300):
-        for attempt in (lambda path: check_outputs(one(path)), lambda path: write_whole(path, "text")):
+        for attempt in (
+            lambda path: check_outputs(one(path)),
+            lambda path: write_whole(path, "text"),
+        ):
             with pytest.raises(OutputError):
                 attempt(tmp_path / name)
     assert list(tmp_path.iterdir()) == [loop]
@@ -85,14 +90,21 @@ def test_streams_are_files_too(tmp_path: Path) -> None:
     path.write_text("text")
     link.hardlink_to(path)
     with path.open() as source:
-        with pytest.raises(OutputError, match=r"link\.csv: is an input of this command \(standard input\)"):
+        with pytest.raises(
+            OutputError, match=r"link\.csv: is an input of this command \(standard input\)"
+        ):
             check_outputs(one(link), [("standard input", source.fileno())])
         with pytest.raises(OutputError, match=r"link\.csv: is where standard output goes"):
             check_outputs(one(link), [], [("standard output", source.fileno())])
-        with pytest.raises(OutputError, match=r"standard output: goes to an input of this command \(log .*link\.csv\)"):
+        with pytest.raises(
+            OutputError,
+            match=r"standard output: goes to an input of this command \(log .*link\.csv\)",
+        ):
             check_outputs([], [("log", link)], [("standard output", source.fileno())])
         number = source.fileno()
-    check_outputs(one(link), [("standard input", number)], [("standard output", number)])  # closed: nothing is known
+    check_outputs(
+        one(link), [("standard input", number)], [("standard output", number)]
+    )  # closed: nothing is known
 
 
 def test_case_is_looked_up_and_not_assumed(tmp_path: Path) -> None:

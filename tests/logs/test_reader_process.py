@@ -1,4 +1,6 @@
-"""Binary logs are read in a process of their own: what is damaged or too large is an error of one log."""
+"""Binary logs are read in a process of their own: what is damaged or too large is an error of one
+log.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ def test_names_are_names(tmp_path: Path, path: Path) -> None:
 
 def test_only_what_is_asked_for_is_read(path: Path) -> None:
     assert list(read_table(path, ["t", "a"]).columns) == ["t", "a"]
-    with pytest.raises(LogError, match=r"column 'aa' is missing; did you mean 'a'\? \(known: a, t, text\)"):
+    with pytest.raises(
+        LogError, match=r"column 'aa' is missing; did you mean 'a'\? \(known: a, t, text\)"
+    ):
         read_table(path, ["t", "aa"])
     with pytest.raises(LogError, match="row 1, column 'text': 'x' is not a finite number"):
         read_table(path)
@@ -50,7 +54,9 @@ def test_a_damaged_file_costs_itself_only(path: Path) -> None:
     refused = 0
     for _ in range(60):
         changed = bytearray(content)
-        place = rng.choice([rng.randrange(len(content)), rng.randrange(len(content) - 400, len(content))])
+        place = rng.choice(
+            [rng.randrange(len(content)), rng.randrange(len(content) - 400, len(content))]
+        )
         changed[place] ^= 1 << rng.randrange(8)
         path.write_bytes(changed)
         try:
@@ -71,7 +77,9 @@ def test_where_reading_ends_the_process(path: Path, monkeypatch: pytest.MonkeyPa
     stopped = _Reader.current()
     stopped._process.send_signal(19)  # it hangs; somebody ends it
     threading.Timer(0.3, stopped._process.kill).start()
-    with pytest.raises(LogError, match=r"it ended its reader \(signal 9\): it is damaged, or takes too much memory"):
+    with pytest.raises(
+        LogError, match=r"it ended its reader \(signal 9\): it is damaged, or takes too much memory"
+    ):
         read_table(path, ["a"])
     assert len(read_table(path, ["a"]).columns["a"]) == 50
 
@@ -82,15 +90,21 @@ def test_memory_by_the_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     pl.select(pl.repeat(0.5, 20_000_000).alias("a")).write_parquet(path)
     assert path.stat().st_size < 300_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
-    with pytest.raises(LogError, match=r"20,000,000 rows of 1 columns, about 0.5 GB .* 0.3 GB are allowed"):
+    with pytest.raises(
+        LogError, match=r"20,000,000 rows of 1 columns, about 0.5 GB .* 0.3 GB are allowed"
+    ):
         read_table(path, ["a"])
 
 
 @pytest.mark.slow  # it takes what it may
 def test_memory_that_no_header_tells(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A list has any number of values in a row: the process that reads has no more memory than is allowed."""
+    """A list has any number of values in a row: the process that reads has no more memory than is
+    allowed.
+    """
     path = tmp_path / "nested.parquet"
-    pl.select(pl.repeat(0.5, 60_000_000).implode().alias("a"), pl.lit(0.0).alias("t")).write_parquet(path)
+    pl.select(
+        pl.repeat(0.5, 60_000_000).implode().alias("a"), pl.lit(0.0).alias("t")
+    ).write_parquet(path)
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
     with pytest.raises(LogError, match=r"memory|holds List"):
         read_table(path, ["t", "a"])
@@ -105,7 +119,8 @@ def test_relative_names_and_other_folders(path: Path, monkeypatch: pytest.Monkey
 def test_threads_and_forks(path: Path) -> None:
     lengths: list[int] = []
     threads = [
-        threading.Thread(target=lambda: lengths.append(len(read_table(path, ["a"]).columns["a"]))) for _ in range(8)
+        threading.Thread(target=lambda: lengths.append(len(read_table(path, ["a"]).columns["a"])))
+        for _ in range(8)
     ]
     for thread in threads:
         thread.start()
@@ -120,7 +135,9 @@ def test_threads_and_forks(path: Path) -> None:
 def test_a_small_recording_that_unpacks_to_much(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
-    """By what its header says; and where the header lies, by what the process that reads may have."""
+    """By what its header says; and where the header lies, by what the process that reads may
+    have.
+    """
     from mcap.writer import CompressionType, Writer
 
     from distal import load_rig, read_log
@@ -129,12 +146,17 @@ def test_a_small_recording_that_unpacks_to_much(
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType[compression])
         writer.start()
-        channel = writer.register_channel("/sample", "json", writer.register_schema("s", "jsonschema", b"{}"))
+        channel = writer.register_channel(
+            "/sample", "json", writer.register_schema("s", "jsonschema", b"{}")
+        )
         writer.add_message(channel, 0, b" " * 200_000_000, 0)
         writer.finish()
     assert path.stat().st_size < 1_000_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "300 MB")
-    with pytest.raises(LogError, match=r"200,000,\d\d\d bytes in a chunk, about 0.4 GB in memory; 0.3 GB are allowed"):
+    with pytest.raises(
+        LogError,
+        match=r"200,000,\d\d\d bytes in a chunk, about 0.4 GB in memory; 0.3 GB are allowed",
+    ):
         read_log(path, load_rig("template"))
     data = path.read_bytes()
     size = next(n for n in range(200_000_000, 200_000_500) if n.to_bytes(8, "little") in data)
@@ -170,11 +192,17 @@ def test_where_no_process_can_be_started(path: Path, monkeypatch: pytest.MonkeyP
     assert _Reader._now is None
 
 
-def test_text_that_repeats_is_long_as_a_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One long text in all rows is held once in the file, and once for each row where it is turned into a number."""
+def test_text_that_repeats_is_long_as_a_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One long text in all rows is held once in the file, and once for each row where it is turned
+    into a number.
+    """
     path = tmp_path / "text.parquet"
     pl.select(pl.repeat("1.6" + "0" * 5000, 50_000).alias("a")).write_parquet(path)
     assert path.stat().st_size < 1_000_000
     monkeypatch.setenv("DISTAL_MAX_MEMORY", "400 MB")
-    with pytest.raises(LogError, match=r"its column a holds 250,150,000 bytes of text, about 0.8 GB in memory"):
+    with pytest.raises(
+        LogError, match=r"its column a holds 250,150,000 bytes of text, about 0.8 GB in memory"
+    ):
         read_table(path, ["a"])

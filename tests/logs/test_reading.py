@@ -47,7 +47,9 @@ def test_reads_csv_and_parquet_alike(tmp_path: Path, pulley_rig: Rig) -> None:
     ],
 )
 def test_reads_other_habits(tmp_path: Path, pulley_rig: Rig, text: str) -> None:
-    np.testing.assert_allclose(read_log(file(tmp_path, text), pulley_rig).channels["x1"], [1e-3, 1.1e-3, 1.2e-3])
+    np.testing.assert_allclose(
+        read_log(file(tmp_path, text), pulley_rig).channels["x1"], [1e-3, 1.1e-3, 1.2e-3]
+    )
 
 
 def test_units_signs_and_columns(tmp_path: Path, pulley_rig: Rig) -> None:
@@ -76,8 +78,14 @@ BAD = [
     (GOOD.replace("x2", "x3"), r"log\.csv: column 'x2' is missing; did you mean"),
     (GOOD.replace("2.1e-3", "two"), r"log\.csv: row 3, column 'x2': 'two' is not a finite number"),
     (GOOD.replace("2.1e-3", "inf"), r"row 3, column 'x2': 'inf' is not a finite number"),
-    (GOOD.replace(",", ";").replace("2.1e-3", "0,0021"), r"row 3, column 'x2': '0,0021'.*decimal point, not a comma"),
-    (GOOD.replace(",2.0,2.1\n0.02", "\n0.02"), r"row 3: is too short \(3 cells; the header has 5\)"),
+    (
+        GOOD.replace(",", ";").replace("2.1e-3", "0,0021"),
+        r"row 3, column 'x2': '0,0021'.*decimal point, not a comma",
+    ),
+    (
+        GOOD.replace(",2.0,2.1\n0.02", "\n0.02"),
+        r"row 3: is too short \(3 cells; the header has 5\)",
+    ),
     (GOOD.replace("0.02,", "0.02,9,"), r"row 4: is too long \(6 cells; the header has 5\)"),
     (GOOD.replace("0.02,", "0.005,"), r"row 4: time goes back \(0\.005 s after 0\.01 s\)"),
     (GOOD.replace("0.02,", "0.01,"), r"row 4: time repeats .*--repeated last keeps the last"),
@@ -94,7 +102,9 @@ BAD = [
 
 
 @pytest.mark.parametrize(("text", "said"), BAD)
-def test_bad_logs_are_refused(tmp_path: Path, pulley_rig: Rig, text: str | bytes, said: str) -> None:
+def test_bad_logs_are_refused(
+    tmp_path: Path, pulley_rig: Rig, text: str | bytes, said: str
+) -> None:
     with pytest.raises(LogError, match=said) as caught:
         read_log(file(tmp_path, text), pulley_rig)
     assert "\n" not in str(caught.value)
@@ -108,9 +118,9 @@ def test_unreadable_files(tmp_path: Path, pulley_rig: Rig) -> None:
         read_log(tmp_path, pulley_rig)
     with pytest.raises(LogError, match="not a Parquet file"):
         read_log(file(tmp_path, GOOD, "log.parquet"), pulley_rig)
-    pl.DataFrame({"t": [0.0, 1.0], "x1": ["a", "b"], "x2": [0.0, 0], "u1": [0.0, 0], "u2": [0.0, 0]}).write_parquet(
-        tmp_path / "text.parquet"
-    )
+    pl.DataFrame(
+        {"t": [0.0, 1.0], "x1": ["a", "b"], "x2": [0.0, 0], "u1": [0.0, 0], "u2": [0.0, 0]}
+    ).write_parquet(tmp_path / "text.parquet")
     with pytest.raises(LogError, match=r"row 1, column 'x1': 'a' is not a finite number"):
         read_log(tmp_path / "text.parquet", pulley_rig)
 
@@ -121,33 +131,55 @@ def test_millimetres_read_as_metres_warn(tmp_path: Path, pulley_rig: Rig) -> Non
         read_log(file(tmp_path, text), pulley_rig)
 
 
-def test_truth_from_a_column_a_file_and_a_reference(tmp_path: Path, paper_rig: Rig, pulley_rig: Rig) -> None:
+def test_truth_from_a_column_a_file_and_a_reference(
+    tmp_path: Path, paper_rig: Rig, pulley_rig: Rig
+) -> None:
     lines = GOOD.splitlines()
     text = "\n".join([lines[0] + ",angle", *(f"{line},0.{i}" for i, line in enumerate(lines[1:]))])
     path = file(tmp_path, text)
-    np.testing.assert_allclose(read_log(path, pulley_rig, truth="angle").truth["theta"], [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(
+        read_log(path, pulley_rig, truth="angle").truth["theta"], [0.0, 0.1, 0.2]
+    )
     assert "theta" not in read_log(path, pulley_rig).truth
     other = file(tmp_path, "t,theta\n0,0\n0.02,0.4\n", "truth.csv")
-    np.testing.assert_allclose(read_log(path, pulley_rig, truth=other).truth["theta"], [0, 0.2, 0.4])
+    np.testing.assert_allclose(
+        read_log(path, pulley_rig, truth=other).truth["theta"], [0, 0.2, 0.4]
+    )
     # the paper rig's encoder counts degrees
     encoder = file(tmp_path, text.replace("angle", "encoder"), "encoder.csv")
-    np.testing.assert_allclose(read_log(encoder, paper_rig).truth["theta"], np.deg2rad([0.0, 0.1, 0.2]))
-    with pytest.raises(LogError, match=r"'angel' is neither a file nor a column \(the log has t, x1"):
+    np.testing.assert_allclose(
+        read_log(encoder, paper_rig).truth["theta"], np.deg2rad([0.0, 0.1, 0.2])
+    )
+    with pytest.raises(
+        LogError, match=r"'angel' is neither a file nor a column \(the log has t, x1"
+    ):
         read_log(path, pulley_rig, truth="angel")
     with pytest.raises(LogError, match="does not overlap"):
         read_log(path, pulley_rig, truth=file(tmp_path, "t,theta\n10,0\n11,0\n", "late.csv"))
-    assert np.isnan(read_truth(file(tmp_path, "t,theta\n0.01,0\n1,1\n", "part.csv"), np.array([0.0, 0.5]))["theta"][0])
+    assert np.isnan(
+        read_truth(file(tmp_path, "t,theta\n0.01,0\n1,1\n", "part.csv"), np.array([0.0, 0.5]))[
+            "theta"
+        ][0]
+    )
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    st.lists(st.floats(-1e3, 1e3, allow_subnormal=False) | st.just(float("nan")), min_size=2, max_size=20),
+    st.lists(
+        st.floats(-1e3, 1e3, allow_subnormal=False) | st.just(float("nan")), min_size=2, max_size=20
+    ),
     st.sampled_from([".csv", ".parquet"]),
 )
-def test_what_is_written_is_read_back(tmp_path: Path, pulley_rig: Rig, values: list[float], ending: str) -> None:
+def test_what_is_written_is_read_back(
+    tmp_path: Path, pulley_rig: Rig, values: list[float], ending: str
+) -> None:
     time = 0.01 * np.arange(len(values))
     column = np.array(values) * 1e-5
-    log = Log(time, {"x1": column, "x2": column[::-1], "u1": column * 1e3, "u2": column * 0}, {"theta": column * 0})
+    log = Log(
+        time,
+        {"x1": column, "x2": column[::-1], "u1": column * 1e3, "u2": column * 0},
+        {"theta": column * 0},
+    )
     path = tmp_path / f"written{ending}"
     write_log(log, pulley_rig, path)
     back = read_log(path, pulley_rig)
@@ -167,7 +199,9 @@ def test_any_bytes_are_a_log_error(tmp_path: Path, pulley_rig: Rig, content: byt
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.text(alphabet="0123456789.,;-e\nnatx \"'", max_size=120))
-def test_any_numbers_below_a_good_header_are_read_or_refused(tmp_path: Path, pulley_rig: Rig, tail: str) -> None:
+def test_any_numbers_below_a_good_header_are_read_or_refused(
+    tmp_path: Path, pulley_rig: Rig, tail: str
+) -> None:
     try:
         log = read_log(file(tmp_path, GOOD + tail), pulley_rig)
     except LogError:
@@ -190,20 +224,25 @@ def test_frames_are_logs_too(pulley_rig: Rig) -> None:
 def test_beyond_the_stops_warns(tmp_path: Path, paper_rig: Rig) -> None:
     rows = "".join(f"{0.01 * i},{0.018},2e-3,2,2\n" for i in range(20))
     with pytest.warns(
-        DistalWarning, match=r"'x1' is between 0\.018 and 0\.018 m most of the time, beyond drives\.left\.stops"
+        DistalWarning,
+        match=r"'x1' is between 0\.018 and 0\.018 m most of the time, beyond drives\.left\.stops",
     ):
         read_log(file(tmp_path, "t,x1,x2,u1,u2\n" + rows), paper_rig)
 
 
 def test_where_the_truth_comes_from_is_said(tmp_path: Path, paper_rig: Rig) -> None:
-    text = "\n".join(f"{line},{tail}" for line, tail in zip(GOOD.splitlines(), ("encoder", "0", "1", "2")))
+    text = "\n".join(
+        f"{line},{tail}" for line, tail in zip(GOOD.splitlines(), ("encoder", "0", "1", "2"))
+    )
     read = read_log(file(tmp_path, text), paper_rig)
     assert str(read.truth_source) == "column 'encoder', the reference sensor"
     assert read.truth_kind is TruthKind.SENSOR
 
 
 @pytest.mark.parametrize(("kept", "value"), [("first", 1.1e-3), ("last", 1.2e-3)])
-def test_one_of_the_rows_with_one_stamp_is_kept(tmp_path: Path, pulley_rig: Rig, kept: str, value: float) -> None:
+def test_one_of_the_rows_with_one_stamp_is_kept(
+    tmp_path: Path, pulley_rig: Rig, kept: str, value: float
+) -> None:
     text = GOOD.replace("0.02,", "0.01,") + "0.03,1.3e-3,2.3e-3,2.0,2.1\n"
     log = read_log(file(tmp_path, text), pulley_rig.with_values({"log.time.repeated": kept}))
     np.testing.assert_array_equal(log.time, [0.0, 0.01, 0.03])

@@ -11,10 +11,22 @@ import pytest
 
 from distal import Log, Rig, estimate, load_scenario, read_log, scenario_rig, simulate
 from distal.errors import DistalWarning, LogError, OutputError
-from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema, is_recording, open_recording
+from distal.logs import (
+    ESTIMATE_TOPIC,
+    SAMPLE_TOPIC,
+    Recorder,
+    estimate_schema,
+    is_recording,
+    open_recording,
+)
 from distal.logs.recordings import _stamped
 
-TOPICS = {"x1": "/left.position[0]", "u1": "/left.effort[0]", "x2": "/right.position[0]", "u2": "/right.effort[0]"}
+TOPICS = {
+    "x1": "/left.position[0]",
+    "u1": "/left.effort[0]",
+    "x2": "/right.position[0]",
+    "u2": "/right.effort[0]",
+}
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +43,15 @@ def log(rig: Rig) -> Log:
 def named(rig: Rig) -> Rig:
     """The rig with columns by topic and field, as one writes it for a bag."""
     names = [sensor.name for sensor in rig.sensors]
-    return rig.with_values({f"sensors.{names.index(name)}.column": column for name, column in TOPICS.items()})
+    return rig.with_values(
+        {f"sensors.{names.index(name)}.column": column for name, column in TOPICS.items()}
+    )
 
 
 def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
-    """Write a bag of ROS 2: two topics of joint states, the right one `late` behind, and one that nobody asked for."""
+    """Write a bag of ROS 2: two topics of joint states, the right one `late` behind, and one that
+    nobody asked for.
+    """
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -45,7 +61,8 @@ def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
     factor = {s.name: 1e-3 if s.unit == "mm" else 1.0 for s in rig.sensors}
     with Writer(folder, version=9) as writer:
         sides = {
-            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store) for side in ("left", "right")
+            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store)
+            for side in ("left", "right")
         }
         chat = writer.add_connection("/chatter", text.__msgtype__, typestore=store)
         for k, time in enumerate(log.time):
@@ -59,7 +76,9 @@ def bag(log: Log, folder: Path, rig: Rig, late: float = 0.0) -> Path:
                     velocity=np.array([]),
                     effort=np.array([u / factor[f"u{number}"]]),
                 )
-                writer.write(connection, at + 5_000_000, store.serialize_cdr(message, state.__msgtype__))
+                writer.write(
+                    connection, at + 5_000_000, store.serialize_cdr(message, state.__msgtype__)
+                )
             writer.write(chat, at, store.serialize_cdr(text(data="hello"), text.__msgtype__))
     return folder
 
@@ -77,7 +96,9 @@ def test_a_bag_of_ros_2(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
     assert len(read_log(database, named)) == len(log)
 
 
-def test_stamps_that_nearly_agree_are_one_row(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
+def test_stamps_that_nearly_agree_are_one_row(
+    rig: Rig, named: Rig, log: Log, tmp_path: Path
+) -> None:
     near = read_log(bag(log, tmp_path / "near", rig, late=0.0005), named)
     assert len(near) == len(log)
     far = read_log(bag(log, tmp_path / "far", rig, late=0.004), named)
@@ -87,7 +108,9 @@ def test_stamps_that_nearly_agree_are_one_row(rig: Rig, named: Rig, log: Log, tm
 
 def test_what_a_bag_lacks_is_named(rig: Rig, named: Rig, log: Log, tmp_path: Path) -> None:
     path = bag(log, tmp_path / "run", rig)
-    with pytest.raises(LogError, match=r"columns are /topic\.field, the topics are /chatter, /left, /right"):
+    with pytest.raises(
+        LogError, match=r"columns are /topic\.field, the topics are /chatter, /left, /right"
+    ):
         read_log(path, rig)
     at = [sensor.name for sensor in rig.sensors].index("u2")
     with pytest.raises(LogError, match=r"column '/right\.effort\[3\]' is missing"):
@@ -124,8 +147,14 @@ def test_messages_of_ros_in_mcap(rig: Rig, named: Rig, log: Log, tmp_path: Path)
     names = [sensor.name for sensor in rig.sensors]
     values = {}
     for n in (1, 2):
-        values |= {f"sensors.{names.index(f'{k}{n}')}.column": f"/drive{n}.{f}" for k, f in (("x", "x"), ("u", "y"))}
-        values |= {f"sensors.{names.index(f'x{n}')}.unit": "m", f"sensors.{names.index(f'u{n}')}.unit": "N"}
+        values |= {
+            f"sensors.{names.index(f'{k}{n}')}.column": f"/drive{n}.{f}"
+            for k, f in (("x", "x"), ("u", "y"))
+        }
+        values |= {
+            f"sensors.{names.index(f'x{n}')}.unit": "m",
+            f"sensors.{names.index(f'u{n}')}.unit": "N",
+        }
     read = read_log(path, rig.with_values(values))
     for name in TOPICS:
         np.testing.assert_allclose(read.channels[name], log.channels[name], rtol=1e-12)
@@ -137,7 +166,11 @@ def test_a_recorder_writes_what_the_reader_of_mcap_reads(tmp_path: Path) -> None
     path = tmp_path / "out.mcap"
     recorder = Recorder(path)
     recorder.add(SAMPLE_TOPIC, 0.5, {"t": 0.5, "x1": 1.5, "u1": float("nan")})
-    recorder.add(ESTIMATE_TOPIC, 0.5, {"t": 0.5, "theta": 0.1, "theta_std": 0.02, "health": "ok", "detail": ""})
+    recorder.add(
+        ESTIMATE_TOPIC,
+        0.5,
+        {"t": 0.5, "theta": 0.1, "theta_std": 0.02, "health": "ok", "detail": ""},
+    )
     assert not path.exists()  # it stands there once it is whole
     recorder.close()
     with path.open("rb") as file:
@@ -174,7 +207,9 @@ def test_clocks_that_were_set_back_differently_are_refused() -> None:
     """Parts of one topic would be paired with those of another."""
     once = [(k * 10**9, k * 10**9, 1.0) for k in (1, 2, 3, 1, 2)]
     never = [(k * 10**9, k * 10**9, 2.0) for k in (1, 2, 3, 4, 5)]
-    with pytest.raises(LogError, match=r"set back \(/a.x 1 times, /b.x 0 times\), so that their parts do not match"):
+    with pytest.raises(
+        LogError, match=r"set back \(/a.x 1 times, /b.x 0 times\), so that their parts do not match"
+    ):
         _stamped(Path("two.mcap"), {"/a.x": once, "/b.x": never})  # type: ignore[dict-item]
     with pytest.warns(DistalWarning, match="set back 1 times; only part 1 of 2 is read"):
         assert len(_stamped(Path("one.mcap"), {"/a.x": once, "/b.x": once})["/a.x"]) == 3  # type: ignore[dict-item]
@@ -193,7 +228,9 @@ def test_odd_messages_are_one_line(rig: Rig, tmp_path: Path) -> None:
     np.testing.assert_allclose(read_log(path, rig).channels["x1"], 1e-3, rtol=0.01)
 
 
-def test_columns_named_by_topic_are_found_in_json(named: Rig, rig: Rig, log: Log, tmp_path: Path) -> None:
+def test_columns_named_by_topic_are_found_in_json(
+    named: Rig, rig: Rig, log: Log, tmp_path: Path
+) -> None:
     """What `distal stream --record` writes for a rig of ROS, and nested objects."""
     from distal.logs import MessageReader
     from distal.logs.messages import find
@@ -207,7 +244,11 @@ def test_columns_named_by_topic_are_found_in_json(named: Rig, rig: Rig, log: Log
     again = read_log(tmp_path / "run.mcap", named)
     for name in TOPICS:
         np.testing.assert_allclose(again.channels[name], log.channels[name], rtol=1e-12)
-    for message in ({"/left": {"position": [3.0]}}, {"left": {"position": [3.0]}}, {"/left.position[0]": 3.0}):
+    for message in (
+        {"/left": {"position": [3.0]}},
+        {"left": {"position": [3.0]}},
+        {"/left.position[0]": 3.0},
+    ):
         assert find(message, "/left.position[0]") == 3.0
     assert find({"a": [1]}, "/left.position[0]") is None
     for odd in ("a[²]", "a[١]", "a[99999999999999999999]", "a[-1]", "a" + ".a" * 5000):
@@ -224,7 +265,8 @@ def test_a_simulation_that_begins_at_zero(rig: Rig, named: Rig, log: Log, tmp_pa
     stamp = store.types["builtin_interfaces/msg/Time"]
     with Writer(tmp_path / "sim", version=9) as writer:
         sides = {
-            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store) for side in ("left", "right")
+            side: writer.add_connection(f"/{side}", state.__msgtype__, typestore=store)
+            for side in ("left", "right")
         }
         for k in range(50):
             for connection in sides.values():
@@ -271,7 +313,9 @@ BY_NAME = {
 
 
 def joints_bag(log: Log, folder: Path, apart: float, lost: tuple[int, str] | None = None) -> Path:
-    """Write a bag with one topic of joint states: both joints in a message, their order now so, now so; or `apart` [s]."""
+    """Write a bag with one topic of joint states: both joints in a message, their order now so, now
+    so; or `apart` [s].
+    """
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -290,7 +334,9 @@ def joints_bag(log: Log, folder: Path, apart: float, lost: tuple[int, str] | Non
                 message = state(
                     header=header(stamp=stamp(sec=at // 10**9, nanosec=at % 10**9), frame_id=""),
                     name=["gripper", *(f"{side}.motor" for side, _ in part)],
-                    position=np.array([9.0, *(log.channels[f"x{number}"][k] for _, number in part)]),
+                    position=np.array(
+                        [9.0, *(log.channels[f"x{number}"][k] for _, number in part)]
+                    ),
                     velocity=np.array([]),
                     effort=np.array([9.0, *(log.channels[f"u{number}"][k] for _, number in part)]),
                 )
@@ -301,12 +347,18 @@ def joints_bag(log: Log, folder: Path, apart: float, lost: tuple[int, str] | Non
 @pytest.fixture(scope="module")
 def by_name(rig: Rig) -> Rig:
     names = [sensor.name for sensor in rig.sensors]
-    return rig.with_values({f"sensors.{names.index(name)}.column": column for name, column in BY_NAME.items()})
+    return rig.with_values(
+        {f"sensors.{names.index(name)}.column": column for name, column in BY_NAME.items()}
+    )
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.003])
-def test_joints_by_their_names(rig: Rig, by_name: Rig, log: Log, tmp_path: Path, apart: float) -> None:
-    """Wherever they stand in a message, and also where each has a message of its own; the original stamps are kept."""
+def test_joints_by_their_names(
+    rig: Rig, by_name: Rig, log: Log, tmp_path: Path, apart: float
+) -> None:
+    """Wherever they stand in a message, and also where each has a message of its own; the original
+    stamps are kept.
+    """
     read = read_log(joints_bag(log, tmp_path / "run", apart), by_name)
     assert len(read) == len(log)
     np.testing.assert_allclose(read.time, log.time, atol=1e-6)
@@ -321,16 +373,22 @@ def test_joints_by_their_names(rig: Rig, by_name: Rig, log: Log, tmp_path: Path,
 def test_a_joint_whose_message_is_lost_costs_its_own_value_only(
     by_name: Rig, log: Log, tmp_path: Path, side: str, own: str, other: str
 ) -> None:
-    """The next message of the lost joint, an interval later, is not taken for the one that is missing."""
+    """The next message of the lost joint, an interval later, is not taken for the one that is
+    missing.
+    """
     read = read_log(joints_bag(log, tmp_path / "run", 0.003, lost=(50, side)), by_name)
     assert len(read) == len(log)
     assert np.flatnonzero(np.isnan(read.channels[own])).tolist() == [50]
-    np.testing.assert_allclose(np.delete(read.channels[own], 50), np.delete(log.channels[own], 50), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.delete(read.channels[own], 50), np.delete(log.channels[own], 50), rtol=1e-12
+    )
     np.testing.assert_allclose(read.channels[other], log.channels[other], rtol=1e-12)
 
 
 def test_a_name_that_no_message_has(by_name: Rig, log: Log, tmp_path: Path) -> None:
     at = [sensor.name for sensor in by_name.sensors].index("u2")
     wrong = by_name.with_values({f"sensors.{at}.column": "/joint_states[right.moter].effort"})
-    with pytest.raises(LogError, match=r"column '/joint_states\[right\.moter\]\.effort' is missing"):
+    with pytest.raises(
+        LogError, match=r"column '/joint_states\[right\.moter\]\.effort' is missing"
+    ):
         read_log(joints_bag(log, tmp_path / "run", 0.0), wrong)

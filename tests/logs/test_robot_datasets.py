@@ -1,4 +1,6 @@
-"""Datasets of robot learning: LeRobot versions 2 and 3, HDF5; read, estimated, written beside, and refused in a line."""
+"""Datasets of robot learning: LeRobot versions 2 and 3, HDF5; read, estimated, written beside, and
+refused in a line.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def runs() -> list[np.ndarray]:
         rng = np.random.default_rng(seed)
         time = np.arange(300 + 10 * seed) / 200.0
         place = np.cumsum(rng.normal(0.0, 2e-3, len(time)))
-        found.append(np.column_stack([time, place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32))
+        found.append(
+            np.column_stack([time, place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32)
+        )
     return found
 
 
@@ -64,7 +68,12 @@ def dataset(folder: Path, runs: list[np.ndarray], version: int) -> Path:
     (folder / "meta").mkdir(parents=True)
     names = list(NAMES) if version == 2 else {"motors": list(NAMES)}
     features = {"observation.state": {"dtype": "float32", "shape": [2], "names": names}}
-    info = {"codebase_version": f"v{version}.0", "fps": 200, "total_episodes": len(runs), "features": features}
+    info = {
+        "codebase_version": f"v{version}.0",
+        "fps": 200,
+        "total_episodes": len(runs),
+        "features": features,
+    }
     (folder / "meta" / "info.json").write_text(json.dumps(info))
     data = folder / "data" / "chunk-000"
     data.mkdir(parents=True)
@@ -81,7 +90,9 @@ def dataset(folder: Path, runs: list[np.ndarray], version: int) -> Path:
 def csv_of(path: Path, rig: Rig, run: np.ndarray) -> Path:
     """Write the same values, as they are in float32, as CSV."""
     values = run.astype(np.float64)
-    write_log(Log(values[:, 0], {"motor_angle": values[:, 1], "motor_torque": values[:, 2]}), rig, path)
+    write_log(
+        Log(values[:, 0], {"motor_angle": values[:, 1], "motor_torque": values[:, 2]}), rig, path
+    )
     return path
 
 
@@ -93,7 +104,9 @@ def test_episodes_are_the_logs_that_a_csv_of_the_same_values_is(
     assert [episode.number for episode in episodes] == [0, 1, 2, 3]
     found = list(estimate_batch(episodes, rig, compiled=False))
     for episode, run, result in zip(episodes, runs, found):
-        plain = estimate(read_log(csv_of(tmp_path / f"{episode.stem}.csv", rig, run), rig), rig, compiled=False)
+        plain = estimate(
+            read_log(csv_of(tmp_path / f"{episode.stem}.csv", rig, run), rig), rig, compiled=False
+        )
         np.testing.assert_allclose(result.angles, plain.angles, rtol=0, atol=1e-12)
         np.testing.assert_allclose(result.angle_stds, plain.angle_stds, rtol=0, atol=1e-12)
 
@@ -112,7 +125,9 @@ def test_a_vector_without_names_has_numbers(tmp_path: Path, runs: list[np.ndarra
     np.testing.assert_array_equal(log.channels["motor_angle"], runs[0][:, 1].astype(np.float64))
     np.testing.assert_array_equal(log.channels["motor_torque"], runs[0][:, 2].astype(np.float64))
     wrong = numbered.with_values({"sensors.motor_angle.column": "observation.state.2"})
-    with pytest.raises(LogError, match=r"column 'observation.state.2' is missing; did you mean 'observation.state"):
+    with pytest.raises(
+        LogError, match=r"column 'observation.state.2' is missing; did you mean 'observation.state"
+    ):
         read_log(path, wrong)
 
 
@@ -165,7 +180,9 @@ def test_half_written_datasets_are_one_line_and_nothing_is_overwritten(
         episodes_of(tmp_path / "empty")
     ragged = pa.table({"v": [[1.0, 2.0], [3.0]], "timestamp": [0.0, 0.1]})
     pq.write_table(ragged, tmp_path / "ragged.parquet")
-    named = rig.with_values({"sensors.motor_angle.column": "v.0", "sensors.motor_torque.column": "v.1"})
+    named = rig.with_values(
+        {"sensors.motor_angle.column": "v.0", "sensors.motor_torque.column": "v.1"}
+    )
     with pytest.raises(LogError, match="vectors of different lengths"):
         read_log(tmp_path / "ragged.parquet", named)
 
@@ -179,26 +196,36 @@ def test_an_episode_in_two_files_is_refused(tmp_path: Path, runs: list[np.ndarra
 
 
 @pytest.mark.slow
-def test_the_command_estimates_all_episodes_into_files_beside(tmp_path: Path, rig: Rig, runs: list[np.ndarray]) -> None:
+def test_the_command_estimates_all_episodes_into_files_beside(
+    tmp_path: Path, rig: Rig, runs: list[np.ndarray]
+) -> None:
     folder, out = dataset(tmp_path / "set", runs, 3), tmp_path / "estimates"
     columns = [
         f"--set=sensors.motor_angle.column={json.dumps('observation.state.motor.pos')}",
         f"--set=sensors.motor_torque.column={json.dumps('observation.state.motor.current')}",
         '--set=log.time.column="timestamp"',
     ]
-    done = CliRunner().invoke(app, ["estimate", str(folder), "--rig", "capstan-joint", *columns, "--out", str(out)])
+    done = CliRunner().invoke(
+        app, ["estimate", str(folder), "--rig", "capstan-joint", *columns, "--out", str(out)]
+    )
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in out.iterdir()) == [f"episode_{k:06d}.csv" for k in range(4)]
     first = np.loadtxt(out / "episode_000002.csv", delimiter=",", skiprows=1, usecols=(0, 1))
-    alone = estimate(read_log(Episode(folder / "data" / "chunk-000" / "file-000.parquet", 2), rig), rig)
+    alone = estimate(
+        read_log(Episode(folder / "data" / "chunk-000" / "file-000.parquet", 2), rig), rig
+    )
     np.testing.assert_allclose(first[:, 1], alone.angles[:, 0], rtol=0, atol=1e-9)
 
 
 def test_a_rig_of_motors_finds_them_in_the_state_of_a_dataset(tmp_path: Path) -> None:
-    """Its columns, ``motor_1_position`` and ``time``, are ``observation.state.…`` and ``timestamp`` there."""
+    """Its columns, ``motor_1_position`` and ``time``, are ``observation.state.…`` and ``timestamp``
+    there.
+    """
     (tmp_path / "meta").mkdir()
     names = ["motor_1_position", "motor_1_current"]
-    (tmp_path / "meta" / "info.json").write_text(json.dumps({"features": {"observation.state": {"names": names}}}))
+    (tmp_path / "meta" / "info.json").write_text(
+        json.dumps({"features": {"observation.state": {"names": names}}})
+    )
     (tmp_path / "data").mkdir()
     state = np.column_stack([np.linspace(0.0, 0.5, 50), np.full(50, 20.0)]).astype(np.float32)
     columns = {
@@ -207,7 +234,9 @@ def test_a_rig_of_motors_finds_them_in_the_state_of_a_dataset(tmp_path: Path) ->
         "episode_index": np.zeros(50),
     }
     pq.write_table(pa.table(columns), tmp_path / "data" / "episode_000000.parquet")
-    rig = hand_of([Row(joint="mcp", motor="motor_1", low=0.0, high=1.5, spool_radius=7e-3)], "hand", "table").rig
+    rig = hand_of(
+        [Row(joint="mcp", motor="motor_1", low=0.0, high=1.5, spool_radius=7e-3)], "hand", "table"
+    ).rig
     (episode,) = episodes_of(tmp_path)
     log = read_log(episode, rig)
     np.testing.assert_allclose(log.time, np.arange(50) / 100.0, atol=1e-12)

@@ -1,4 +1,6 @@
-"""Stamps as labs write them: dates in any unit, ISO text, datetimes; time counts from the start, the original is kept."""
+"""Stamps as labs write them: dates in any unit, ISO text, datetimes; time counts from the start,
+the original is kept.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def rig() -> Rig:
 @pytest.fixture
 def frame() -> pl.DataFrame:
     time = np.arange(40) * 0.01
-    return pl.DataFrame({"motor_angle": 0.2 * np.sin(5 * time), "motor_torque": 0.01 * np.cos(5 * time)})
+    return pl.DataFrame(
+        {"motor_angle": 0.2 * np.sin(5 * time), "motor_torque": 0.01 * np.cos(5 * time)}
+    )
 
 
 def read(frame: pl.DataFrame, stamps: object, rig: Rig, path: Path, unit: str | None = None) -> Log:
@@ -45,7 +49,9 @@ COUNTED = {"ns": 1, "us": 1000, "ms": 1_000_000}
         for said in (None, "s", *(unit for unit, other in COUNTED.items() if other >= size))
     ],
 )
-def test_whole_numbers_of_any_unit(frame: pl.DataFrame, rig: Rig, tmp_path: Path, size: int, said: str | None) -> None:
+def test_whole_numbers_of_any_unit(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, size: int, said: str | None
+) -> None:
     """Exact to the last digit, whether the rig says the unit or it is known by its size."""
     log = read(frame, NANOSECONDS // size, rig, tmp_path / "log.csv", said)
     assert log.stamps is not None
@@ -62,7 +68,10 @@ def test_seconds_with_a_fraction(frame: pl.DataFrame, rig: Rig, tmp_path: Path) 
 
 
 ZONE = timezone(timedelta(hours=2))
-DATES = [datetime(2026, 11, 20, 23, 2, 47, tzinfo=ZONE) + timedelta(milliseconds=10 * k) for k in range(40)]
+DATES = [
+    datetime(2026, 11, 20, 23, 2, 47, tzinfo=ZONE) + timedelta(milliseconds=10 * k)
+    for k in range(40)
+]
 TEXTS = {
     "UTC": [f"2026-11-20T21:02:47.{10 * k:03d}Z" for k in range(40)],
     "no zone": [f"2026-11-20 21:02:47.{10 * k:03d}" for k in range(40)],
@@ -78,14 +87,27 @@ TEXTS = {
 def test_iso_text(frame: pl.DataFrame, rig: Rig, tmp_path: Path, kind: str) -> None:
     log = read(frame, TEXTS[kind], rig, tmp_path / "log.csv")
     assert log.stamps is not None
-    np.testing.assert_array_equal(log.stamps, 1_795_208_567_000_000_000 + 10_000_000 * np.arange(40))
+    np.testing.assert_array_equal(
+        log.stamps, 1_795_208_567_000_000_000 + 10_000_000 * np.arange(40)
+    )
 
 
 def test_what_is_below_a_microsecond_counts(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
-    for form in ("2026-11-20T21:02:47.{:09d}Z", "20261120T210247.{:09d}", "2026-11-20 23:02:47,{:09d}+02:00"):
-        log = read(frame, [form.format(123_456_789 + 10_000_001 * k) for k in range(40)], rig, tmp_path / "log.csv")
+    for form in (
+        "2026-11-20T21:02:47.{:09d}Z",
+        "20261120T210247.{:09d}",
+        "2026-11-20 23:02:47,{:09d}+02:00",
+    ):
+        log = read(
+            frame,
+            [form.format(123_456_789 + 10_000_001 * k) for k in range(40)],
+            rig,
+            tmp_path / "log.csv",
+        )
         assert log.stamps is not None
-        np.testing.assert_array_equal(log.stamps, 1_795_208_567_123_456_789 + 10_000_001 * np.arange(40))
+        np.testing.assert_array_equal(
+            log.stamps, 1_795_208_567_123_456_789 + 10_000_001 * np.arange(40)
+        )
 
 
 def test_datetimes_of_frames(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
@@ -94,7 +116,9 @@ def test_datetimes_of_frames(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> N
     dated.write_parquet(tmp_path / "log.parquet")
     pandas_frame = frame.to_pandas()
     pandas_frame["t"] = pandas.to_datetime(NANOSECONDS)
-    zoned = pandas_frame.assign(t=pandas_frame["t"].dt.tz_localize("UTC").dt.tz_convert("Europe/Berlin"))
+    zoned = pandas_frame.assign(
+        t=pandas_frame["t"].dt.tz_localize("UTC").dt.tz_convert("Europe/Berlin")
+    )
     for log in (
         dated,
         tmp_path / "log.parquet",
@@ -108,7 +132,9 @@ def test_datetimes_of_frames(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> N
         np.testing.assert_array_equal(stamps, NANOSECONDS)
 
 
-def test_what_counts_from_a_start_of_its_own_has_no_dates(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+def test_what_counts_from_a_start_of_its_own_has_no_dates(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
     log = read(frame, 5.0 + np.arange(40) * 0.01, rig, tmp_path / "log.csv")
     assert log.stamps is None
     assert log.time[0] == 5.0
@@ -128,10 +154,14 @@ def test_results_have_them(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> Non
     np.testing.assert_array_equal(part, NANOSECONDS[3:9])
 
 
-def test_a_truth_that_is_dated_too_is_laid_over_the_log(frame: pl.DataFrame, rig: Rig, tmp_path: Path) -> None:
+def test_a_truth_that_is_dated_too_is_laid_over_the_log(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
     angle = np.arange(60) * 0.01
     begun = NANOSECONDS[0] - 100_000_000  # a tenth of a second earlier
-    pl.DataFrame({"t": begun + 10_000_000 * np.arange(60), "theta": angle}).write_csv(tmp_path / "truth.csv")
+    pl.DataFrame({"t": begun + 10_000_000 * np.arange(60), "theta": angle}).write_csv(
+        tmp_path / "truth.csv"
+    )
     frame.with_columns(pl.Series("t", NANOSECONDS)).write_csv(tmp_path / "log.csv")
     log = read_log(tmp_path / "log.csv", rig, tmp_path / "truth.csv")
     np.testing.assert_allclose(log.truth["theta"], angle[10:50], atol=1e-9)
@@ -145,7 +175,9 @@ def test_a_truth_that_is_dated_too_is_laid_over_the_log(frame: pl.DataFrame, rig
         ("now", "is no date"),
     ],
 )
-def test_a_date_that_is_none(frame: pl.DataFrame, rig: Rig, tmp_path: Path, cell: str, said: str) -> None:
+def test_a_date_that_is_none(
+    frame: pl.DataFrame, rig: Rig, tmp_path: Path, cell: str, said: str
+) -> None:
     with pytest.raises(LogError, match=said):
         read(frame, [*TEXTS["UTC"][:4], cell, *TEXTS["UTC"][5:]], rig, tmp_path / "log.csv")
 
@@ -162,7 +194,9 @@ def test_dates_that_no_clock_has_are_refused(tmp_path: Path, rig: Rig, year: str
     text = "\n".join(f"{year}-01-01T00:00:00.{k:03d},1e-3,2,1e-3,2" for k in range(20))
     path = tmp_path / "log.csv"
     path.write_text(f"t,x1,u1,x2,u2\n{text}\n")
-    with pytest.raises(LogError, match=f"row 2, column 't': '{year}-01-01T00:00:00.000' is no date"):
+    with pytest.raises(
+        LogError, match=f"row 2, column 't': '{year}-01-01T00:00:00.000' is no date"
+    ):
         read_log(path, rig)
     frame = pl.read_csv(path).with_columns(t=pl.col("t").str.to_datetime(time_unit="us"))
     with pytest.raises(LogError, match="is no date"):
@@ -172,6 +206,8 @@ def test_dates_that_no_clock_has_are_refused(tmp_path: Path, rig: Rig, year: str
 def test_one_stamp_of_another_age_is_named(rig: Rig) -> None:
     stamps = [1_700_000_000 + k for k in range(20)]
     for odd in (1_700_000_030 + 2**64 // 10**9, 2**62):
-        frame = pl.DataFrame({"t": [*stamps, odd], **{c: [1e-3] * 21 for c in ("x1", "u1", "x2", "u2")}})
+        frame = pl.DataFrame(
+            {"t": [*stamps, odd], **{c: [1e-3] * 21 for c in ("x1", "u1", "x2", "u2")}}
+        )
         with pytest.raises(LogError, match=f"'t' is {odd} in a log that begins with 1700000000"):
             read_log(frame, rig)

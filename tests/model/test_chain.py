@@ -1,4 +1,6 @@
-"""Joints that carry one another: dynamics against other packages, one joint as a chain of one, couplings, crossings."""
+"""Joints that carry one another: dynamics against other packages, one joint as a chain of one,
+couplings, crossings.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,11 @@ def bodies(mechanism: Mechanism) -> tuple[ca.SX, ca.SX]:
 
 
 def changed(
-    name: str, *, joints: dict[str, Any] | None = None, tendons: dict[str, Any] | None = None, **more: Any
+    name: str,
+    *,
+    joints: dict[str, Any] | None = None,
+    tendons: dict[str, Any] | None = None,
+    **more: Any,
 ) -> Rig:
     """Return a shipped rig with the same keys changed in all joints and all tendons."""
     raw = load_rig(name).model_dump()
@@ -38,7 +44,9 @@ def changed(
 
 
 def spatial_rig() -> Rig:
-    """Return a chain with three axes in space, links that are no rods, and a base that is turned."""
+    """Return a chain with three axes in space, links that are no rods, and a base that is
+    turned.
+    """
     raw = load_rig("wrist-instrument").model_dump()
     rng = np.random.default_rng(4)
     for joint, axis in zip(raw["joints"], ("y", (0.6, 0.0, 0.8), "-z")):
@@ -60,12 +68,16 @@ def urdf(rig: Rig) -> str:
         link = joint.link
         assert link is not None
         ixx, iyy, izz = link.inertia
-        numbers = [" ".join(map(repr, vector)) for vector in (link.centre, joint.offset, joint.axis)]
+        numbers = [
+            " ".join(map(repr, vector)) for vector in (link.centre, joint.offset, joint.axis)
+        ]
         parts.append(
             f"<link name='{joint.name}_link'><inertial><origin xyz='{numbers[0]}' rpy='0 0 0'/>"
             f"<mass value='{link.mass.value!r}'/>"
-            f"<inertia ixx='{ixx!r}' iyy='{iyy!r}' izz='{izz!r}' ixy='0' ixz='0' iyz='0'/></inertial></link>"
-            f"<joint name='{joint.name}' type='revolute'><parent link='{before}'/><child link='{joint.name}_link'/>"
+            f"<inertia ixx='{ixx!r}' iyy='{iyy!r}' izz='{izz!r}' ixy='0' ixz='0' "
+            "iyz='0'/></inertial></link>"
+            f"<joint name='{joint.name}' type='revolute'><parent link='{before}'/><child "
+            f"link='{joint.name}_link'/>"
             f"<origin xyz='{numbers[1]}' rpy='0 0 0'/><axis xyz='{numbers[2]}'/>"
             "<limit lower='-9' upper='9' effort='9' velocity='9'/></joint>"
         )
@@ -77,8 +89,12 @@ def urdf(rig: Rig) -> str:
     "rig", [load_rig(FINGER), load_rig("wrist-instrument"), spatial_rig()], ids=lambda rig: rig.name
 )
 def test_inertia_and_bias_are_those_of_another_package(rig: Rig) -> None:
-    """M(q), Coriolis and gravity against adam-robotics, to its rounding: its gravity is a float32."""
-    adam = pytest.importorskip("adam.numpy", reason="adam-robotics is not installed: pip install '.[test]'")
+    """M(q), Coriolis and gravity against adam-robotics, to its rounding: its gravity is a
+    float32.
+    """
+    adam = pytest.importorskip(
+        "adam.numpy", reason="adam-robotics is not installed: pip install '.[test]'"
+    )
     names, rng = [joint.name for joint in rig.joints], np.random.default_rng(0)
     theirs = adam.KinDynComputations(urdf(rig), names, gravity=np.array([0, 0, -9.80665, 0, 0, 0]))
     mechanism, n = Mechanism(rig), len(names)
@@ -93,8 +109,12 @@ def test_inertia_and_bias_are_those_of_another_package(rig: Rig) -> None:
         matrix, bias = (np.array(part) for part in found)
         expected = np.asarray(theirs.mass_matrix(np.eye(4), angles))[6:, 6:]
         np.testing.assert_allclose(matrix, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-        bias_expected = np.asarray(theirs.bias_force(np.eye(4), angles, np.zeros(6), speeds)).ravel()[6:]
-        np.testing.assert_allclose(np.ravel(bias), bias_expected, rtol=0, atol=1e-12 * np.abs(bias_expected).max())
+        bias_expected = np.asarray(
+            theirs.bias_force(np.eye(4), angles, np.zeros(6), speeds)
+        ).ravel()[6:]
+        np.testing.assert_allclose(
+            np.ravel(bias), bias_expected, rtol=0, atol=1e-12 * np.abs(bias_expected).max()
+        )
 
 
 def test_torques_are_inertia_times_acceleration_and_bias() -> None:
@@ -103,11 +123,20 @@ def test_torques_are_inertia_times_acceleration_and_bias() -> None:
     a = ca.SX.sym("a", 3)
     chain = mechanism.chain
     assert chain is not None
-    difference = chain.torques(q, v, a) - chain.torques(q, v, ca.SX(3, 1)) - ca.mtimes(chain.mass_matrix(q), a)
+    difference = (
+        chain.torques(q, v, a)
+        - chain.torques(q, v, ca.SX(3, 1))
+        - ca.mtimes(chain.mass_matrix(q), a)
+    )
     found = ca.Function("difference", [q, v, a, mechanism.parameters.symbols], [difference])
     rng = np.random.default_rng(1)
     for _ in range(10):
-        left = found(rng.normal(size=6), rng.normal(size=6), rng.normal(size=3) * 100, mechanism.parameters.values)
+        left = found(
+            rng.normal(size=6),
+            rng.normal(size=6),
+            rng.normal(size=3) * 100,
+            mechanism.parameters.values,
+        )
         assert np.abs(np.array(left)).max() < 1e-15
 
 
@@ -120,7 +149,13 @@ def test_a_turned_base_turns_gravity() -> None:
         mechanism = Mechanism(rig)
         assert mechanism.chain is not None
         torque = mechanism.chain.torques(ca.SX.zeros(7), ca.SX.zeros(7), ca.SX.zeros(3))
-        loads.append(np.array(ca.Function("g", [mechanism.parameters.symbols], [torque])(mechanism.parameters.values)))
+        loads.append(
+            np.array(
+                ca.Function("g", [mechanism.parameters.symbols], [torque])(
+                    mechanism.parameters.values
+                )
+            )
+        )
     # flexion turns down, so that gravity flexes: the torque that holds the finger is negative
     weight = 9.80665 * (0.015 * 0.0225 + 0.008 * 0.0575 + 0.005 * 0.08)
     assert loads[0][0, 0] == pytest.approx(-weight, rel=1e-12)
@@ -129,7 +164,9 @@ def test_a_turned_base_turns_gravity() -> None:
 
 @pytest.mark.slow
 def test_a_free_chain_moves_as_in_another_simulator() -> None:
-    """Three links swing freely for half a second in MuJoCo (RK4) and here: 0.02°, and its error falls with h²."""
+    """Three links swing freely for half a second in MuJoCo (RK4) and here: 0.02°, and its error
+    falls with h².
+    """
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install '.[test]'")
     bare = {"friction": None, "damping": 0.0, "stops": None}
     rig = changed(FINGER, joints=bare, tendons={"slack": 50.0})
@@ -156,7 +193,8 @@ def _swing(rig: Rig, start: Sequence[float], speeds: Sequence[float], count: int
     q[:3], v[:3] = start, speeds
     for _ in range(50):
         q, v = (
-            np.array(x).ravel() for x in step(q, v, still, still, np.zeros((n, 3)), 0.01, mechanism.parameters.values)
+            np.array(x).ravel()
+            for x in step(q, v, still, still, np.zeros((n, 3)), 0.01, mechanism.parameters.values)
         )
     return q[:3]
 
@@ -167,29 +205,47 @@ def _mjcf(rig: Rig) -> str:
         link = joint.link
         assert link is not None
         place, centre, axis, inertia = (
-            " ".join(map(repr, vector)) for vector in (joint.offset, link.centre, joint.axis, link.inertia)
+            " ".join(map(repr, vector))
+            for vector in (joint.offset, link.centre, joint.axis, link.inertia)
         )
         # a body needs some inertia about its long axis, which nothing here turns
-        inertia = inertia.replace("0.0 ", f"{link.inertia[1]!r} ", 1) if inertia.startswith("0.0") else inertia
-        inside += f"<body pos='{place}'><joint type='hinge' axis='{axis}' armature='{joint.inertia.value!r}'/>"
+        inertia = (
+            inertia.replace("0.0 ", f"{link.inertia[1]!r} ", 1)
+            if inertia.startswith("0.0")
+            else inertia
+        )
+        inside += (
+            f"<body pos='{place}'><joint type='hinge' axis='{axis}' "
+            f"armature='{joint.inertia.value!r}'/>"
+        )
         inside += f"<inertial pos='{centre}' mass='{link.mass.value!r}' diaginertia='{inertia}'/>"
         ends += "</body>"
-    options = "<option timestep='5e-5' gravity='0 0 -9.80665' integrator='RK4'/><compiler balanceinertia='true'/>"
+    options = (
+        "<option timestep='5e-5' gravity='0 0 -9.80665' integrator='RK4'/><compiler "
+        "balanceinertia='true'/>"
+    )
     return f"<mujoco>{options}<worldbody>{inside}{ends}</worldbody></mujoco>"
 
 
 def test_energy_of_a_free_chain_does_not_grow() -> None:
-    """No friction, no gravity: kinetic energy stays within 1 % over 5 s, and with damping it only falls."""
+    """No friction, no gravity: kinetic energy stays within 1 % over 5 s, and with damping it only
+    falls.
+    """
     bare: dict[str, Any] = {"friction": None, "stops": None}
     for damping, within in ((0.0, 0.01), (1e-6, 0.0)):
         rig = changed(
-            FINGER, joints={**bare, "damping": damping}, tendons={"slack": 50.0}, base={"gravity": (0.0,) * 3}
+            FINGER,
+            joints={**bare, "damping": damping},
+            tendons={"slack": 50.0},
+            base={"gravity": (0.0,) * 3},
         )
         mechanism = Mechanism(rig)
         q, v = bodies(mechanism)
         p = mechanism.parameters.values
         energy = ca.Function(
-            "E", [q, v, mechanism.parameters.symbols], [ca.bilin(mechanism.mass_matrix(q), v[:3], v[:3]) / 2]
+            "E",
+            [q, v, mechanism.parameters.symbols],
+            [ca.bilin(mechanism.mass_matrix(q), v[:3], v[:3]) / 2],
         )
         step = interval_step(mechanism, 20)
         n = mechanism.n_bodies
@@ -197,7 +253,10 @@ def test_energy_of_a_free_chain_does_not_grow() -> None:
         at[:3], speed[:3] = (0.3, 0.5, 0.2), (5.0, -8.0, 12.0)
         energies = [float(energy(at, speed, p))]
         for _ in range(500):
-            at, speed = (np.array(x).ravel() for x in step(at, speed, still, still, np.zeros((n, 3)), 0.01, p))
+            at, speed = (
+                np.array(x).ravel()
+                for x in step(at, speed, still, still, np.zeros((n, 3)), 0.01, p)
+            )
             energies.append(float(energy(at, speed, p)))
         ratios = np.array(energies) / energies[0]
         assert ratios.max() < 1.0 + within + 1e-3
@@ -207,7 +266,9 @@ def test_energy_of_a_free_chain_does_not_grow() -> None:
 def test_a_stuck_chain_does_not_creep() -> None:
     """Friction that holds its weight: not one joint moves in a second, whatever the step."""
     rig = changed(
-        FINGER, joints={"friction": {"coefficient": 0.5, "radius": "3 mm", "preload": "20 N"}}, tendons={"slack": 1.0}
+        FINGER,
+        joints={"friction": {"coefficient": 0.5, "radius": "3 mm", "preload": "20 N"}},
+        tendons={"slack": 1.0},
     )
     mechanism = Mechanism(rig)
     n = mechanism.n_bodies
@@ -227,7 +288,8 @@ def pendulum(chain: bool, **more: Any) -> Rig:
     joint.update(stops=(-0.3, 0.25), **more)
     if chain:
         joint.update(
-            inertia=armature, link={"mass": mass, "centre": (distance, 0.0, 0.0), "inertia": (1e-3, own, 2e-3)}
+            inertia=armature,
+            link={"mass": mass, "centre": (distance, 0.0, 0.0), "inertia": (1e-3, own, 2e-3)},
         )
     else:
         joint.update(inertia=armature + own + mass * distance**2)
@@ -251,7 +313,9 @@ SWING = {
 def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
     touched: float, fewest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Motion with stops, adaptive with and without an external torque, ekf: 1e-10; also moved as a chain is moved."""
+    """Motion with stops, adaptive with and without an external torque, ekf: 1e-10; also moved as a
+    chain is moved.
+    """
     monkeypatch.setattr(distal.model.mechanism, "FEWEST", fewest)
     more = {"external_torque": {"std": touched}}
     lumped, chain = pendulum(False, **more), pendulum(True, **more)
@@ -267,12 +331,16 @@ def test_one_joint_as_a_chain_of_one_gives_the_same_numbers(
 def coupled(ratio: float) -> Rig:
     """Return a finger whose last joint follows the one before it."""
     raw = load_rig(FINGER).model_dump()
-    raw["joints"][2].update(coupled={"joint": "pip", "ratio": ratio, "offset": 0.1}, stops=None, initial=0.0)
+    raw["joints"][2].update(
+        coupled={"joint": "pip", "ratio": ratio, "offset": 0.1}, stops=None, initial=0.0
+    )
     return build_rig(raw, "coupled")
 
 
 def test_a_coupled_joint_follows_and_loads_the_other() -> None:
-    """Two lumped joints, θ₂ = c θ₁: inertia J₁ + c² J₂, damping b₁ + c² b₂, as one joint with these."""
+    """Two lumped joints, θ₂ = c θ₁: inertia J₁ + c² J₂, damping b₁ + c² b₂, as one joint with
+    these.
+    """
     raw = load_rig("pulley-antagonist").model_dump()
     raw["joints"][0].update(friction=None)
     alone = {**raw["joints"][0]}
@@ -285,31 +353,45 @@ def test_a_coupled_joint_follows_and_loads_the_other() -> None:
         "damping": 3e-3,
     }
     both = build_rig({**raw, "joints": [alone, follower]}, "coupled")
-    alone.update(inertia=alone["inertia"]["value"] + 0.64 * 2e-4, damping=alone["damping"]["value"] + 0.64 * 3e-3)
+    alone.update(
+        inertia=alone["inertia"]["value"] + 0.64 * 2e-4,
+        damping=alone["damping"]["value"] + 0.64 * 3e-3,
+    )
     one = build_rig({**raw, "joints": [alone]}, "one")
     forces = {"rig": "pulley-antagonist", "duration": "3 s", "drives": SWING["drives"]}
     logs = [simulate(rig, build_scenario(forces), seed=0) for rig in (both, one)]
     assert np.ptp(logs[1].truth["theta"]) > 0.2
-    # the damping of the pair is taken as that of one joint: the order of the step is the same, its constant is not
+    # the damping of the pair is taken as that of one joint: the order of the step is the same, its
+    # constant is not
     np.testing.assert_allclose(logs[0].truth["theta_link"], logs[1].truth["theta"], atol=2e-5)
-    np.testing.assert_allclose(logs[0].truth["theta_tip"], 0.8 * logs[0].truth["theta_link"], atol=1e-15)
+    np.testing.assert_allclose(
+        logs[0].truth["theta_tip"], 0.8 * logs[0].truth["theta_link"], atol=1e-15
+    )
 
 
 def test_a_coupled_joint_is_estimated_with_the_other() -> None:
     rig = coupled(0.8)
-    drives = {name: {"servo": {"position": "0 mm", "stiffness": 3000.0}} for name in ("t2", "t3", "t4")}
+    drives = {
+        name: {"servo": {"position": "0 mm", "stiffness": 3000.0}} for name in ("t2", "t3", "t4")
+    }
     swing = {"mean": "2 mm", "amplitude": "2 mm", "frequency": "1 Hz"}
     drives["t1"] = {"servo": {"position": swing, "stiffness": 3000.0}}
-    log = simulate(rig, build_scenario({"rig": FINGER, "duration": "1.5 s", "drives": drives}), seed=2)
+    log = simulate(
+        rig, build_scenario({"rig": FINGER, "duration": "1.5 s", "drives": drives}), seed=2
+    )
     for name in ("adaptive", "elastic"):
         result = estimate(log, rig, name)
         np.testing.assert_allclose(result.angles[:, 2], 0.8 * result.angles[:, 1] + 0.1, atol=1e-9)
-        np.testing.assert_allclose(result.angle_stds[:, 2], 0.8 * result.angle_stds[:, 1], rtol=1e-6)
+        np.testing.assert_allclose(
+            result.angle_stds[:, 2], 0.8 * result.angle_stds[:, 1], rtol=1e-6
+        )
         assert result.joint_names == ("mcp", "pip", "dip")
 
 
 def polynomial(
-    terms: list[dict[str, Any]], bounds: list[tuple[float, float]], joints: Sequence[str] = ("mcp", "pip")
+    terms: list[dict[str, Any]],
+    bounds: list[tuple[float, float]],
+    joints: Sequence[str] = ("mcp", "pip"),
 ) -> dict[str, Any]:
     return {"kind": "polynomial", "joints": list(joints), "terms": terms, "range": bounds}
 
@@ -321,7 +403,9 @@ def lengths(rig: Rig) -> Any:
     function = ca.Function("lengths", [q, mechanism.parameters.symbols], both)
     return lambda *angles: [
         np.array(part)
-        for part in function(np.append(angles, np.zeros(mechanism.n_drives)), mechanism.parameters.values)
+        for part in function(
+            np.append(angles, np.zeros(mechanism.n_drives)), mechanism.parameters.values
+        )
     ]
 
 
@@ -333,25 +417,34 @@ def with_crossings(crossings: list[dict[str, Any]]) -> Rig:
 
 def test_a_polynomial_of_first_order_is_two_pulleys() -> None:
     terms = [{"powers": [1, 0], "coefficient": "7 mm"}, {"powers": [0, 1], "coefficient": "6 mm"}]
-    theirs, ours = lengths(load_rig("finger-2n")), lengths(with_crossings([polynomial(terms, [(-1.0, 2.0)] * 2)]))
+    theirs, ours = (
+        lengths(load_rig("finger-2n")),
+        lengths(with_crossings([polynomial(terms, [(-1.0, 2.0)] * 2)])),
+    )
     for angles in ((0.3, 0.4), (-3.0, 5.0)):
         for one, other in zip(theirs(*angles), ours(*angles)):
             np.testing.assert_allclose(one, other, atol=1e-15)
 
 
 def test_a_polynomial_goes_on_straight_outside_its_range() -> None:
-    """Inside Σ c θ₁^a θ₂^b; beyond, the arm at the end of its range (the other angle in the middle of its own); no step."""
+    """Inside Σ c θ₁^a θ₂^b; beyond, the arm at the end of its range (the other angle in the middle
+    of its own); no step.
+    """
     terms = [{"powers": [1, 0], "coefficient": 8e-3}, {"powers": [2, 1], "coefficient": 1e-3}]
     rig = with_crossings([polynomial(terms, [(-0.5, 1.0), (-0.5, 1.5)])])
     look = lengths(rig)
     inside, slopes = look(0.4, 0.6)
     assert inside[2, 0] == pytest.approx(-(8e-3 * 0.4 + 1e-3 * 0.4**2 * 0.6), rel=1e-12)
-    np.testing.assert_allclose(slopes[2, :2], [-(8e-3 + 2e-3 * 0.4 * 0.6), -1e-3 * 0.4**2], rtol=1e-12)
+    np.testing.assert_allclose(
+        slopes[2, :2], [-(8e-3 + 2e-3 * 0.4 * 0.6), -1e-3 * 0.4**2], rtol=1e-12
+    )
     (edge, _), (beyond, outside) = look(1.0, 0.6), look(3.0, 0.6)
     arm = 8e-3 + 2e-3 * 1.0 * 0.5
     np.testing.assert_allclose(outside[2, :2], [-arm, -1e-3], rtol=1e-12)
     assert beyond[2, 0] - edge[2, 0] == pytest.approx(-2.0 * arm, rel=1e-9)
-    assert rig.tendons[2].arms({"mcp": 0.4, "pip": 0.6}) == pytest.approx({"mcp": 8e-3 + 2e-3 * 0.24, "pip": 1.6e-4})
+    assert rig.tendons[2].arms({"mcp": 0.4, "pip": 0.6}) == pytest.approx(
+        {"mcp": 8e-3 + 2e-3 * 0.24, "pip": 1.6e-4}
+    )
 
 
 def test_a_tendon_may_end_at_a_pin_after_a_pulley() -> None:
@@ -363,23 +456,34 @@ def test_a_tendon_may_end_at_a_pin_after_a_pulley() -> None:
     look = lengths(with_crossings(crossings))
     one, two = 0.5, 0.9
     along = 0.08 - 7e-3 * one - 6e-3 * np.sin(two)
-    assert look(one, two)[0][2, 0] == pytest.approx(np.hypot(6e-3 * (1 - np.cos(two)), along) - 0.08, rel=1e-12)
+    assert look(one, two)[0][2, 0] == pytest.approx(
+        np.hypot(6e-3 * (1 - np.cos(two)), along) - 0.08, rel=1e-12
+    )
 
 
 def test_friction_along_the_way_adds_up_over_the_joints() -> None:
     guide = {"friction": 0.1, "wrap": 0.5, "wrap_slope": 1.0}
-    crossings = [{"joint": j, "kind": "pulley", "radius": "7 mm", "side": 1, "guide": guide} for j in ("mcp", "pip")]
+    crossings = [
+        {"joint": j, "kind": "pulley", "radius": "7 mm", "side": 1, "guide": guide}
+        for j in ("mcp", "pip")
+    ]
     rig = with_crossings(crossings)
     mechanism = Mechanism(rig)
     q, v = bodies(mechanism)
     tensions = ca.SX.sym("T", 4)
     limit = mechanism.friction_limits(q, v, tensions)[2 + 2]
-    found = ca.Function("limit", [q, v, tensions, mechanism.parameters.symbols], [limit.up, limit.down])
+    found = ca.Function(
+        "limit", [q, v, tensions, mechanism.parameters.symbols], [limit.up, limit.down]
+    )
     at = [0.3, 0.6, 0, 0, 0, 0]
-    up, down = (float(x) for x in found(at, np.zeros(6), [0, 0, 10, 0], mechanism.parameters.values))
+    up, down = (
+        float(x) for x in found(at, np.zeros(6), [0, 0, 10, 0], mechanism.parameters.values)
+    )
     wrapped = 0.1 * (0.5 + 0.3) + 0.1 * (0.5 + 0.6)
     own = 0.1 + 0.1 * 10
-    assert (up, down) == pytest.approx((own + 10 * np.expm1(wrapped), own - 10 * np.expm1(-wrapped)), rel=1e-12)
+    assert (up, down) == pytest.approx(
+        (own + 10 * np.expm1(wrapped), own - 10 * np.expm1(-wrapped)), rel=1e-12
+    )
 
 
 def test_the_frequency_of_a_chain_is_that_of_its_eigenvalues() -> None:
@@ -393,7 +497,9 @@ def test_the_frequency_of_a_chain_is_that_of_its_eigenvalues() -> None:
     for angles in ((0, 0, 0), (20, 25, 15), (-20, -5, -5), (90, 100, 80)):
         at = np.append(np.deg2rad(angles), np.zeros(4))
         inertia = np.array(matrix(at, mechanism.parameters.values))
-        most = max(most, float(np.sqrt(np.linalg.eigvals(np.linalg.solve(inertia, stiffness)).real.max())))
+        most = max(
+            most, float(np.sqrt(np.linalg.eigvals(np.linalg.solve(inertia, stiffness)).real.max()))
+        )
     assert joint_frequency(mechanism) == pytest.approx(most, rel=1e-9)
 
 
@@ -405,7 +511,11 @@ def test_the_frequency_of_a_chain_is_that_of_its_eigenvalues() -> None:
         ("joints.1.axis", [0, 0, 0], "must point somewhere"),
         ("joints.1.offset", [1.0, 2.0], "three numbers"),
         ("joints.0.name", "base", "what the first joint sits on"),
-        ("joints.1.gravity", {"mass": 0.1, "distance": 0.1}, "the link's mass and centre say it already"),
+        (
+            "joints.1.gravity",
+            {"mass": 0.1, "distance": 0.1},
+            "the link's mass and centre say it already",
+        ),
         (
             "joints.2.coupled",
             {"joint": "pop", "ratio": 1.0},
@@ -443,7 +553,9 @@ def test_a_coupled_joint_starts_where_the_other_says() -> None:
     rig, still = coupled(0.8), {"rig": FINGER, "duration": "0.1 s", "initial": {"pip": "30 deg"}}
     truth = simulate(rig, build_scenario(still)).truth
     assert truth["theta_dip"][0] == pytest.approx(0.8 * np.deg2rad(30) + 0.1, rel=1e-12)
-    with pytest.raises(ScenarioError, match=r"initial\.dip: it follows 'pip'; give the angle of that joint"):
+    with pytest.raises(
+        ScenarioError, match=r"initial\.dip: it follows 'pip'; give the angle of that joint"
+    ):
         simulate(rig, build_scenario({**still, "initial": {"dip": "30 deg"}}))
 
 
@@ -452,7 +564,9 @@ def test_a_polynomial_counts_from_zero() -> None:
     terms = [{"powers": [1, 0], "coefficient": 7e-3}, {"powers": [0, 1], "coefficient": 6e-3}]
     bounds = [(-0.5, 1.0), (-0.5, 1.5)]
     plain = lengths(with_crossings([polynomial(terms, bounds)]))
-    shifted = lengths(with_crossings([polynomial([*terms, {"powers": [0, 0], "coefficient": 0.05}], bounds)]))
+    shifted = lengths(
+        with_crossings([polynomial([*terms, {"powers": [0, 0], "coefficient": 0.05}], bounds)])
+    )
     for angles in ((0.0, 0.0), (0.4, 0.6)):
         np.testing.assert_allclose(plain(*angles)[0], shifted(*angles)[0], atol=1e-15)
     with pytest.raises(RigError, match="'pip' has no term with a power of it"):
@@ -460,15 +574,23 @@ def test_a_polynomial_counts_from_zero() -> None:
 
 
 def test_the_arms_of_a_polynomial_are_the_slopes_of_its_length() -> None:
-    """Within its range, and beyond it for each joint whose neighbours are in the middle of theirs; one joint is enough."""
+    """Within its range, and beyond it for each joint whose neighbours are in the middle of theirs;
+    one joint is enough.
+    """
     powers, sizes = ([1, 0], [2, 1], [0, 3]), (5e-3, 2e-3, 1e-3)
-    terms: list[dict[str, Any]] = [{"powers": power, "coefficient": size} for power, size in zip(powers, sizes)]
+    terms: list[dict[str, Any]] = [
+        {"powers": power, "coefficient": size} for power, size in zip(powers, sizes)
+    ]
     raw = {**polynomial(terms, [(-0.4, 1.0), (-0.2, 1.2)]), "scale": 1.3}
     shape = Polynomial.model_validate(raw)
-    numbers = {f"terms.{k}.coefficient": term["coefficient"] for k, term in enumerate(terms)} | {"scale": 1.3}
+    numbers = {f"terms.{k}.coefficient": term["coefficient"] for k, term in enumerate(terms)} | {
+        "scale": 1.3
+    }
 
     def length(angles: np.ndarray) -> np.ndarray:
-        found = shape.elongation(lambda name: ca.SX(numbers[name]), 1, [ca.SX(a) for a in angles.tolist()], ca.SX(0.01))
+        found = shape.elongation(
+            lambda name: ca.SX(numbers[name]), 1, [ca.SX(a) for a in angles.tolist()], ca.SX(0.01)
+        )
         return np.array([float(ca.Function("l", [], [found])()["o0"])])
 
     assert length(np.zeros(2))[0] == pytest.approx(0.01)
@@ -490,6 +612,10 @@ def test_the_arms_of_a_polynomial_are_the_slopes_of_its_length() -> None:
             Polynomial.model_validate({**one, **empty})
     for powers in ([10], [-1]):
         with pytest.raises(ValueError, match="must be from 0 to 9"):
-            Polynomial.model_validate({**one, "terms": [{"powers": powers, "coefficient": 1e-3}, *one["terms"]]})
+            Polynomial.model_validate(
+                {**one, "terms": [{"powers": powers, "coefficient": 1e-3}, *one["terms"]]}
+            )
     highest = {"powers": [9], "coefficient": 1e-3}
-    assert Polynomial.model_validate({**one, "terms": [highest]}).arms({"mcp": 1.0})["mcp"] == pytest.approx(9e-3)
+    assert Polynomial.model_validate({**one, "terms": [highest]}).arms({"mcp": 1.0})[
+        "mcp"
+    ] == pytest.approx(9e-3)

@@ -46,19 +46,29 @@ def paper(paper_rig: Rig) -> tuple[Mechanism, ca.Function]:
 
 
 @given(ANGLE, PLACE, PLACE)
-def test_forces_are_the_papers(paper: tuple[Mechanism, ca.Function], theta: float, x1: float, x2: float) -> None:
+def test_forces_are_the_papers(
+    paper: tuple[Mechanism, ca.Function], theta: float, x1: float, x2: float
+) -> None:
     """One length function gives (8) to (11), and T cos φ of (2) and (3), with the mends."""
     mechanism, function = paper
     naive = NaiveRig()
     tensions, force, limits, *_ = function([theta, x1, x2], [0, 0, 0], mechanism.parameters.values)
-    np.testing.assert_allclose(tensions.full().ravel(), naive.tensions(theta, x1, x2), rtol=1e-9, atol=1e-10)
-    np.testing.assert_allclose(force.full().ravel(), naive.tendon_forces(theta, x1, x2), rtol=1e-9, atol=1e-11)
-    np.testing.assert_allclose(limits.full().ravel(), naive.limits(theta, x1, x2), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        tensions.full().ravel(), naive.tensions(theta, x1, x2), rtol=1e-9, atol=1e-10
+    )
+    np.testing.assert_allclose(
+        force.full().ravel(), naive.tendon_forces(theta, x1, x2), rtol=1e-9, atol=1e-11
+    )
+    np.testing.assert_allclose(
+        limits.full().ravel(), naive.limits(theta, x1, x2), rtol=1e-9, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("name", ["paper-2008-printed", "pulley-antagonist", "capstan-joint"])
 def test_virtual_work(name: str) -> None:
-    """Force is minus the slope of the stored energy Σ ½ T²/k: nothing is gained round a closed path."""
+    """Force is minus the slope of the stored energy Σ ½ T²/k: nothing is gained round a closed
+    path.
+    """
     mechanism = Mechanism(load_rig(name))
     function, p = evaluate(mechanism), mechanism.parameters.values
     stiffness = np.array([tendon.stiffness.value for tendon in mechanism.rig.tendons])
@@ -72,7 +82,9 @@ def test_virtual_work(name: str) -> None:
     for _ in range(20):
         q = np.concatenate([[rng.uniform(-0.6, 0.6)], rng.uniform(0.0, 8e-3, mechanism.n_drives)])
         expected = -finite_difference(energy, q, 1e-7).ravel()
-        np.testing.assert_allclose(function(q, still, p)[1].full().ravel(), expected, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            function(q, still, p)[1].full().ravel(), expected, rtol=1e-5, atol=1e-6
+        )
 
 
 def test_the_equations_as_printed_are_not_conservative() -> None:
@@ -82,14 +94,18 @@ def test_the_equations_as_printed_are_not_conservative() -> None:
     _, t2 = naive.tensions(*q)
     printed = t2 * naive.r * (np.cos(q[0]) * np.cos(phi2) - np.sin(q[0]) * np.sin(phi2))
     mended = t2 * naive.r * (np.cos(q[0]) * np.cos(phi2) + np.sin(q[0]) * np.sin(phi2))
-    slope = finite_difference(lambda x: np.array([naive.geometry(x[0], q[1], q[2])[1]]), np.array([q[0]]))[0, 0]
+    slope = finite_difference(
+        lambda x: np.array([naive.geometry(x[0], q[1], q[2])[1]]), np.array([q[0]])
+    )[0, 0]
     assert mended == pytest.approx(t2 * slope, rel=1e-6)
     assert abs(printed - t2 * slope) > 1e-3 * abs(t2 * slope)
 
 
 def test_slack_carries_exactly_zero(paper: tuple[Mechanism, ca.Function]) -> None:
     mechanism, function = paper
-    tensions, force, *_ = function([0.3, 1e-3, -4e-3], [0.1, -0.2, 0.3], mechanism.parameters.values)
+    tensions, force, *_ = function(
+        [0.3, 1e-3, -4e-3], [0.1, -0.2, 0.3], mechanism.parameters.values
+    )
     assert tensions.full().ravel()[0] == 0.0
     assert tensions.full().ravel()[1] == 0.0
     assert np.all(force.full() == 0.0)
@@ -113,7 +129,9 @@ def test_capstan_winds_one_tendon_and_pays_out_the_other() -> None:
     k, radius, r = 2.3e4, 5e-3, 8e-3
     theta, s = 0.1, 0.2
     tensions = function([theta, s], [0, 0], p)[0].full().ravel()
-    np.testing.assert_allclose(tensions, [20 + k * (radius * s - r * theta), 20 - k * (radius * s - r * theta)])
+    np.testing.assert_allclose(
+        tensions, [20 + k * (radius * s - r * theta), 20 - k * (radius * s - r * theta)]
+    )
 
 
 SHAPES = {
@@ -124,11 +142,21 @@ SHAPES = {
 
 
 @given(ANGLE, PLACE, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley", "linkage"]))
-def test_angle_at_is_the_inverse_of_elongation(theta: float, x: float, side: int, kind: str) -> None:
-    size = {"radius": 9.53e-3, "free_length": 0.375, "centre": 0.3, "slope": 0.2, "curvature": -0.1}.__getitem__
+def test_angle_at_is_the_inverse_of_elongation(
+    theta: float, x: float, side: int, kind: str
+) -> None:
+    size = {
+        "radius": 9.53e-3,
+        "free_length": 0.375,
+        "centre": 0.3,
+        "slope": 0.2,
+        "curvature": -0.1,
+    }.__getitem__
     shape = SHAPES[kind]
     longer = float(ca.evalf(shape.elongation(size, side, [ca.DM(theta)], ca.DM(x))))
-    assert float(ca.evalf(ca.SX(shape.angle_at(size, side, longer, ca.DM(x))))) == pytest.approx(theta, abs=1e-9)
+    assert float(ca.evalf(ca.SX(shape.angle_at(size, side, longer, ca.DM(x))))) == pytest.approx(
+        theta, abs=1e-9
+    )
 
 
 def test_an_impossible_length_gives_the_nearest_angle() -> None:
@@ -153,7 +181,9 @@ def test_free_response_is_exact_and_smooth_at_zero_damping() -> None:
     a, b = free_response(c, ca.SX(2.0), ca.SX(0.1))
     function = ca.Function("response", [c], [a, b, ca.jacobian(ca.vertcat(a, b), c)])
     for damping in (0.0, 1e-9, 1e-4, 2e-4, 0.3, 40.0, 1e6):
-        got_a, got_b, slope = (float(part[0]) if part.shape == (1, 1) else part.full() for part in function(damping))
+        got_a, got_b, slope = (
+            float(part[0]) if part.shape == (1, 1) else part.full() for part in function(damping)
+        )
         x = damping * 0.1 / 2.0
         assert got_a == pytest.approx(np.exp(-x), rel=1e-14)
         expected = 0.05 if damping == 0 else -np.expm1(-x) / damping
@@ -169,9 +199,16 @@ def test_restitution_is_that_of_the_contact() -> None:
     event = lambda t, y: k * y[0] + c * y[1] if t > 1e-5 else 1.0  # noqa: E731
     event.terminal = True  # type: ignore[attr-defined]
     done = solve_ivp(
-        lambda t, y: [y[1], -(k * y[0] + c * y[1]) / m], (0, 1e-2), [0.0, 1.0], events=event, rtol=1e-10, atol=1e-14
+        lambda t, y: [y[1], -(k * y[0] + c * y[1]) / m],
+        (0, 1e-2),
+        [0.0, 1.0],
+        events=event,
+        rtol=1e-10,
+        atol=1e-14,
     )
-    assert float(restitution(ca.DM(k), ca.DM(c), ca.DM(m))) == pytest.approx(-done.y[1, -1], rel=1e-6)
+    assert float(restitution(ca.DM(k), ca.DM(c), ca.DM(m))) == pytest.approx(
+        -done.y[1, -1], rel=1e-6
+    )
     assert float(restitution(ca.DM(k), ca.DM(100.0), ca.DM(m))) == 0.0
 
 
@@ -184,8 +221,12 @@ def test_spring_gravity_and_steeper_friction() -> None:
     }
     mechanism = Mechanism(load_rig("paper-2008-printed").with_values(values))
     theta = 0.3
-    tensions, _, limits, _, passive = evaluate(mechanism)([theta, 6e-3, 6e-3], [0, 0, 0], mechanism.parameters.values)
-    expected = -0.05 * (theta - np.deg2rad(10)) - 0.084 * 9.80665 * 5e-3 * np.sin(theta + np.deg2rad(30))
+    tensions, _, limits, _, passive = evaluate(mechanism)(
+        [theta, 6e-3, 6e-3], [0, 0, 0], mechanism.parameters.values
+    )
+    expected = -0.05 * (theta - np.deg2rad(10)) - 0.084 * 9.80665 * 5e-3 * np.sin(
+        theta + np.deg2rad(30)
+    )
     assert passive.full().ravel() == pytest.approx([expected, 0.0, 0.0])
     load = 4.9 + tensions.full().sum()
     assert limits.full().ravel()[0] == pytest.approx(0.5 * 3.18e-3 * 12.9 * (load / 12.9) ** 1.5)
@@ -196,11 +237,16 @@ def test_absent_features_cost_nothing(paper_rig: Rig) -> None:
     names = Mechanism(paper_rig).parameters.names
     assert "tendons.0.damping" not in names
     assert "joints.0.friction.exponent" not in names
-    assert "tendons.0.damping" in Mechanism(paper_rig.with_values({"tendons.0.damping": 0.1})).parameters.names
+    assert (
+        "tendons.0.damping"
+        in Mechanism(paper_rig.with_values({"tendons.0.damping": 0.1})).parameters.names
+    )
 
 
 @given(st.floats(-3, 3), st.floats(0, 2), st.floats(1e-3, 2))
-def test_soft_moments_are_those_of_a_normal_distribution(z: float, limit: float, std: float) -> None:
+def test_soft_moments_are_those_of_a_normal_distribution(
+    z: float, limit: float, std: float
+) -> None:
     """Mean and variance against quadrature, the slope against a difference of means."""
     from distal.model import soft_moments
 
@@ -211,17 +257,24 @@ def test_soft_moments_are_those_of_a_normal_distribution(z: float, limit: float,
     mean = float(np.sum(weights * values))
     moments = soft_moments(ca.DM(z), ca.DM(limit), ca.DM(std))
     assert float(moments.mean) == pytest.approx(mean, abs=1e-6)
-    assert float(moments.slope) == pytest.approx(float(np.sum(weights * (np.abs(z + std * x) > limit))), abs=2e-3)
+    assert float(moments.slope) == pytest.approx(
+        float(np.sum(weights * (np.abs(z + std * x) > limit))), abs=2e-3
+    )
     rest = float(np.sum(weights * (values - mean) ** 2)) - (float(moments.slope) * std) ** 2
     assert float(moments.rest) == pytest.approx(max(rest, 0.0), abs=1e-5)
 
 
 @given(st.floats(-4e-3, 12e-3), st.floats(1e-9, 800.0))
 def test_stiffness_grows_with_tension(delta: float, a: float) -> None:
-    """dT/dδ = k + a (T − T_pre) up to where the curve goes on straight, and T = k δ as a goes to 0."""
+    """dT/dδ = k + a (T − T_pre) up to where the curve goes on straight, and T = k δ as a goes to
+    0.
+    """
     k, step = 2e4, 1e-7
     tension = ca.Function("T", [x := ca.SX.sym("x")], [k * stretched(x, ca.SX(a))])
-    here, slope = float(tension(delta)), float(tension(delta + step) - tension(delta - step)) / (2 * step)
+    here, slope = (
+        float(tension(delta)),
+        float(tension(delta + step) - tension(delta - step)) / (2 * step),
+    )
     assert slope == pytest.approx(min(k + a * here, k * np.exp(2.0)), rel=2e-4)
     if a < 1e-6:
         assert here == pytest.approx(k * delta, rel=1e-6, abs=1e-12)
@@ -236,12 +289,16 @@ def test_the_arm_of_a_linkage_is_the_slope_of_its_excursion(theta: float) -> Non
     drawn = -SHAPES["linkage"].elongation(size, 1, [angle], 0)
     function = ca.Function("e", [angle], [drawn, ca.jacobian(drawn, angle)])
     u = theta - centre
-    assert float(function(theta)[1]) == pytest.approx(r * (1 + slope * u + curvature * u * u), rel=1e-9)
+    assert float(function(theta)[1]) == pytest.approx(
+        r * (1 + slope * u + curvature * u * u), rel=1e-9
+    )
     assert float(function(0.0)[0]) == pytest.approx(0.0, abs=1e-15)
 
 
 @given(st.floats(0, 50), st.floats(0, 0.5), st.floats(0, 6))
-def test_friction_along_a_path_is_the_capstan_equation(tension: float, mu: float, wrap: float) -> None:
+def test_friction_along_a_path_is_the_capstan_equation(
+    tension: float, mu: float, wrap: float
+) -> None:
     """The drive feels T e^{μβ} when it draws the tendon in, T e^{−μβ} when it lets it out."""
     limit = capstan_limit(ca.DM(tension), mu * wrap)
     assert tension + float(limit.up) == pytest.approx(tension * np.exp(mu * wrap))
@@ -255,17 +312,25 @@ def test_stiction_fades_with_speed() -> None:
 
 
 def test_a_capstan_draws_in_one_tendon_and_lets_out_the_other() -> None:
-    """Friction along the paths at + is R (T₁ (e^{μβ} − 1) + T₂ (1 − e^{−μβ})), at − the other way round."""
+    """Friction along the paths at + is R (T₁ (e^{μβ} − 1) + T₂ (1 − e^{−μβ})), at − the other way
+    round.
+    """
     path = {"friction": 0.1, "wrap": 3.0, "wrap_slope": 0.5}
     values = {"tendons.0.path": path, "tendons.1.path": path, "drives.0.friction.load": 0.0}
-    mechanism = Mechanism(load_rig("capstan-joint").with_values({**values, "drives.0.friction.constant.value": 0.01}))
+    mechanism = Mechanism(
+        load_rig("capstan-joint").with_values({**values, "drives.0.friction.constant.value": 0.01})
+    )
     q, v, p = ca.SX.sym("q", 2), ca.SX.sym("v", 2), mechanism.parameters
     tensions = mechanism.tensions(q, v)
     limit = mechanism.friction_limits(q, v, tensions)[1]
     function = ca.Function("limits", [q, v, p.symbols], [tensions, limit.up, limit.down])
     t, up, down = (np.array(part).ravel() for part in function([0.2, 0.35], [0, 0], p.values))
     rubs, radius = 0.1 * (3.0 + 0.5 * 0.2), 5e-3
-    load = float(p.values[p.names.index("drives.0.friction.load")]) if "drives.0.friction.load" in p.names else 0.0
+    load = (
+        float(p.values[p.names.index("drives.0.friction.load")])
+        if "drives.0.friction.load" in p.names
+        else 0.0
+    )
     own = 0.01 + load * radius * t.sum()
     assert up[0] == pytest.approx(own + radius * (t[0] * np.expm1(rubs) - t[1] * np.expm1(-rubs)))
     assert down[0] == pytest.approx(own + radius * (t[1] * np.expm1(rubs) - t[0] * np.expm1(-rubs)))
@@ -273,9 +338,17 @@ def test_a_capstan_draws_in_one_tendon_and_lets_out_the_other() -> None:
 
 
 def test_the_play_of_a_transmission_grows_with_load_and_angle() -> None:
-    """h = (c + l R Σ T)(1 + s θ), never below 0; a drive's stretch is that of its tendons as its own turn, φ − r θ/R."""
+    """h = (c + l R Σ T)(1 + s θ), never below 0; a drive's stretch is that of its tendons as its
+    own turn, φ − r θ/R.
+    """
     rig = load_rig("capstan-joint").with_values(
-        {"drives.0.hysteresis": {"constant": 0.02, "load": 0.05, "slope": {"value": -0.4, "std": 0.1}}}
+        {
+            "drives.0.hysteresis": {
+                "constant": 0.02,
+                "load": 0.05,
+                "slope": {"value": -0.4, "std": 0.1},
+            }
+        }
     )
     mechanism = Mechanism(rig)
     q, tensions, p = ca.SX.sym("q", 2), ca.SX.sym("T", 2), mechanism.parameters
@@ -289,15 +362,24 @@ def test_the_play_of_a_transmission_grows_with_load_and_angle() -> None:
         (3.0, 0.1, (5.0, 5.0)),
     ):
         limit, stretch = (float(part) for part in function([theta, phi], pulls, p.values))
-        assert limit == pytest.approx(max((0.02 + 0.05 * radius * sum(pulls)) * (1 - 0.4 * theta), 0.0), rel=1e-9)
+        assert limit == pytest.approx(
+            max((0.02 + 0.05 * radius * sum(pulls)) * (1 - 0.4 * theta), 0.0), rel=1e-9
+        )
         assert stretch == pytest.approx(phi - abs(arm) * theta / radius, abs=1e-9)
 
 
 def test_the_slope_of_a_joints_springs_is_their_stiffness() -> None:
-    """−dτ/dθ by finite differences, of a polynomial and an extension spring at once; gravity and cogging are not in it."""
+    """−dτ/dθ by finite differences, of a polynomial and an extension spring at once; gravity and
+    cogging are not in it.
+    """
     rig = load_rig("pulley-antagonist").with_values(
         {
-            "joints.0.spring": {"stiffness": 0.02, "quadratic": 0.01, "cubic": 0.03, "rest_angle": 0.1},
+            "joints.0.spring": {
+                "stiffness": 0.02,
+                "quadratic": 0.01,
+                "cubic": 0.03,
+                "rest_angle": 0.1,
+            },
             "joints.0.gravity": {"mass": 0.05, "distance": 0.02, "hanging_angle": 0.3},
         }
     )

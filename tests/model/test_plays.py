@@ -1,4 +1,6 @@
-"""What moves inside a rig: backlash, cables in sheaths, creep; against closed forms and naive twins."""
+"""What moves inside a rig: backlash, cables in sheaths, creep; against closed forms and naive
+twins.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,14 @@ K, MU, WRAP = 2000.0, 0.2, 1.8
 
 
 def sheath(count: int, let_out: float = 1.0) -> Sheath:
-    return Sheath(K, float(np.exp(MU * WRAP / count)), float(np.exp(MU * WRAP * let_out / count)), count)
+    return Sheath(
+        K, float(np.exp(MU * WRAP / count)), float(np.exp(MU * WRAP * let_out / count)), count
+    )
 
 
-def moved(cable: Sheath, points: list[float], drive: float, joint: float, times: int = 1) -> list[float]:
+def moved(
+    cable: Sheath, points: list[float], drive: float, joint: float, times: int = 1
+) -> list[float]:
     for _ in range(times):
         points = [float(point) for point in cable.settled(points, drive, joint)]
     return points
@@ -35,7 +41,9 @@ def moved(cable: Sheath, points: list[float], drive: float, joint: float, times:
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("let_out", [1.0, 0.6])
 def test_a_cable_drawn_in_and_let_out(count: int, let_out: float) -> None:
-    """T_drive = T e^{μβ} when all of it has slid towards the drive, T e^{−μβ λ} when it has slid back."""
+    """T_drive = T e^{μβ} when all of it has slid towards the drive, T e^{−μβ λ} when it has slid
+    back.
+    """
     cable = sheath(count, let_out)
     points = cable.middle(0.0, 0.0)
     for drive in np.linspace(0.0, 4e-3, 60):
@@ -57,10 +65,14 @@ def test_without_friction_it_is_one_spring(count: int) -> None:
 
 
 def test_the_step_resolves_the_stretch_at_a_cables_end() -> None:
-    """Between two samples the points of a sheath may hold, and its ends feel 2 N k: the mode is √(2N) as fast at least."""
+    """Between two samples the points of a sheath may hold, and its ends feel 2 N k: the mode is
+    √(2N) as fast at least.
+    """
     values = {"tendons.0.damping": 0.0, "tendons.1.damping": 0.0}
     rig = load_rig("pulley-antagonist").with_values(values)
-    sheathed = rig.with_values({f"tendons.{i}.path": {"friction": 0.1, "wrap": 1.0, "nodes": 4} for i in (0, 1)})
+    sheathed = rig.with_values(
+        {f"tendons.{i}.path": {"friction": 0.1, "wrap": 1.0, "nodes": 4} for i in (0, 1)}
+    )
     plain, held = (stiffest_frequency(Mechanism(each)) for each in (rig, sheathed))
     assert held == pytest.approx(np.sqrt(8.0) * plain, rel=1e-9)
 
@@ -83,7 +95,11 @@ def test_a_cable_that_stiffens_is_one_spring_without_friction(count: int) -> Non
 
 
 @given(
-    st.floats(-2e-3, 6e-3), st.floats(0.0, 500.0), st.floats(0.0, 10.0), st.sampled_from([0, 1, 2]), st.floats(1.0, 1.5)
+    st.floats(-2e-3, 6e-3),
+    st.floats(0.0, 500.0),
+    st.floats(0.0, 10.0),
+    st.sampled_from([0, 1, 2]),
+    st.floats(1.0, 1.5),
 )
 def test_a_point_of_a_cable_that_stiffens_holds_up_to_the_capstan_equation(
     stretch: float, a: float, pretension: float, point: int, drawn: float
@@ -96,7 +112,9 @@ def test_a_point_of_a_cable_that_stiffens_holds_up_to_the_capstan_equation(
         return near * float(before) - far * float(after)
 
     found = cable.bounds(point, stretch, 0.0)
-    wanted = sorted(bisect(lacks, -0.05, 0.05, args, xtol=1e-12) for args in ((1.0, drawn), (drawn, 1.0)))
+    wanted = sorted(
+        bisect(lacks, -0.05, 0.05, args, xtol=1e-12) for args in ((1.0, drawn), (drawn, 1.0))
+    )
     assert [float(found.low), float(found.high)] == pytest.approx(wanted, abs=1e-8)
 
 
@@ -110,19 +128,27 @@ def test_a_cable_that_hardly_stiffens_is_linear() -> None:
 
 
 def sheathed(**values: object) -> Mechanism:
-    """Return one joint between two cables in sheaths of two points, with more in its description."""
+    """Return one joint between two cables in sheaths of two points, with more in its
+    description.
+    """
     ways = {f"tendons.{i}.path": {"friction": 0.15, "wrap": 1.0, "nodes": 2} for i in (0, 1)}
     none = {f"tendons.{i}.damping": 0.0 for i in (0, 1)}
     pulled = {f"tendons.{i}.pretension": 5.0 for i in (0, 1)}
-    return Mechanism(load_rig("pulley-antagonist").with_values({**none, **pulled, **ways, **values}), (), True)
+    return Mechanism(
+        load_rig("pulley-antagonist").with_values({**none, **pulled, **ways, **values}), (), True
+    )
 
 
 def rest_of(mechanism: Mechanism, ways: list[list[float]]) -> list[tuple[Any, Any, Any]]:
-    """Return what is tied to the tendons, what is inside, and the pulls, as the bodies go from place to place."""
+    """Return what is tied to the tendons, what is inside, and the pulls, as the bodies go from
+    place to place.
+    """
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters.symbols
     place, pulls = mechanism.place(q), mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
     function = ca.Function(
-        "place", [q, p], [place.q, ca.vertcat(*place.inside), pulls.joint, pulls.drive, pulls.forces]
+        "place",
+        [q, p],
+        [place.q, ca.vertcat(*place.inside), pulls.joint, pulls.drive, pulls.forces],
     )
     still = Mechanism(mechanism.rig)
     start, own = still.place(q).inside, still.parameters
@@ -139,10 +165,15 @@ def rest_of(mechanism: Mechanism, ways: list[list[float]]) -> list[tuple[Any, An
 
 
 def test_the_pulley_of_a_loose_joint_rests_where_its_sheathed_cables_balance() -> None:
-    """In its gap the cables turn it until they pull alike; at an end of the gap it takes the link along."""
+    """In its gap the cables turn it until they pull alike; at an end of the gap it takes the link
+    along.
+    """
     width = 0.05
     mechanism = sheathed(**{"joints.0.backlash.width": width})
-    turns = [[angle, 0.0, 0.0] for angle in np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, -0.1, 81)])]
+    turns = [
+        [angle, 0.0, 0.0]
+        for angle in np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, -0.1, 81)])
+    ]
     loose = 0
     for way, (tied, _, (joint, _, forces)) in zip(turns, rest_of(mechanism, turns)):
         away = tied[0] - way[0]
@@ -156,12 +187,21 @@ def test_the_pulley_of_a_loose_joint_rests_where_its_sheathed_cables_balance() -
 
 
 def test_the_far_side_of_a_loose_drive_is_held_by_its_sheathed_cable() -> None:
-    """A cable under tension draws the far side to its end of the gap, as it does without a sheath."""
+    """A cable under tension draws the far side to its end of the gap, as it does without a
+    sheath.
+    """
     loose = {"drives.0.backlash": {"width": 1e-3, "held": False}}
-    ways = [[0.0, place, 0.0] for place in np.concatenate([np.linspace(0, 2e-3, 21), np.linspace(2e-3, 0, 21)])]
+    ways = [
+        [0.0, place, 0.0]
+        for place in np.concatenate([np.linspace(0, 2e-3, 21), np.linspace(2e-3, 0, 21)])
+    ]
     for way, (tied, inside, (_, drive, _)) in zip(ways, rest_of(sheathed(**loose), ways)):
         assert drive[0] > 0
-        assert inside[0] == pytest.approx(way[1] - 0.5e-3, abs=1e-9) == pytest.approx(tied[1], abs=1e-9)
+        assert (
+            inside[0]
+            == pytest.approx(way[1] - 0.5e-3, abs=1e-9)
+            == pytest.approx(tied[1], abs=1e-9)
+        )
 
 
 def test_a_damped_cable_in_its_sheath_pulls_more_at_both_ends_as_it_is_stretched() -> None:
@@ -177,7 +217,9 @@ def test_a_damped_cable_in_its_sheath_pulls_more_at_both_ends_as_it_is_stretched
 
 @pytest.mark.parametrize("count", [2, 4])
 def test_its_sweeps_are_enough(count: int) -> None:
-    """One call moves the points to within 5 % of a step of where many calls do, in a motion to and fro."""
+    """One call moves the points to within 5 % of a step of where many calls do, in a motion to and
+    fro.
+    """
     cable, time = sheath(count), np.arange(0.0, 6.0, 0.01)
     drive = 2e-3 + 1.2e-3 * np.sin(2 * np.pi * 0.4 * time)
     once = many = cable.middle(drive[0], 0.0)
@@ -187,9 +229,13 @@ def test_its_sweeps_are_enough(count: int) -> None:
 
 
 def test_two_points_stand_for_a_whole_cable() -> None:
-    """Against a cable of 16 points: tensions within 5 % of their mean for two points, 10 % for one (RMS)."""
+    """Against a cable of 16 points: tensions within 5 % of their mean for two points, 10 % for one
+    (RMS).
+    """
     time = np.arange(0.0, 6.0, 0.005)
-    drive = 1.2e-3 * (1 + 0.5 * np.sin(2 * np.pi * 0.3 * time + 1)) + 4.5e-3 * np.sin(2 * np.pi * 0.35 * time)
+    drive = 1.2e-3 * (1 + 0.5 * np.sin(2 * np.pi * 0.3 * time + 1)) + 4.5e-3 * np.sin(
+        2 * np.pi * 0.35 * time
+    )
     joint = 4.5e-3 * np.sin(2 * np.pi * 0.35 * time - 0.05)
     fine = Cable(K, MU, WRAP)
     errors: dict[int, list[float]] = {1: [], 2: []}
@@ -200,7 +246,10 @@ def test_two_points_stand_for_a_whole_cable() -> None:
         wanted.append(fine.tensions(d, j))
         for count, each in errors.items():
             points[count] = moved(sheath(count), points[count], d, j)
-            each += [float(a) - b for a, b in zip(sheath(count).tensions(points[count], d, j), wanted[-1])]
+            each += [
+                float(a) - b
+                for a, b in zip(sheath(count).tensions(points[count], d, j), wanted[-1])
+            ]
     mean = float(np.mean(wanted))
     for count, allowed in ((1, 0.1), (2, 0.05)):
         assert 0.0 < np.sqrt(np.mean(np.square(errors[count]))) < allowed * mean
@@ -219,7 +268,9 @@ def test_a_gap_is_a_play(places: list[float], width: float) -> None:
 
 
 @given(st.floats(-2.0, 2.0), st.floats(0.0, 3.0), st.floats(0.1, 2.0))
-def test_a_far_side_goes_where_friction_holds_it(start: float, friction: float, stiffness: float) -> None:
+def test_a_far_side_goes_where_friction_holds_it(
+    start: float, friction: float, stiffness: float
+) -> None:
     """A straight pull K p: it comes to rest at ±F/K, or stays, or meets an end."""
     bounds = Bounds(-1.0, 1.5)
     found = float(balanced(start, bounds, lambda p: (stiffness * p, stiffness), friction))
@@ -231,8 +282,15 @@ def test_a_far_side_goes_where_friction_holds_it(start: float, friction: float, 
 HELD = {"joints": {"link": {"hand": {"angle": 0.0, "stiffness": 5000.0}}}}
 
 
-def run(rig: Rig, drives: dict[str, Any], duration: float, more: dict[str, Any] | None = None) -> Any:
-    raw = {"rig": rig.name, "duration": duration, "drives": drives, **(HELD if more is None else more)}
+def run(
+    rig: Rig, drives: dict[str, Any], duration: float, more: dict[str, Any] | None = None
+) -> Any:
+    raw = {
+        "rig": rig.name,
+        "duration": duration,
+        "drives": drives,
+        **(HELD if more is None else more),
+    }
     return simulate(rig, build_scenario(raw, "plays"), 1)
 
 
@@ -246,7 +304,9 @@ SETTLED = {"share": 0.5, "time": 1.5, "settled": {"value": 0.0, "std": 0.0}}
 
 
 def test_a_tendon_held_at_its_ends_relaxes() -> None:
-    """T = k (δ − c), ċ = (γ T/k − c)/τ: T falls from k δ to k δ/(1 + γ) with the time constant τ/(1 + γ)."""
+    """T = k (δ − c), ċ = (γ T/k − c)/τ: T falls from k δ to k δ/(1 + γ) with the time constant τ/(1
+    + γ).
+    """
     rig = quiet({"tendons.0.creep": SETTLED})
     log = run(rig, {"left": {"servo": STILL}, "right": {"force": 2.0}}, 5.0)
     tension, time = log.truth["tension_left"], log.time
@@ -268,7 +328,9 @@ def test_two_creeps_add_up() -> None:
     slow = {"share": 0.25, "time": 0.4, "settled": {"value": 0.0, "std": 0.0}}
     rig = quiet({"tendons.0.creep": {**SETTLED, "time": 0.3}, "tendons.0.slow_creep": slow})
     log = run(rig, {"left": {"servo": STILL}, "right": {"force": 2.0}}, 5.0)
-    assert log.truth["tension_left"][-1] == pytest.approx(log.truth["tension_left"][0] / 1.75, rel=0.01)
+    assert log.truth["tension_left"][-1] == pytest.approx(
+        log.truth["tension_left"][0] / 1.75, rel=0.01
+    )
 
 
 def test_a_rope_that_has_settled_stays() -> None:
@@ -278,10 +340,16 @@ def test_a_rope_that_has_settled_stays() -> None:
 
 
 def test_backlash_of_a_drive() -> None:
-    """The tendon's end stays while its drive crosses the gap: a plateau of the tension as it turns back."""
+    """The tendon's end stays while its drive crosses the gap: a plateau of the tension as it turns
+    back.
+    """
     width = 0.5e-3
     rig = quiet({"drives.0.backlash.width": width})
-    swing = {"position": {"mean": 5e-3, "amplitude": 2e-3, "frequency": 0.5}, "stiffness": 5e5, "damping": 50.0}
+    swing = {
+        "position": {"mean": 5e-3, "amplitude": 2e-3, "frequency": 0.5},
+        "stiffness": 5e5,
+        "damping": 50.0,
+    }
     log = run(rig, {"left": {"servo": swing}, "right": {"force": 2.0}}, 4.0)
     place, tension = log.truth["position_left"], log.truth["tension_left"]
     far, naive = place[0], []
@@ -326,13 +394,20 @@ def test_cogging_repeats_as_the_motor_turns() -> None:
     function = ca.Function("f", [q, mechanism.parameters.symbols], [mechanism.passive_forces(q)])
     for turned in (0.0, 0.3, 1.1):
         own = float(function([0.2, turned], mechanism.parameters.values)[1])
-        assert own == pytest.approx(0.003 * np.cos(7 * turned) - 0.002 * np.sin(7 * turned), abs=1e-12)
+        assert own == pytest.approx(
+            0.003 * np.cos(7 * turned) - 0.002 * np.sin(7 * turned), abs=1e-12
+        )
 
 
 def test_a_motor_with_cogging_needs_that_much_less() -> None:
     cogging = {"periods": 12, "cosine": {"value": 0.05, "std": 0.0}}
-    raw = {"duration": 6.0, "drives": {"motor": {"servo": {"angle": {"amplitude": 0.6, "frequency": 0.3}}}}}
-    plain = load_rig("capstan-joint").with_values({f"drives.0.friction.{n}": 0.0 for n in ("constant", "load")})
+    raw = {
+        "duration": 6.0,
+        "drives": {"motor": {"servo": {"angle": {"amplitude": 0.6, "frequency": 0.3}}}},
+    }
+    plain = load_rig("capstan-joint").with_values(
+        {f"drives.0.friction.{n}": 0.0 for n in ("constant", "load")}
+    )
     logs = [
         simulate(rig, build_scenario({"rig": "capstan-joint", **raw}, "turned"), 1)
         for rig in (plain, plain.with_values({"drives.0.cogging": cogging}))
@@ -344,9 +419,14 @@ def test_a_motor_with_cogging_needs_that_much_less() -> None:
 
 
 def test_nobody_who_forgets_is_in_the_middle() -> None:
-    """Filters that remember nothing take a far side to be halfway, and a rope as far settled as it is said to be."""
+    """Filters that remember nothing take a far side to be halfway, and a rope as far settled as it
+    is said to be.
+    """
     rig = quiet(
-        {"drives.0.backlash.width": 1e-3, "tendons.1.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}}}
+        {
+            "drives.0.backlash.width": 1e-3,
+            "tendons.1.creep": {**SETTLED, "settled": {"value": 1.0, "std": 0.0}},
+        }
     )
     mechanism = Mechanism(rig)
     assert not mechanism.parameters.inside
@@ -360,7 +440,10 @@ def test_nobody_who_forgets_is_in_the_middle() -> None:
     ("values", "said"),
     [
         ({"tendons.0.slow_creep": SETTLED}, "is a second one"),
-        ({"tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 9}}, "less than or equal to 4|at most 4"),
+        (
+            {"tendons.0.path": {"friction": 0.1, "wrap": 1.0, "nodes": 9}},
+            "less than or equal to 4|at most 4",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(values: dict[str, Any], said: str) -> None:

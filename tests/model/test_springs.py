@@ -1,4 +1,6 @@
-"""Springs that are not linear, and tendons that are slack at home: against energies, and an integration of their own."""
+"""Springs that are not linear, and tendons that are slack at home: against energies, and an
+integration of their own.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,9 @@ def test_where_its_ends_are_in_line_it_does_not_turn() -> None:
     assert torque(rig, -0.9) == 0.0
     assert torque(rig, -0.8) < 0.0 < torque(rig, -1.0)
     same = {**EXTENSION, "radius": 0.026, "free_length": 1e-3}
-    assert torque(rig.with_values({"joints.0.extension_spring": same}), -0.9) == 0.0  # the ends meet
+    assert (
+        torque(rig.with_values({"joints.0.extension_spring": same}), -0.9) == 0.0
+    )  # the ends meet
 
 
 def test_a_polynomial_spring() -> None:
@@ -75,9 +79,13 @@ def test_a_polynomial_spring() -> None:
 def test_a_slack_tendon_pulls_from_its_slack_on() -> None:
     rig = load_rig("pulley-antagonist").with_values({"tendons.0.slack": "0.4 mm"})
     k = rig.tendons[0].stiffness.value
-    np.testing.assert_allclose(tensions(rig, 0.0, [0.39e-3, 1e-3]), [0.0, rig.tendons[1].stiffness.value * 1e-3])
+    np.testing.assert_allclose(
+        tensions(rig, 0.0, [0.39e-3, 1e-3]), [0.0, rig.tendons[1].stiffness.value * 1e-3]
+    )
     np.testing.assert_allclose(tensions(rig, 0.0, [1.4e-3, 0.0]), [k * 1e-3, 0.0], atol=1e-12)
-    with pytest.raises(RigError, match=r"tendons\.left: slack: a tendon is slack at home, or pulled"):
+    with pytest.raises(
+        RigError, match=r"tendons\.left: slack: a tendon is slack at home, or pulled"
+    ):
         rig.with_values({"tendons.0.pretension": 2.0})
 
 
@@ -87,7 +95,9 @@ def test_a_rig_without_them_has_none_of_their_numbers() -> None:
 
 
 def test_a_simulation_is_that_of_a_solver_of_its_own() -> None:
-    """A frictionless joint, a spring between two points, one tendon that is slack at home and pulled by weights."""
+    """A frictionless joint, a spring between two points, one tendon that is slack at home and
+    pulled by weights.
+    """
     rig = load_rig("pulley-antagonist").with_values(
         {
             "joints.0.friction.coefficient": {"value": 0.0, "std": 0.0},
@@ -97,15 +107,24 @@ def test_a_simulation_is_that_of_a_solver_of_its_own() -> None:
             "tendons.0.slack": "0.7 mm",
             "drives.0.friction": {"constant": 0.0, "load": {"value": 0.0, "std": 0.0}},
             "drives.1.friction": {"constant": 0.0, "load": {"value": 0.0, "std": 0.0}},
-            **{f"drives.{i}.{name}": value for i in (0, 1) for name, value in (("mass", 0.02), ("damping", 4.0))},
+            **{
+                f"drives.{i}.{name}": value
+                for i in (0, 1)
+                for name, value in (("mass", 0.02), ("damping", 4.0))
+            },
             "stepping.largest_step": 2e-5,
         }
     )
     pull = {"force": {"points": [[0.0, 1.5], [0.5, 4.5], [1.2, 2.0]], "interpolation": "hold"}}
     drives = {"left": pull, "right": {"force": "1 N"}}
-    scenario = build_scenario({"rig": "pulley-antagonist", "duration": 2.0, "drives": drives}, "peer")
+    scenario = build_scenario(
+        {"rig": "pulley-antagonist", "duration": 2.0, "drives": drives}, "peer"
+    )
     log = simulate(rig, scenario, 0)
-    radius, k = rig.tendons[0].insertion.radius.value, [tendon.stiffness.value for tendon in rig.tendons]
+    radius, k = (
+        rig.tendons[0].insertion.radius.value,
+        [tendon.stiffness.value for tendon in rig.tendons],
+    )
     inertia = rig.joints[0].inertia.value
 
     def rates(t: float, y: np.ndarray) -> list[float]:
@@ -116,12 +135,30 @@ def test_a_simulation_is_that_of_a_solver_of_its_own() -> None:
         length = abs(ends[0] - ends[1])
         force = max(0.4 + 300.0 * (length - 0.014), 0.0)
         arm = EXTENSION["radius"] * EXTENSION["distance"] * np.sin(theta + 0.9) / length
-        total = radius * (left - right) - force * arm - 0.02 * theta - 0.05 * theta**3 - 4e-3 * omega
+        total = (
+            radius * (left - right) - force * arm - 0.02 * theta - 0.05 * theta**3 - 4e-3 * omega
+        )
         load = 1.5 if t < 0.5 else 4.5 if t < 1.2 else 2.0
-        return [omega, total / inertia, v, (load - left - 4 * v) / 0.02, w, (1.0 - right - 4 * w) / 0.02]
+        return [
+            omega,
+            total / inertia,
+            v,
+            (load - left - 4 * v) / 0.02,
+            w,
+            (1.0 - right - 4 * w) / 0.02,
+        ]
 
     first = [log.truth[name][0] for name in ("theta", "position_left", "position_right")]
     start = [first[0], 0.0, first[1], 0.0, first[2], 0.0]
-    peer = solve_ivp(rates, (0.0, float(log.time[-1])), start, "DOP853", log.time, rtol=1e-9, atol=1e-12, max_step=1e-3)
+    peer = solve_ivp(
+        rates,
+        (0.0, float(log.time[-1])),
+        start,
+        "DOP853",
+        log.time,
+        rtol=1e-9,
+        atol=1e-12,
+        max_step=1e-3,
+    )
     assert np.ptp(peer.y[0]) > np.deg2rad(10)
     np.testing.assert_allclose(log.truth["theta"], peer.y[0], atol=np.deg2rad(0.05))

@@ -31,15 +31,21 @@ DT = 0.01
 class Stepper:
     """The model's interval as a plain function of (q, v, effort)."""
 
-    def __init__(self, rig: Rig, count: int | None = None, dt: float = DT, **options: object) -> None:
+    def __init__(
+        self, rig: Rig, count: int | None = None, dt: float = DT, **options: object
+    ) -> None:
         self.mechanism = Mechanism(rig)
         self.count = count or substeps(self.mechanism, dt)
         self.dt = dt
         self._function = interval_step(self.mechanism, self.count, **options)  # type: ignore[arg-type]
 
-    def __call__(self, q: np.ndarray, v: np.ndarray, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(
+        self, q: np.ndarray, v: np.ndarray, effort: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         n = self.mechanism.n_bodies
-        out = self._function(q, v, effort, np.zeros(n), np.zeros((n, 3)), self.dt, self.mechanism.parameters.values)
+        out = self._function(
+            q, v, effort, np.zeros(n), np.zeros((n, 3)), self.dt, self.mechanism.parameters.values
+        )
         return out[0].full().ravel(), out[1].full().ravel()
 
     def run(self, efforts: np.ndarray, q: np.ndarray, v: np.ndarray | None = None) -> np.ndarray:
@@ -81,7 +87,8 @@ def test_equals_the_naive_twin(paper_rig: Rig) -> None:
 def test_agrees_with_scipy_on_a_smoothed_twin(paper_rig: Rig, method: str) -> None:
     """RK23 as in the paper, and Radau, on sgn smoothed to tanh: 0.1° while the link turns by 20°.
 
-    The bound is what the smoothing itself costs: at ε = 1e-3 the two differ by less than at 1e-2, see the last line.
+    The bound is what the smoothing itself costs: at ε = 1e-3 the two differ by less than at 1e-2,
+    see the last line.
     """
     naive, stepper = NaiveRig(), Stepper(without_stops(paper_rig), 60)
     effort, duration = np.array([0.0, 6.0, 2.0]), 0.18
@@ -139,14 +146,19 @@ def test_mirror_symmetry(paper_rig: Rig) -> None:
 def conservative(rig: Rig) -> Rig:
     values: dict[str, object] = {"joints.0.friction": None, "joints.0.damping": 0.0}
     for i in range(2):
-        values |= {f"drives.{i}.damping": 0.0, f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0}}
+        values |= {
+            f"drives.{i}.damping": 0.0,
+            f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0},
+        }
         values[f"tendons.{i}.damping"] = 0.0
     return rig.with_values(values)
 
 
 @pytest.mark.parametrize("name", ["paper-2008-printed", "pulley-antagonist"])
 def test_no_secular_energy_growth(name: str) -> None:
-    """Without friction and damping, constant pulls: the energy of the last tenth of 60 s is that of the first."""
+    """Without friction and damping, constant pulls: the energy of the last tenth of 60 s is that of
+    the first.
+    """
     rig = load_rig(name)
     rig = conservative(without_stops(rig) if name == "paper-2008-printed" else rig)
     stepper = Stepper(rig)
@@ -156,7 +168,9 @@ def test_no_secular_energy_growth(name: str) -> None:
     mechanism = stepper.mechanism
     symbols = ca.SX.sym("q", 3)
     tensions = mechanism.tensions(symbols, ca.SX.zeros(3))
-    energy = ca.Function("energy", [symbols, mechanism.parameters.symbols], [ca.sumsqr(tensions) / (2 * 806)])
+    energy = ca.Function(
+        "energy", [symbols, mechanism.parameters.symbols], [ca.sumsqr(tensions) / (2 * 806)]
+    )
     stored = energy(q.T, mechanism.parameters.values).full().ravel()
     inertias = np.array([4.239e-4, 1e-3, 1e-3])
     total = stored + 0.5 * (v**2 * inertias).sum(axis=1) - pull * (q[:, 1] + q[:, 2])
@@ -172,7 +186,9 @@ def test_friction_and_damping_only_take_energy(paper_rig: Rig) -> None:
 
 
 def test_a_stop_holds_and_lets_go(paper_rig: Rig) -> None:
-    """Pressed by 4 N beyond what the tendon takes, the slider sits 40 µm inside the stop and leaves it when released."""
+    """Pressed by 4 N beyond what the tendon takes, the slider sits 40 µm inside the stop and leaves
+    it when released.
+    """
     rig = paper_rig.with_values(
         {"drives.0.friction.load": {"value": 0.0, "std": 0.0}, "drives.0.stops": [-2.5e-3, 3e-3]}
     )
@@ -187,7 +203,9 @@ def test_a_stop_holds_and_lets_go(paper_rig: Rig) -> None:
 
 
 def test_stops_that_are_reached_in_the_right_order_of_accuracy(paper_rig: Rig) -> None:
-    """Through the stops with load steps, the default step is within 0.12° RMS of one 40 times finer; free, 0.02°."""
+    """Through the stops with load steps, the default step is within 0.12° RMS of one 40 times
+    finer; free, 0.02°.
+    """
     for stops, bound in (([-2.5e-3, 7.5e-3], 0.12), ([-0.1, 0.1], 0.02)):
         rig = paper_rig.with_values({"drives.0.stops": stops, "drives.1.stops": stops})
         default = Stepper(rig).run(load_steps(), START)
@@ -197,8 +215,12 @@ def test_stops_that_are_reached_in_the_right_order_of_accuracy(paper_rig: Rig) -
 
 
 def test_order_of_the_step_between_the_kinks(paper_rig: Rig) -> None:
-    """Slipping, taut, away from stops the step is of second order: half the step, a quarter of the error."""
-    frictionless = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in range(2)}  # sliders turn back
+    """Slipping, taut, away from stops the step is of second order: half the step, a quarter of the
+    error.
+    """
+    frictionless = {
+        f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in range(2)
+    }  # sliders turn back
     rig = without_stops(paper_rig).with_values(frictionless)
     start, effort = np.array([0.0, 5e-3, 2.5e-3]), np.array([0.0, 4.0, 2.0])
     moving = np.array([3.0, 0.02, -0.02])
@@ -216,13 +238,18 @@ def test_order_of_the_step_between_the_kinks(paper_rig: Rig) -> None:
 def test_joint_stops_hold_the_link(paper_rig: Rig) -> None:
     rig = without_stops(paper_rig).with_values({"joints.0.stops": ["-10 deg", "10 deg"]})
     motion = Stepper(rig).run(load_steps(), START)
-    # it flies in at up to 3 rad/s and the stop's own mode is 486 rad/s: 0.35° of penetration at the most
+    # it flies in at up to 3 rad/s and the stop's own mode is 486 rad/s: 0.35° of penetration at the
+    # most
     assert np.rad2deg(np.abs(motion[:, 0]).max()) < 10.35
     assert np.rad2deg(motion[100, 0]) == pytest.approx(10.0, abs=0.1)
 
 
-def driven_substep(mechanism: Mechanism) -> Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]]:
-    """Return one sub-step with the drives' motion prescribed, as filters take it: a kick of the joint, then a drift."""
+def driven_substep(
+    mechanism: Mechanism,
+) -> Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]]:
+    """Return one sub-step with the drives' motion prescribed, as filters take it: a kick of the
+    joint, then a drift.
+    """
     n, p = mechanism.n_bodies, mechanism.parameters
     q, v, h = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("h")
     kick = Kick(q, v, ca.SX.zeros(n), responses(mechanism, h, h, rebounds=False), h, h)
@@ -237,7 +264,9 @@ def driven_substep(mechanism: Mechanism) -> Callable[[np.ndarray, np.ndarray, fl
 
 
 def test_displacements_as_inputs_give_the_same_link(paper_rig: Rig) -> None:
-    """With the sliders' motion prescribed, the same expressions turn the link as the full model does."""
+    """With the sliders' motion prescribed, the same expressions turn the link as the full model
+    does.
+    """
     rig = without_stops(paper_rig)
     full = Stepper(rig, 2, 1e-3)
     driven = driven_substep(full.mechanism)
@@ -254,13 +283,16 @@ def test_displacements_as_inputs_give_the_same_link(paper_rig: Rig) -> None:
         link.append(q[0])
         np.testing.assert_allclose(q[1:], places[k + 1], atol=1e-12)
     assert np.rad2deg(np.ptp(motion[:, 0])) > 30.0
-    # the straight lines between samples hide some ringing of the sliders, hence not to the last digit
+    # the straight lines between samples hide some ringing of the sliders, hence not to the last
+    # digit
     assert rms_degrees(np.array(link) - motion[:, 0]) < 0.05
 
 
 @pytest.mark.parametrize("name", ["paper-2008-printed", "pulley-antagonist", "capstan-joint"])
 def test_tangents_are_the_derivatives(name: str) -> None:
-    """S = ∂(q⁺, v⁺)/∂(q, v, effort) against finite differences, slipping and pressed against a stop."""
+    """S = ∂(q⁺, v⁺)/∂(q, v, effort) against finite differences, slipping and pressed against a
+    stop.
+    """
     rig = load_rig(name)
     mechanism = Mechanism(rig)
     n = mechanism.n_bodies
@@ -279,16 +311,18 @@ def test_tangents_are_the_derivatives(name: str) -> None:
         at = np.concatenate([q, v, effort])
         slopes = function(q, v, effort, effort, DT, p)[2].full()
         steps = np.concatenate([np.full(n, 1e-9), np.full(n, 1e-7), np.full(n, 1e-6)])
-        expected = np.delete(finite_difference(end, at, steps), 2 * n, axis=1)  # no column for an effort on the joint
+        expected = np.delete(
+            finite_difference(end, at, steps), 2 * n, axis=1
+        )  # no column for an effort on the joint
         scale = np.abs(expected).max(axis=1, keepdims=True)
         np.testing.assert_allclose(slopes / scale, expected / scale, rtol=2e-4, atol=2e-5)
 
 
 def test_tangents_of_a_stuck_link_are_those_of_rest(paper_rig: Rig) -> None:
     mechanism = Mechanism(without_stops(paper_rig))
-    slopes = tangent_step(mechanism, 15)(START, np.zeros(3), [0, 2, 2], [0, 2, 2], DT, mechanism.parameters.values)[
-        2
-    ].full()
+    slopes = tangent_step(mechanism, 15)(
+        START, np.zeros(3), [0, 2, 2], [0, 2, 2], DT, mechanism.parameters.values
+    )[2].full()
     assert slopes[0, 0] == 1.0  # the angle stays what it was
     assert np.all(slopes[3] == 0.0)  # and its speed is zero whatever happens nearby
 
@@ -297,7 +331,11 @@ def test_the_interval_and_its_tangent_step_agree(paper_rig: Rig) -> None:
     rig = without_stops(paper_rig)
     stepper = Stepper(rig, 15)
     tangent = tangent_step(stepper.mechanism, 15)
-    q, v, effort = np.array([0.2, 4e-3, 3e-3]), np.array([1.0, 0.1, -0.1]), np.array([0.0, 5.0, 2.0])
+    q, v, effort = (
+        np.array([0.2, 4e-3, 3e-3]),
+        np.array([1.0, 0.1, -0.1]),
+        np.array([0.0, 5.0, 2.0]),
+    )
     out = tangent(q, v, effort, effort, DT, stepper.mechanism.parameters.values)
     np.testing.assert_allclose(out[0].full().ravel(), stepper(q, v, effort)[0], rtol=1e-13)
 
@@ -312,17 +350,23 @@ def test_substeps_follow_the_stiffest_mode(paper_rig: Rig) -> None:
 
 
 def _stop(rebound: float, implicitness: float = 1.0) -> Stop:
-    return Stop(low=-2e-3, high=3e-3, stiffness=1e5, damping=3.0, rebound=rebound, implicitness=implicitness)
+    return Stop(
+        low=-2e-3, high=3e-3, stiffness=1e5, damping=3.0, rebound=rebound, implicitness=implicitness
+    )
 
 
 def _numbers(*values: object) -> list[float]:
-    return [float(value) for value in ca.Function("f", [], [ca.vertcat(*values)])()["o0"].full().ravel()]  # type: ignore[arg-type]
+    return [
+        float(value) for value in ca.Function("f", [], [ca.vertcat(*values)])()["o0"].full().ravel()
+    ]  # type: ignore[arg-type]
 
 
 def test_a_body_flies_off_a_stop_along_the_parabola_of_its_kick() -> None:
-    """Hit time as a root of x + u τ + ½ A τ², A = (v⁺ − v)/t; it leaves with −e of its speed and falls on under A.
+    """Hit time as a root of x + u τ + ½ A τ², A = (v⁺ − v)/t; it leaves with −e of its speed and
+    falls on under A.
 
-    The velocity given back is that at the end less the half kick that the next step adds: of it ½ A h is taken.
+    The velocity given back is that at the end less the half kick that the next step adds: of it ½ A
+    h is taken.
     """
     rng, e, h, flown = np.random.default_rng(4), 0.6, 1e-3, 0
     for _ in range(60):
@@ -333,26 +377,35 @@ def test_a_body_flies_off_a_stop_along_the_parabola_of_its_kick() -> None:
         x = place - side * gap
         a = (free - before) / length
         start = free - a * h / 2
-        hits = [t.real for t in np.roots([a / 2, start, x - place]) if abs(t.imag) < 1e-9 and 0 < t.real < h]
+        hits = [
+            t.real
+            for t in np.roots([a / 2, start, x - place])
+            if abs(t.imag) < 1e-9 and 0 < t.real < h
+        ]
         if not hits or side * (start + a * min(hits)) <= 0.0:
             continue
         hit = min(hits)
         left, away = h - hit, -e * (start + a * hit)
         end = place + away * left + a * left**2 / 2
-        flies, after, bounced = _numbers(*bounce(e, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h)))
+        flies, after, bounced = _numbers(
+            *bounce(e, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h))
+        )
         assert bool(flies) == (side * (end - place) < 0.0)
         assert bounced == pytest.approx(end, abs=1e-12)
         assert after == pytest.approx(away + a * left - a * h / 2, rel=1e-9, abs=1e-9)
-        assert not _numbers(*bounce(0.0, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h)))[0]
+        assert not _numbers(
+            *bounce(0.0, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h))
+        )[0]
         flown += bool(flies)
     assert flown > 10
 
 
 def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() -> None:
-    """(1 + b (D + α k h + b_s)) v + l ∂|v| ∋ z − b k (x − x_stop) in contact, (1 + b D) v + l ∂|v| ∋ z without.
+    """(1 + b (D + α k h + b_s)) v + l ∂|v| ∋ z − b k (x − x_stop) in contact, (1 + b D) v + l ∂|v|
+    ∋ z without.
 
-    In contact is what is beyond a stop after its free drift and would be pushed back there; the last half kick asks the
-    same of where it is, and takes a push only outwards.
+    In contact is what is beyond a stop after its free drift and would be pushed back there; the
+    last half kick asks the same of where it is, and takes a push only outwards.
     """
     rng, b, drag, h = np.random.default_rng(5), 0.4, 0.7, 1e-4
     of_kind = dict.fromkeys(("high", "low", "loose", "held"), 0)
@@ -360,14 +413,22 @@ def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() ->
     def obeys(v: float, z: float, factor: float, up: float, down: float) -> bool:
         left, exact = z - factor * v, 1e-9 * (1 + abs(z))
         return (
-            -down - exact <= left <= up + exact and (v <= 0 or left >= up - exact) and (v >= 0 or left <= exact - down)
+            -down - exact <= left <= up + exact
+            and (v <= 0 or left >= up - exact)
+            and (v >= 0 or left <= exact - down)
         )
 
     for _ in range(300):
         # near a stop, mostly: beyond it and on the way out, too
-        stop, x = _stop(0.0, rng.choice([0.5, 1.0])), rng.choice([-2e-3, 3e-3]) + rng.uniform(-2e-4, 2e-4)
+        stop, x = (
+            _stop(0.0, rng.choice([0.5, 1.0])),
+            rng.choice([-2e-3, 3e-3]) + rng.uniform(-2e-4, 2e-4),
+        )
         z, (up, down) = rng.normal() * 3.0, rng.uniform(0.0, 0.5, 2)
-        push, held = Push(z, Limit(up, down), b, drag), 1 + b * (drag + stop.implicitness * 1e5 * h + 3.0)
+        push, held = (
+            Push(z, Limit(up, down), b, drag),
+            1 + b * (drag + stop.implicitness * 1e5 * h + 3.0),
+        )
         free = (max(z - up, 0) + min(z + down, 0)) / (1 + b * drag)
         assert _numbers(push.free)[0] == pytest.approx(free, abs=1e-14)
         end = x + h * free
@@ -385,13 +446,17 @@ def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() ->
         is_beyond, pushed = not -2e-3 <= x <= 3e-3, z - b * 1e5 * inside
         pressed = (max(pushed - up, 0) + min(pushed + down, 0)) / held
         expected = pressed if is_beyond and side * pressed < side * free else free
-        assert _numbers(velocity_in_stops(stop, push, x, h))[0] == pytest.approx(expected, abs=1e-13)
+        assert _numbers(velocity_in_stops(stop, push, x, h))[0] == pytest.approx(
+            expected, abs=1e-13
+        )
         of_kind["held"] += expected != free
     assert min(of_kind.values()) >= 5
 
 
 def test_a_bounce_is_taken_only_where_a_stop_is_met() -> None:
-    """With a coefficient of restitution a body that stays off its stops moves as without; one that flies in comes back."""
+    """With a coefficient of restitution a body that stays off its stops moves as without; one that
+    flies in comes back.
+    """
     h, push = 1e-3, Push(2.0, Limit(0.0, 0.0), 1e-3, 0.0)
     stop = _stop(rebound=ca.SX(0.5))  # type: ignore[arg-type]
     far = _numbers(*kick_at_stops(stop, push, ca.SX(0.0), ca.SX(2.0), ca.SX(h), h))
@@ -400,6 +465,8 @@ def test_a_bounce_is_taken_only_where_a_stop_is_met() -> None:
     v, x = _numbers(*kick_at_stops(stop, push, ca.SX(2e-3), ca.SX(2.0), ca.SX(h), h))
     assert (v, x) == pytest.approx((-1.0, 3e-3 - 0.5e-3))
     v, x = _numbers(
-        *kick_at_stops(stop, Push(-2.0, Limit(0.0, 0.0), 1e-3, 0.0), ca.SX(-1e-3), ca.SX(-2.0), ca.SX(h), h)
+        *kick_at_stops(
+            stop, Push(-2.0, Limit(0.0, 0.0), 1e-3, 0.0), ca.SX(-1e-3), ca.SX(-2.0), ca.SX(h), h
+        )
     )
     assert (v, x) == pytest.approx((1.0, -2e-3 + 0.5e-3))

@@ -1,4 +1,6 @@
-"""Coupled stick–slip against a reference that tries every combination of joints that stick and slip."""
+"""Coupled stick–slip against a reference that tries every combination of joints that stick and
+slip.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,22 @@ from distal.model.stick_slip import EVENTS, SWEEPS, _swept, velocities
 
 
 def random_case(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:
-    """Return (A, r, up, down): dense, a planar chain, or nearly singular, of any scale; loads near the friction limits."""
+    """Return (A, r, up, down): dense, a planar chain, or nearly singular, of any scale; loads near
+    the friction limits.
+    """
     kind = rng.integers(3)
     if kind == 0:
         root = rng.normal(size=(n, n + 1))
         matrix = root @ root.T + 1e-3 * np.eye(n)
     elif kind == 1:
-        angles, lengths, masses = rng.uniform(-1.5, 1.5, n).cumsum(), rng.uniform(0.01, 0.05, n), rng.uniform(1, 30, n)
-        ends = np.cumsum(lengths[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0)
+        angles, lengths, masses = (
+            rng.uniform(-1.5, 1.5, n).cumsum(),
+            rng.uniform(0.01, 0.05, n),
+            rng.uniform(1, 30, n),
+        )
+        ends = np.cumsum(
+            lengths[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), axis=0
+        )
         starts = np.vstack([np.zeros(2), ends[:-1]])
         matrix = np.diag(rng.uniform(1e-7, 1e-5, n))
         for i in range(n):
@@ -48,7 +58,9 @@ def reference(matrix: np.ndarray, load: np.ndarray, up: np.ndarray, down: np.nda
         if len(moving):
             v[moving] = np.linalg.solve(matrix[np.ix_(moving, moving)], (load - friction)[moving])
         held = load - matrix @ v
-        wrong = np.where(state == 0, np.maximum(held - up, -down - held), -state * v * np.diag(matrix))
+        wrong = np.where(
+            state == 0, np.maximum(held - up, -down - held), -state * v * np.diag(matrix)
+        )
         worst = float(np.max(wrong / (np.abs(load) + up)))
         if worst < least:
             best, least = v, worst
@@ -61,7 +73,9 @@ def function_of(n: int) -> ca.Function:
     matrix, load = ca.reshape(x[: n * n], n, n), x[n * n : n * n + n]
     v = velocities(matrix, load, x[n * n + n : n * n + 2 * n], x[n * n + 2 * n :])
     carry, p = ca.SX.sym("carry"), ca.SX.sym("p", 0)
-    return ca.Function("velocities", [carry, x, p], [carry, ca.cse(v)], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "velocities", [carry, x, p], [carry, ca.cse(v)], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 def errors(n: int, count: int, seed: int, compiled: bool) -> np.ndarray:
@@ -69,9 +83,14 @@ def errors(n: int, count: int, seed: int, compiled: bool) -> np.ndarray:
     found = []
     for _ in range(count):
         matrix, load, up, down = random_case(rng, n)
-        _, (v,) = kernel.scan(np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0))
+        _, (v,) = kernel.scan(
+            np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0)
+        )
         expected = reference(matrix, load, up, down)
-        found.append(np.max(np.abs(v - expected)) / (np.max(np.abs(expected)) + np.max(np.abs(load)) / matrix.max()))
+        found.append(
+            np.max(np.abs(v - expected))
+            / (np.max(np.abs(expected)) + np.max(np.abs(load)) / matrix.max())
+        )
     return np.array(found)
 
 
@@ -89,11 +108,15 @@ def test_it_is_the_reference_in_c_on_ten_thousand_cases(n: int, count: int) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [5, 6])
 def test_longer_chains_break_no_condition(n: int) -> None:
-    """2000 cases each: forces that slip are at their limits, those that stick within, to 1e-9 of the load."""
+    """2000 cases each: forces that slip are at their limits, those that stick within, to 1e-9 of
+    the load.
+    """
     rng, kernel = np.random.default_rng(n), Kernel(function_of(n))
     for _ in range(2000):
         matrix, load, up, down = random_case(rng, n)
-        _, (v,) = kernel.scan(np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0))
+        _, (v,) = kernel.scan(
+            np.zeros(1), np.concatenate([matrix.ravel(), load, up, down]), np.zeros(0)
+        )
         held = load - matrix @ v
         wrong = np.where(v > 0, np.abs(held - up), np.where(v < 0, np.abs(held + down), 0.0))
         wrong = np.maximum(wrong, np.where(v == 0, np.maximum(held - up, -down - held), 0.0))
@@ -109,7 +132,9 @@ def test_one_joint_is_soft_thresholding() -> None:
 
 
 def test_gauss_seidel_alone_is_not_enough() -> None:
-    """What follows the sweeps is needed: without it some joints of a case like this slip that should stick."""
+    """What follows the sweeps is needed: without it some joints of a case like this slip that
+    should stick.
+    """
     rng = np.random.default_rng(3)
     wrong = 0
     for _ in range(60):
@@ -127,7 +152,9 @@ def test_gauss_seidel_alone_is_not_enough() -> None:
 
 
 def test_the_number_of_operations_is_bounded() -> None:
-    """Nothing repeats until it is done: a function of scalars, growing with n⁴ at most (n events of n³)."""
+    """Nothing repeats until it is done: a function of scalars, growing with n⁴ at most (n events of
+    n³).
+    """
     sizes = {n: function_of(n).n_instructions() for n in (2, 3, 4, 6)}
     assert EVENTS * 6 == 12
     assert sizes[6] / sizes[3] < 2**3
@@ -135,14 +162,21 @@ def test_the_number_of_operations_is_bounded() -> None:
 
 def test_a_share_of_slipping_lies_between_stick_and_slip() -> None:
     matrix, load = ca.SX([[2.0, 0.5], [0.5, 1.0]]), ca.SX([1.0, 1.0])
-    ends = [np.array(ca.evalf(solver(matrix, ca.SX(w))(load))).ravel() for w in ([1, 0], [1, 0.5**0.5], [1, 1])]
+    ends = [
+        np.array(ca.evalf(solver(matrix, ca.SX(w))(load))).ravel()
+        for w in ([1, 0], [1, 0.5**0.5], [1, 1])
+    ]
     assert ends[0][1] == 0.0
     assert ends[0][1] < ends[1][1] < ends[2][1]
-    np.testing.assert_allclose(ends[2], np.linalg.solve([[2.0, 0.5], [0.5, 1.0]], [1.0, 1.0]), rtol=1e-12)
+    np.testing.assert_allclose(
+        ends[2], np.linalg.solve([[2.0, 0.5], [0.5, 1.0]], [1.0, 1.0]), rtol=1e-12
+    )
 
 
 def test_a_search_begins_at_two_sweeps_of_gauss_seidel() -> None:
-    """Typed out: each joint in turn by soft thresholding of what the others leave, twice from rest."""
+    """Typed out: each joint in turn by soft thresholding of what the others leave, twice from
+    rest.
+    """
     rng = np.random.default_rng(6)
     for n in (2, 3, 4):
         matrix, load, up, down = random_case(rng, n)

@@ -1,4 +1,6 @@
-"""The search for the rig that the paper saw: what counts, what is chosen, what excludes each other."""
+"""The search for the rig that the paper saw: what counts, what is chosen, what excludes each
+other.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ COUNT = 12
 
 
 def found(*rows: tuple[float, ...]) -> Search:
-    """Return a search whose plants have these margins of the first statements; the others do not hold."""
+    """Return a search whose plants have these margins of the first statements; the others do not
+    hold.
+    """
     margins = np.full((len(rows), COUNT), -1.0)
     for row, values in zip(margins, rows):
         row[: len(values)] = values
@@ -33,7 +37,9 @@ def test_a_margin_is_a_share_of_the_bound() -> None:
 
 
 def test_the_best_holds_most_and_then_by_the_largest_margin() -> None:
-    """A miss, however small, does not hold; among equals the one farthest from every threshold wins."""
+    """A miss, however small, does not hold; among equals the one farthest from every threshold
+    wins.
+    """
     every = found((0.5, 0.1, -0.001), (0.3, 0.2, -0.9), (9.0, -0.1, -0.1), (0.0, 0.0, 0.0))
     assert list(every.order()) == [3, 1, 0, 2]
     assert every.held[3, :3].all()
@@ -115,4 +121,7 @@ def test_ten_statements_hold_on_the_shipped_plant() -> None:
     drawn = [values[f"drives.0.friction.{name}"] for name in ("constant", "load")]
     drawn += [values[f"joints.0.friction.{name}"] for name in ("exponent", "reference", "preload")]
     margins = margins_of(plant_of(np.array([*drawn, 20.6], dtype=float), "x/r"))
-    assert [each.key for each, margin in zip(statements(), margins) if margin < 0.0] == ["C2", "C12"]
+    assert [each.key for each, margin in zip(statements(), margins) if margin < 0.0] == [
+        "C2",
+        "C12",
+    ]

@@ -1,4 +1,6 @@
-"""Least squares of logs whose coefficients differ: correlated samples, Bayes' rule, what readings tell nothing, plays."""
+"""Least squares of logs whose coefficients differ: correlated samples, Bayes' rule, what readings
+tell nothing, plays.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from distal.regression.features import played
-from distal.regression.random_effects import _basis, correlated_samples, line, random_effects, surprise, updated
+from distal.regression.random_effects import (
+    _basis,
+    correlated_samples,
+    line,
+    random_effects,
+    surprise,
+    updated,
+)
 from distal.rig import JointMap
 
 
@@ -16,7 +25,9 @@ def direction(values: np.ndarray, band: float) -> np.ndarray:
 
 
 def test_covariance_of_least_squares_against_monte_carlo() -> None:
-    """Coefficients of 400 fits with AR(1) errors scatter as their covariance says: the effective number of samples."""
+    """Coefficients of 400 fits with AR(1) errors scatter as their covariance says: the effective
+    number of samples.
+    """
     rng, k = np.random.default_rng(2), 2000
     x = np.column_stack([np.ones(k), rng.normal(size=(k, 2)), np.sin(np.arange(k) / 300.0)])
     rho, fits = 0.9, []
@@ -25,17 +36,25 @@ def test_covariance_of_least_squares_against_monte_carlo() -> None:
         fits.append(line(x, errors))
     drawn = np.array([one.coefficients for one in fits])
     said = np.sqrt(np.mean([np.diag(one.covariance) for one in fits], axis=0))
-    # the constant and the slow column feel the correlation whole; fast ones less, for which the covariance is wide
-    # std of a std from 400 draws is 3.5 %; the integrated time is cut short at its first zero, by some 10 %
+    # the constant and the slow column feel the correlation whole; fast ones less, for which the
+    # covariance is wide std of a std from 400 draws is 3.5 %; the integrated time is cut short at
+    # its first zero, by some 10 %
     np.testing.assert_allclose(drawn.std(axis=0)[[0, 3]], said[[0, 3]], rtol=0.2)
     assert np.all(drawn.std(axis=0)[1:3] < said[1:3])
-    assert np.mean([one.correlated for one in fits]) == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
+    assert np.mean([one.correlated for one in fits]) == pytest.approx(
+        (1 + rho) / (1 - rho), rel=0.15
+    )
 
 
 def test_correlations_are_summed_up_to_the_first_that_is_not_positive() -> None:
-    """1 + 2 Σ ρ_k term by term: of a slow wave, whose ρ_k becomes positive again after half a period, and of noise."""
+    """1 + 2 Σ ρ_k term by term: of a slow wave, whose ρ_k becomes positive again after half a
+    period, and of noise.
+    """
     rng = np.random.default_rng(3)
-    for values in (np.sin(np.arange(600) / 20.0) + 0.1 * rng.normal(size=600), rng.normal(size=300)):
+    for values in (
+        np.sin(np.arange(600) / 20.0) + 0.1 * rng.normal(size=600),
+        rng.normal(size=300),
+    ):
         centred, expected = values - values.mean(), 1.0
         for k in range(1, len(values)):
             rho = float(centred[k:] @ centred[:-k]) / float(centred @ centred)
@@ -60,7 +79,9 @@ def test_an_update_is_bayes_rule() -> None:
     after, left = updated(mean, covariance, x.T @ x, x.T @ y, r)
     precision = np.linalg.inv(covariance) + x.T @ x / r
     np.testing.assert_allclose(left, np.linalg.inv(precision), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(after, np.linalg.solve(precision, np.linalg.solve(covariance, mean) + x.T @ y / r))
+    np.testing.assert_allclose(
+        after, np.linalg.solve(precision, np.linalg.solve(covariance, mean) + x.T @ y / r)
+    )
     covariance[2, :] = covariance[:, 2] = 0.0
     after, left = updated(mean, covariance, x.T @ x, x.T @ y, r)
     assert after[2] == pytest.approx(mean[2], abs=1e-12)
@@ -82,11 +103,17 @@ def test_surprise_is_chi_squared() -> None:
 
 @pytest.mark.parametrize("logs", [3, 9])
 def test_the_spread_between_logs_is_that_of_their_coefficients(logs: int) -> None:
-    """Without noise: mean and sample covariance of the lines times 1 + 1/n; of few logs only its diagonal is whole."""
+    """Without noise: mean and sample covariance of the lines times 1 + 1/n; of few logs only its
+    diagonal is whole.
+    """
     rng = np.random.default_rng(11)
     own = np.array([0.5, -2.0]) + rng.normal(size=(logs, 2)) * [0.3, 0.1]
-    one = np.column_stack([np.ones(400), np.tile([1.0, -1.0], 200)])  # uncorrelated columns of size one
-    joint = JointMap(joint="j", coefficients=(0.0, 0.0), covariance=((0.0, 0.0), (0.0, 0.0)), std=1.0)
+    one = np.column_stack(
+        [np.ones(400), np.tile([1.0, -1.0], 200)]
+    )  # uncorrelated columns of size one
+    joint = JointMap(
+        joint="j", coefficients=(0.0, 0.0), covariance=((0.0, 0.0), (0.0, 0.0)), std=1.0
+    )
     found, _ = random_effects(joint, [0, 1], [(one, one @ b, 0.01) for b in own])
     np.testing.assert_allclose(found.coefficients, own.mean(axis=0), rtol=1e-6)
     expected = np.cov(own.T, ddof=1) * (1.0 + 1.0 / logs)
@@ -123,7 +150,9 @@ def test_columns_of_the_basis_are_uncorrelated_and_of_size_one() -> None:
 
 
 def test_how_many_samples_count_as_one() -> None:
-    """1 + 2 Σ ρ_k up to where the correlation first ends: (1 + ρ)/(1 − ρ) of an AR(1), and 1 of white noise."""
+    """1 + 2 Σ ρ_k up to where the correlation first ends: (1 + ρ)/(1 − ρ) of an AR(1), and 1 of
+    white noise.
+    """
     rng = np.random.default_rng(3)
     white = rng.normal(size=40_000)
     assert correlated_samples(white) == pytest.approx(1.0, abs=0.05)
@@ -133,7 +162,9 @@ def test_how_many_samples_count_as_one() -> None:
 
 
 def test_columns_that_are_nearly_the_same_leave_a_covariance() -> None:
-    """Two columns that differ by less than XᵀX is rounded: positive semidefinite, and the same fitted angles."""
+    """Two columns that differ by less than XᵀX is rounded: positive semidefinite, and the same
+    fitted angles.
+    """
     rng = np.random.default_rng(6)
     for _ in range(30):
         x = rng.normal(size=(200, 4))

@@ -17,7 +17,9 @@ def test_plotjuggler() -> None:
     root = ElementTree.parse(FOLDER / "plotjuggler.xml").getroot()
     names = {curve.attrib["name"] for curve in root.iter("curve")}
     live = {name.removeprefix("/") for name in names if name.startswith("/")}
-    recorded = {name.removeprefix(f"{ESTIMATE_TOPIC}/") for name in names if not name.startswith("/")}
+    recorded = {
+        name.removeprefix(f"{ESTIMATE_TOPIC}/") for name in names if not name.startswith("/")
+    }
     assert live == recorded
     assert {"theta", "theta_std"} < live <= SENT
     for splitter in root.iter("DockSplitter"):

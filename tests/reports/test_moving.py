@@ -1,4 +1,6 @@
-"""The moving chain of `distal view`: where its joints stand, how it is played and scrubbed, what a frame costs."""
+"""The moving chain of `distal view`: where its joints stand, how it is played and scrubbed, what a
+frame costs.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def result(log: Log, rig: Rig) -> Estimate:
 
 @pytest.fixture(scope="module")
 def path(result: Estimate, log: Log, rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return view_page(result, log, rig, tmp_path_factory.mktemp("moving") / "view.html", ["consistent"])
+    return view_page(
+        result, log, rig, tmp_path_factory.mktemp("moving") / "view.html", ["consistent"]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +65,13 @@ def test_tensions_are_those_of_the_sensors(tmp_path: Path) -> None:
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
     from distal.simulation import build_scenario
 
-    scenario = build_scenario({"rig": rig.name, "duration": 0.5, "drives": {"flexor": {"servo": servo}}}, "s")
+    scenario = build_scenario(
+        {"rig": rig.name, "duration": 0.5, "drives": {"flexor": {"servo": servo}}}, "s"
+    )
     log = simulate(rig, scenario, 1)
-    text = view_page(estimate(log, rig), log, rig, tmp_path / "view.html").read_text(encoding="utf-8")
+    text = view_page(estimate(log, rig), log, rig, tmp_path / "view.html").read_text(
+        encoding="utf-8"
+    )
     found = re.search(r"id='moving-data'>(.*?)</script>", text)
     assert found is not None
     data = json.loads(found[1])
@@ -83,10 +91,15 @@ def test_it_is_played_and_scrubbed_by_keys(page: Page) -> None:
     assert 0.1 < after < 3.0
     page.value("document.querySelector('#moving input').focus()")
     page.press("End", 35)
-    assert page.value(clock) == "3.00 s of 3.00 s" or page.value(clock).split()[0] == page.value(clock).split()[3]
+    assert (
+        page.value(clock) == "3.00 s of 3.00 s"
+        or page.value(clock).split()[0] == page.value(clock).split()[3]
+    )
     assert page.value("document.querySelector('#moving button').textContent") == "Play"
     # the line in the curves has gone to the end too
-    assert page.value("[...document.querySelectorAll('.js-plotly-plot > div')].some(d => d.style.width === '1px')")
+    assert page.value(
+        "[...document.querySelectorAll('.js-plotly-plot > div')].some(d => d.style.width === '1px')"
+    )
 
 
 @pytest.mark.slow

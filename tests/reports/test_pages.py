@@ -25,7 +25,10 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def logs(rig: Rig) -> list[Log]:
     made = [simulate(rig, load_scenario("template"), seed) for seed in (1, 2)]
-    return [replace(log.select(slice(0, 700)), source=f"logs/<{i}> & co.csv") for i, log in enumerate(made)]
+    return [
+        replace(log.select(slice(0, 700)), source=f"logs/<{i}> & co.csv")
+        for i, log in enumerate(made)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +38,9 @@ def fitted(logs: list[Log], rig: Rig) -> Fit:
 
 def test_text_is_never_markup() -> None:
     text = page(
-        "a <b> & c", "<i>", [paragraph("<p>"), html_table(["<x>"], [["<em>cell</em>"]]), picture("<svg/>", "<c>")]
+        "a <b> & c",
+        "<i>",
+        [paragraph("<p>"), html_table(["<x>"], [["<em>cell</em>"]]), picture("<svg/>", "<c>")],
     )
     for escaped in (
         "a &lt;b&gt; &amp; c",
@@ -61,8 +66,13 @@ def test_the_figures_of_a_fit(logs: list[Log], rig: Rig) -> None:
     assert legends_lie_beside(left)
     blind = [replace(log, truth={}) for log in logs]
     unknown = [replace(result, truths=None) for result in results]
-    assert [a.get_ylabel() for a in draw_traces(blind[0], unknown[0], unknown[0], rig).axes][1] == "95 % band ± [°]"
-    assert draw_residuals(blind, unknown, unknown, rig).axes[0].get_ylabel() == "innovation / its std, u1"
+    assert [a.get_ylabel() for a in draw_traces(blind[0], unknown[0], unknown[0], rig).axes][
+        1
+    ] == "95 % band ± [°]"
+    assert (
+        draw_residuals(blind, unknown, unknown, rig).axes[0].get_ylabel()
+        == "innovation / its std, u1"
+    )
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""The drawing of a rig: labels inside the figure and apart from each other, parts to scale, tendons that touch pulleys."""
+"""The drawing of a rig: labels inside the figure and apart from each other, parts to scale, tendons
+that touch pulleys.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,13 @@ SPRUNG = joint(
     stops=["-30 deg", "100 deg"],
 )
 PULLED = joint(
-    extension_spring={"stiffness": 200.0, "free_length": 0.01, "radius": 0.012, "distance": 0.025, "line_angle": 2.0}
+    extension_spring={
+        "stiffness": 200.0,
+        "free_length": 0.01,
+        "radius": 0.012,
+        "distance": 0.025,
+        "line_angle": 2.0,
+    }
 )
 SHEATH = {"friction": 0.1, "wrap": "180 deg", "nodes": 3}
 POLYNOMIAL = {
@@ -77,11 +85,18 @@ ODD: dict[str, dict[str, Any]] = {
         ],
     },
     "names of thirty letters": {
-        "joints": [joint(LONG + "1", link=link(0.04)), joint(LONG + "2", offset=[0.04, 0, 0], link=link(0.04))],
+        "joints": [
+            joint(LONG + "1", link=link(0.04)),
+            joint(LONG + "2", offset=[0.04, 0, 0], link=link(0.04)),
+        ],
         "drives": [capstan(LONG + "3"), slider(LONG + "4")],
         "tendons": [
-            tendon(LONG + "5", LONG + "3", pulley(LONG + "1", 0.008, 1), pulley(LONG + "2", 0.006, 1)),
-            tendon(LONG + "6", LONG + "3", pulley(LONG + "1", 0.008, -1), pulley(LONG + "2", 0.006, -1)),
+            tendon(
+                LONG + "5", LONG + "3", pulley(LONG + "1", 0.008, 1), pulley(LONG + "2", 0.006, 1)
+            ),
+            tendon(
+                LONG + "6", LONG + "3", pulley(LONG + "1", 0.008, -1), pulley(LONG + "2", 0.006, -1)
+            ),
             tendon(LONG + "7", LONG + "4", pulley(LONG + "1", 0.007, -1)),
         ],
         "sensors": [{"name": LONG + "8", "measures": "position", "of": LONG + "3", "gear": 30}],
@@ -91,7 +106,10 @@ ODD: dict[str, dict[str, Any]] = {
             joint("big", stops=["-170 deg", "170 deg"], link=link(0.1)),
             joint("small", offset=[0.1, 0, 0.03], stops=["-10 deg", "10 deg"]),
         ],
-        "drives": [capstan("m", 0.002), capstan("n", 0.03, stops=[-3.0, 3.0], backlash={"width": 0.02})],
+        "drives": [
+            capstan("m", 0.002),
+            capstan("n", 0.03, stops=[-3.0, 3.0], backlash={"width": 0.02}),
+        ],
         "tendons": [
             tendon(f"{name}{side}", name, *(pulley(of, radius, side) for of, radius in crossed))
             for name, crossed in (("m", [("big", 0.04)]), ("n", [("big", 0.002), ("small", 0.002)]))
@@ -113,10 +131,17 @@ ODD: dict[str, dict[str, Any]] = {
             joint("b", offset=[0.025, 0, 0], coupled={"joint": "a", "ratio": -0.8, "offset": 0.1}),
         ],
         "drives": [capstan("m")],
-        "tendons": [tendon("f", "m", pulley("a", 0.006, 1)), tendon("e", "m", pulley("a", 0.006, -1))],
+        "tendons": [
+            tendon("f", "m", pulley("a", 0.006, 1)),
+            tendon("e", "m", pulley("a", 0.006, -1)),
+        ],
     },
     "axes that meet, two on the base": {
-        "joints": [joint("a", link=link(0.0)), joint("b", axis="x"), joint("c", parent="base", offset=[0, 0.03, 0])],
+        "joints": [
+            joint("a", link=link(0.0)),
+            joint("b", axis="x"),
+            joint("c", parent="base", offset=[0, 0.03, 0]),
+        ],
         "drives": [slider("d"), slider("e")],
         "tendons": [
             tendon("t", "d", pulley("a", 0.006, 1), pulley("b", 0.004, 1)),
@@ -124,7 +149,10 @@ ODD: dict[str, dict[str, Any]] = {
         ],
     },
     "polynomial, cam, pin": {
-        "joints": [joint("a", link=link(0.04)), joint("b", offset=[0.04, 0, 0], axis="-y", stops=[-0.5, 1.0])],
+        "joints": [
+            joint("a", link=link(0.04)),
+            joint("b", offset=[0.04, 0, 0], axis="-y", stops=[-0.5, 1.0]),
+        ],
         "drives": [slider("d"), slider("e")],
         "tendons": [
             tendon("t", "d", POLYNOMIAL),
@@ -138,11 +166,16 @@ ODD: dict[str, dict[str, Any]] = {
     },
     "twelve joints": {
         "joints": [
-            joint(f"j{k}", offset=[0.012 * (k > 0), 0, 0], axis="yz"[k % 2], link=link(0.012)) for k in range(12)
+            joint(f"j{k}", offset=[0.012 * (k > 0), 0, 0], axis="yz"[k % 2], link=link(0.012))
+            for k in range(12)
         ],
         "drives": [capstan(f"m{k}", 0.004) for k in range(6)],
         "tendons": [
-            tendon(f"t{k}{side}".replace("-", "m"), f"m{k}", *(pulley(f"j{q}", 0.004, side) for q in range(2 * k + 2)))
+            tendon(
+                f"t{k}{side}".replace("-", "m"),
+                f"m{k}",
+                *(pulley(f"j{q}", 0.004, side) for q in range(2 * k + 2)),
+            )
             for k in range(6)
             for side in (1, -1)
         ],
@@ -152,7 +185,11 @@ ODD: dict[str, dict[str, Any]] = {
 
 def odd_rig(name: str) -> Rig:
     return build_rig(
-        {"name": f"{name}, $x^2$ and many more words than one line of a narrow drawing has", **ODD[name]}, name
+        {
+            "name": f"{name}, $x^2$ and many more words than one line of a narrow drawing has",
+            **ODD[name],
+        },
+        name,
     )
 
 
@@ -166,10 +203,17 @@ def labels(made: Figure) -> dict[str, Any]:
         texts += axes.texts
         if axes.axison:
             legend = axes.get_legend()
-            texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *(legend.get_texts() if legend else [])]
+            texts += [
+                axes.title,
+                axes.xaxis.label,
+                axes.yaxis.label,
+                *(legend.get_texts() if legend else []),
+            ]
             for axis in (axes.xaxis, axes.yaxis):
                 low, high = sorted(axis.get_view_interval())
-                texts += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+                texts += [
+                    tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high
+                ]
     seen = [text for text in texts if text.get_text().strip()]
     boxes = [(t.get_text(), t.get_window_extent(renderer)) for t in seen]
     return {f"{k}: {text}": box for k, (text, box) in enumerate(boxes)}
@@ -211,10 +255,21 @@ def test_parts_are_to_scale_and_tendons_touch_pulleys() -> None:
     ]
     scale = float(np.ptp(rule[0].get_xdata())) / 0.02
     pulleys = {(round(c.center[0] / scale, 4), round(c.radius / scale, 4)) for c in circles}
-    assert {(0.0, 0.008), (0.0, 0.0075), (0.045, 0.007), (0.045, 0.0065), (0.07, 0.006), (0.07, 0.0055)} <= pulleys
+    assert {
+        (0.0, 0.008),
+        (0.0, 0.0075),
+        (0.045, 0.007),
+        (0.045, 0.0065),
+        (0.07, 0.006),
+        (0.07, 0.0055),
+    } <= pulleys
     for tendon, colour in zip(rig.tendons, COLOURS):
         way = np.vstack(
-            [line.get_xydata() for line in axes.lines if line.get_color() == colour and line.get_lw() == 1.5]
+            [
+                line.get_xydata()
+                for line in axes.lines
+                if line.get_color() == colour and line.get_lw() == 1.5
+            ]
         )
         for joint, at in (("mcp", 0.0), ("pip", 0.045), ("dip", 0.07)):
             arm = tendon.arms().get(joint)
@@ -237,7 +292,9 @@ def test_a_route_touches_circles() -> None:
         assert np.allclose((end - start) / np.hypot(*(end - start)), [cos(along), sin(along)])
         for wheel, touch in ((one, start), (other, end)):
             assert hypot(*(touch - wheel.centre)) == pytest.approx(wheel.radius)
-            assert (touch - wheel.centre) @ [cos(along), sin(along)] == pytest.approx(0.0, abs=1e-12)
+            assert (touch - wheel.centre) @ [cos(along), sin(along)] == pytest.approx(
+                0.0, abs=1e-12
+            )
     points = np.array(route(wheels, WRAP))
     assert np.hypot(*(points - wheels[1].centre).T).min() == pytest.approx(0.5)
     last = points[-1] - wheels[2].centre
@@ -247,7 +304,11 @@ def test_a_route_touches_circles() -> None:
 
 def test_joints_are_seen_along_their_axes() -> None:
     rig = load_rig("wrist-instrument")
-    assert [turn for *_, turn in views_of(rig)] == [-1, -1, -1]  # tendons on one side stay there on paper
+    assert [turn for *_, turn in views_of(rig)] == [
+        -1,
+        -1,
+        -1,
+    ]  # tendons on one side stay there on paper
     placed = stands(rig, 0.005)
     assert np.allclose([stand.centre for stand in placed], [(0, 0), (0.009, 0), (0.019, 0)])
     assert not any(stand.drawn_apart for stand in placed)
@@ -262,18 +323,51 @@ def test_joints_are_seen_along_their_axes() -> None:
 
 def test_numbers_have_fitting_units() -> None:
     said = [
-        written(*one) for one in ((23000.0, "N/m"), (806.0, "N/m"), (0.00953, "m"), (0.15, "N m/rad"), (-0.1, "rad"))
+        written(*one)
+        for one in (
+            (23000.0, "N/m"),
+            (806.0, "N/m"),
+            (0.00953, "m"),
+            (0.15, "N m/rad"),
+            (-0.1, "rad"),
+        )
     ]
     assert said == ["23 N/mm", "806 N/m", "9.53 mm", "0.15 N·m/rad", "−5.73°"]
-    assert [written(0.0, "rad"), written(0.015, "kg"), written(1e-7, "m")] == ["0°", "15 g", "0.0001 mm"]
+    assert [written(0.0, "rad"), written(0.015, "kg"), written(1e-7, "m")] == [
+        "0°",
+        "15 g",
+        "0.0001 mm",
+    ]
 
 
 def test_what_is_written_beside_the_parts() -> None:
     texts = {text.get_text() for text in draw_rig(load_rig("lab-bench")).axes[0].texts}
-    assert {"Finger on the bench", "spool r 5 mm", "gear 30 : 1", "pulley r 8 mm", "−50°", "50°"} <= texts
-    assert {"k 20 N/mm, T₀ 15 N", "motor_angle", "motor_torque", "joint_encoder", "φ", "τ", "θ"} <= texts
+    assert {
+        "Finger on the bench",
+        "spool r 5 mm",
+        "gear 30 : 1",
+        "pulley r 8 mm",
+        "−50°",
+        "50°",
+    } <= texts
+    assert {
+        "k 20 N/mm, T₀ 15 N",
+        "motor_angle",
+        "motor_torque",
+        "joint_encoder",
+        "φ",
+        "τ",
+        "θ",
+    } <= texts
     texts = {text.get_text() for text in draw_rig(load_rig("finger-underactuated")).axes[0].texts}
-    assert {"axis y ⊗", "spring 0.15 N·m/rad", "relaxed at −10°", "g 9.81 m/s²", "+9", "100°"} <= texts
+    assert {
+        "axis y ⊗",
+        "spring 0.15 N·m/rad",
+        "relaxed at −10°",
+        "g 9.81 m/s²",
+        "+9",
+        "100°",
+    } <= texts
     assert "sheath 180°, μ 0.1" in {
         t.get_text() for t in draw_rig(odd_rig("sheaths, extension spring, gear")).axes[0].texts
     }

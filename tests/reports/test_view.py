@@ -1,4 +1,6 @@
-"""`distal view`: one file that fetches nothing, with what it should show; zoom and hover in a browser."""
+"""`distal view`: one file that fetches nothing, with what it should show; zoom and hover in a
+browser.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from distal import Estimate, Log, Rig, estimate, load_rig, load_scenario, scenar
 from distal.errors import OutputError
 from distal.reports import view_page
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+BROWSER = (
+    shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +42,9 @@ def result(log: Log, rig: Rig) -> Estimate:
 
 @pytest.fixture(scope="module")
 def page(result: Estimate, log: Log, rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return view_page(result, log, rig, tmp_path_factory.mktemp("view") / "view.html", ["what <was> found"])
+    return view_page(
+        result, log, rig, tmp_path_factory.mktemp("view") / "view.html", ["what <was> found"]
+    )
 
 
 def test_one_file_that_fetches_nothing(page: Path) -> None:
@@ -50,33 +56,58 @@ def test_one_file_that_fetches_nothing(page: Path) -> None:
     assert "what &lt;was&gt; found" in body
     assert "RMS error" in body
     assert "aria-label='Drawing of the rig" in body
-    for name in ("joint angle", "error", "innovation", "measured", "health", "truth", "adaptive", "u1 [N]"):
+    for name in (
+        "joint angle",
+        "error",
+        "innovation",
+        "measured",
+        "health",
+        "truth",
+        "adaptive",
+        "u1 [N]",
+    ):
         assert name in text
 
 
-def test_without_a_truth_the_band_is_drawn(result: Estimate, log: Log, rig: Rig, tmp_path: Path) -> None:
+def test_without_a_truth_the_band_is_drawn(
+    result: Estimate, log: Log, rig: Rig, tmp_path: Path
+) -> None:
     blind = replace(result, truths=None)
-    text = view_page(blind, replace(log, truth={}), rig, tmp_path / "blind.html").read_text(encoding="utf-8")
+    text = view_page(blind, replace(log, truth={}), rig, tmp_path / "blind.html").read_text(
+        encoding="utf-8"
+    )
     assert "95 % band \\u00b1 [" in text
     assert "error [" not in text
 
 
 def test_joints_stand_below_one_another(tmp_path: Path) -> None:
-    """One column: every curve has a time axis below it, the toolbar lies above and the legend below all of them."""
+    """One column: every curve has a time axis below it, the toolbar lies above and the legend below
+    all of them.
+    """
     rig = load_rig("finger-2n")
     log = simulate(rig, load_scenario("finger", ['duration="1 s"']), 1)
-    text = view_page(estimate(log, rig), log, rig, tmp_path / "two.html").read_text(encoding="utf-8")
+    text = view_page(estimate(log, rig), log, rig, tmp_path / "two.html").read_text(
+        encoding="utf-8"
+    )
     layout = json.JSONDecoder().raw_decode(text, text.index('{"template"'))[0]
-    shown = [key for key, axis in layout.items() if key.startswith("xaxis") and axis.get("showticklabels")]
+    shown = [
+        key
+        for key, axis in layout.items()
+        if key.startswith("xaxis") and axis.get("showticklabels")
+    ]
     assert shown == ["xaxis2", "xaxis4", "xaxis7"]
-    assert {tuple(axis["domain"]) for key, axis in layout.items() if key.startswith("xaxis")} == {(0.0, 1.0)}
+    assert {tuple(axis["domain"]) for key, axis in layout.items() if key.startswith("xaxis")} == {
+        (0.0, 1.0)
+    }
     titles = [layout[f"yaxis{k}"]["title"]["text"] for k in ("", 2, 3, 4)]
     assert titles == ["mcp [°]", "error [°]", "pip [°]", "error [°]"]
     assert layout["legend"]["y"] < 0.0
     assert layout["legend"]["yanchor"] == "top"
 
 
-def test_without_plotly(result: Estimate, log: Log, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_plotly(
+    result: Estimate, log: Log, rig: Rig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = builtins.__import__
 
     def absent(name: str, *rest: object, **more: object) -> object:
@@ -104,15 +135,25 @@ def test_zoom_and_hover_in_a_browser(page: Path, result: Estimate, tmp_path: Pat
       document.body.setAttribute('data-told', JSON.stringify(told));
     });</script>"""
     copy = tmp_path / "copy.html"
-    copy.write_text(page.read_text(encoding="utf-8").replace("</body>", f"{script}</body>"), encoding="utf-8")
-    words = [str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    copy.write_text(
+        page.read_text(encoding="utf-8").replace("</body>", f"{script}</body>"), encoding="utf-8"
+    )
+    words = [
+        str(BROWSER),
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-background-networking",
+    ]
     words += [
         "--host-resolver-rules=MAP * 0.0.0.0",
         "--virtual-time-budget=10000",
         "--window-size=1200,1000",
         "--dump-dom",
     ]
-    done = subprocess.run([*words, copy.as_uri()], capture_output=True, text=True, check=True, timeout=120)
+    done = subprocess.run(
+        [*words, copy.as_uri()], capture_output=True, text=True, check=True, timeout=120
+    )
     told = re.search(r'data-told="(.*?)"', done.stdout)
     assert told is not None
     held = json.loads(told[1].replace("&quot;", '"'))

@@ -6,7 +6,9 @@ import re
 from pathlib import Path
 
 SOURCES = Path(__file__).parents[2] / "src" / "distal"
-COLOUR = re.compile(r"""["'](#[0-9a-fA-F]{3,8}|black|white|gr[ae]y|red|blue|green)["']|:\s*#[0-9a-fA-F]{3,6}\b""")
+COLOUR = re.compile(
+    r"""["'](#[0-9a-fA-F]{3,8}|black|white|gr[ae]y|red|blue|green)["']|:\s*#[0-9a-fA-F]{3,6}\b"""
+)
 
 
 def test_no_other_module_names_a_colour() -> None:

@@ -23,7 +23,9 @@ def test_numbers(result: Estimate) -> None:
     assert result.inside_band() == np.mean(np.abs(error) <= 1.959963984540054 * result.theta_std)
     assert result.nis.shape == (len(result),)
     there = result.innovations
-    expected = -0.5 * np.sum(there**2 / result.innovation_variances + np.log(2 * np.pi * result.innovation_variances))
+    expected = -0.5 * np.sum(
+        there**2 / result.innovation_variances + np.log(2 * np.pi * result.innovation_variances)
+    )
     assert result.log_likelihood == pytest.approx(expected)
 
 
@@ -41,7 +43,9 @@ def test_frames(result: Estimate) -> None:
         "position_left_std [m]",
     ]
     np.testing.assert_allclose(every["theta [deg]"].to_numpy(), np.rad2deg(result.theta))
-    np.testing.assert_array_equal(every["position_left [m]"].to_numpy(), result.state("position_left"))
+    np.testing.assert_array_equal(
+        every["position_left [m]"].to_numpy(), result.state("position_left")
+    )
     with pytest.raises(EstimationError, match="unit 'grad': angles are written in rad or deg"):
         result.columns("grad")
 
@@ -54,18 +58,25 @@ def test_no_truth() -> None:
     with pytest.raises(EstimationError, match="no truth"):
         blind.rms_error()
     assert blind.rms_error(log.truth["theta"]) > 0
-    assert [axes.get_ylabel() for axes in blind.plot().axes] == ["joint angle θ [°]", "95 % band ± [°]"]
+    assert [axes.get_ylabel() for axes in blind.plot().axes] == [
+        "joint angle θ [°]",
+        "95 % band ± [°]",
+    ]
 
 
 def test_a_number_of_the_rig_is_a_state_by_its_words_and_by_its_path() -> None:
     rig = load_rig("lab-bench")
     found = estimate(simulate(rig, "lab-bench", 0).select(slice(0, 60)), rig, compiled=False)
     words = "friction coefficient of joint finger"
-    np.testing.assert_array_equal(found.state(words), found.state("joints.finger.friction.coefficient"))
+    np.testing.assert_array_equal(
+        found.state(words), found.state("joints.finger.friction.coefficient")
+    )
     every = found.to_polars(every=True)
     np.testing.assert_array_equal(every[f"{words} [1]"].to_numpy(), found.state(words))
     at = found.state_names.index("damping of drive motor")
-    np.testing.assert_array_equal(every["std of damping of drive motor [N m s/rad]"].to_numpy(), found.stds[:, at])
+    np.testing.assert_array_equal(
+        every["std of damping of drive motor [N m s/rad]"].to_numpy(), found.stds[:, at]
+    )
     assert not any(".0." in name or ".1." in name for name in every.columns)
     with pytest.raises(EstimationError, match="did you mean 'inertia of joint finger'"):
         found.state("joints.finger")

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from distal import Estimate, Log, Rig, estimate, load_scenario, log_health, plot_estimates, scenario_rig, simulate
+from distal import (
+    Estimate,
+    Log,
+    Rig,
+    estimate,
+    load_scenario,
+    log_health,
+    plot_estimates,
+    scenario_rig,
+    simulate,
+)
 from distal.confidence import BAND
 from distal.errors import OutputError
 
@@ -35,7 +45,10 @@ def test_plots(result: Estimate, tmp_path: Path, kind: str) -> None:
     figure = result.plot(one)
     assert [axes.get_ylabel() for axes in figure.axes] == ["joint angle θ [°]", "error [°]"]
     assert figure.axes[-1].get_xlabel() == "time [s]"
-    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == ["truth", "ekf, 95 % band"]
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
+        "truth",
+        "ekf, 95 % band",
+    ]
     plot_estimates([result], two)
     assert one.read_bytes() == two.read_bytes()
     with pytest.raises(OutputError, match="a plot cannot be 'txt'"):
@@ -54,7 +67,11 @@ def legends_lie_beside(figure: Figure) -> bool:
     """Return whether no legend covers a part of any axes."""
     figure.draw_without_rendering()
     frames = [axes.get_window_extent() for axes in figure.axes]
-    legends = [axes.get_legend().get_window_extent() for axes in figure.axes if axes.get_legend() is not None]
+    legends = [
+        axes.get_legend().get_window_extent()
+        for axes in figure.axes
+        if axes.get_legend() is not None
+    ]
     return all(not legend.overlaps(frame) for legend in legends for frame in frames)
 
 
@@ -68,20 +85,34 @@ def test_every_panel(result: Estimate, log: Log, rig: Rig, tmp_path: Path) -> No
     assert [axes.get_ylabel() for axes in figure.axes] == labels
     assert legends_lie_beside(figure)
     innovations, forces, words = figure.axes[2:]
-    assert [text.get_text() for text in innovations.get_legend().get_texts()] == list(result.measured)
-    assert sorted(line.get_ydata()[0] for line in innovations.lines if len(set(line.get_ydata())) == 1) == [-2.0, 2.0]
+    assert [text.get_text() for text in innovations.get_legend().get_texts()] == list(
+        result.measured
+    )
+    assert sorted(
+        line.get_ydata()[0] for line in innovations.lines if len(set(line.get_ydata())) == 1
+    ) == [-2.0, 2.0]
     np.testing.assert_array_equal(forces.lines[0].get_ydata(), log.channels["u1"])
-    assert [text.get_text() for text in words.get_yticklabels()] == ["ok", *sorted(set(health) - {"ok"})]
+    assert [text.get_text() for text in words.get_yticklabels()] == [
+        "ok",
+        *sorted(set(health) - {"ok"}),
+    ]
     drawn = sum(path.get_extents().width for bars in words.collections for path in bars.get_paths())
     assert drawn == pytest.approx(log.time[-1] - log.time[0] + 0.01)
-    for panel, said in (("forces", "log="), ("health", "log_health"), ("forcse", "did you mean 'forces'")):
+    for panel, said in (
+        ("forces", "log="),
+        ("health", "log_health"),
+        ("forcse", "did you mean 'forces'"),
+    ):
         with pytest.raises(OutputError, match=said):
             plot_estimates([result], panels=[panel])
 
 
 def test_time_counts_from_the_first_sample(result: Estimate) -> None:
     late = replace(result, time=result.time + 1e6)
-    for one, said in ((result, "time [s]"), (late, "time [s] from the first sample on, which has t = 1000000 s")):
+    for one, said in (
+        (result, "time [s]"),
+        (late, "time [s] from the first sample on, which has t = 1000000 s"),
+    ):
         figure = one.plot()
         assert figure.axes[-1].get_xlabel() == said
         line = figure.axes[0].lines[0]
@@ -90,7 +121,9 @@ def test_time_counts_from_the_first_sample(result: Estimate) -> None:
 
 
 def test_a_short_event_does_not_flatten_the_errors(result: Estimate) -> None:
-    """An error of 40° for 5 of 800 samples: the axis shows the rest, marks the event, and says how large it was."""
+    """An error of 40° for 5 of 800 samples: the axis shows the rest, marks the event, and says how
+    large it was.
+    """
     means = np.array(result.means)
     means[400:405, 0] += np.deg2rad(40.0)
     usual = result.plot().axes[1].get_ylim()[1]
@@ -124,7 +157,9 @@ def test_bands_are_seen_at_any_width(result: Estimate) -> None:
 
 def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:
     text = repr(result)
-    assert text.startswith("800 samples of 'Nylon-tendon disk (k = 806 N/m)', 0 to 7.99 s; ekf: angle from ")
+    assert text.startswith(
+        "800 samples of 'Nylon-tendon disk (k = 806 N/m)', 0 to 7.99 s; ekf: angle from "
+    )
     assert len(text) < 250
     assert str(result) == text
     row = result.summary()[0]
@@ -138,8 +173,12 @@ def test_an_estimate_in_words_and_as_a_table(result: Estimate) -> None:
     assert "RMS" not in repr(blind)
 
 
-def test_an_angles_axis_holds_the_curves_and_not_a_band_that_is_much_wider(result: Estimate) -> None:
-    """It ends 0.3 of the curves' range beyond them where the band would take it further, else where matplotlib ends it."""
+def test_an_angles_axis_holds_the_curves_and_not_a_band_that_is_much_wider(
+    result: Estimate,
+) -> None:
+    """It ends 0.3 of the curves' range beyond them where the band would take it further, else where
+    matplotlib ends it.
+    """
     angles, truth = np.rad2deg(result.theta), np.rad2deg(result.truth)
     lowest, highest = min(angles.min(), truth.min()), max(angles.max(), truth.max())
     wide = replace(result, variances=result.variances * 1e8).plot().axes[0]
@@ -151,7 +190,9 @@ def test_an_angles_axis_holds_the_curves_and_not_a_band_that_is_much_wider(resul
 
 
 def test_an_axis_of_innovations_holds_98_percent_of_them(result: Estimate) -> None:
-    """Five standard deviations at least, and 1.2 times the 98 % quantile of those that are larger."""
+    """Five standard deviations at least, and 1.2 times the 98 % quantile of those that are
+    larger.
+    """
     small = replace(result, innovation_variances=result.innovation_variances * 100.0)
     large = replace(result, innovation_variances=result.innovation_variances / 100.0)
     assert small.plot(panels=["innovations"]).axes[-1].get_ylim() == pytest.approx((-5.0, 5.0))

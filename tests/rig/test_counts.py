@@ -21,11 +21,15 @@ def with_sensors(angle: dict[str, Any], torque: dict[str, Any]) -> Rig:
     raw = load_rig("capstan-joint").model_dump(exclude_defaults=True)
     first, second, *others = raw["sensors"]
     kept = [{key: one[key] for key in ("name", "measures", "of")} for one in (first, second)]
-    return build_rig({**raw, "sensors": [{**kept[0], **angle}, {**kept[1], **torque}, *others]}, "counting")
+    return build_rig(
+        {**raw, "sensors": [{**kept[0], **angle}, {**kept[1], **torque}, *others]}, "counting"
+    )
 
 
 def test_counts_are_angles_of_the_capstan() -> None:
-    """One turn of the capstan is 50 of the motor, 204,800 counts; what an encoder cannot tell is one of them."""
+    """One turn of the capstan is 50 of the motor, 204,800 counts; what an encoder cannot tell is
+    one of them.
+    """
     sensor = with_sensors(ENCODER, {}).sensors[0]
     assert 204_800 * log_factor(sensor) == pytest.approx(2 * np.pi)
     assert sensor.resolution == pytest.approx(50 * COUNT)
@@ -46,16 +50,22 @@ def test_errors_in_counts_and_in_si() -> None:
     sensor = with_sensors({**ENCODER, **errors}, {}).sensors[0]
     found = [sensor.noise, sensor.linearity, sensor.resolution, sensor.bias.value, sensor.bias.std]
     np.testing.assert_allclose(found, COUNT * np.array([2, 3, 4 * 50, 5, 6]))
-    assert with_sensors({**ENCODER, "noise": "0.1 deg"}, {}).sensors[0].noise == pytest.approx(np.deg2rad(0.1))
+    assert with_sensors({**ENCODER, "noise": "0.1 deg"}, {}).sensors[0].noise == pytest.approx(
+        np.deg2rad(0.1)
+    )
     assert with_sensors({**ENCODER, "noise": 1e-3}, {}).sensors[0].noise == 1e-3
 
 
 def test_the_gear_applies_to_the_motors_constant_only() -> None:
-    sensor = with_sensors({}, {**MOTOR, "noise": "20 mA", "bias": {"value": 0, "std": "0.1 A"}}).sensors[1]
+    sensor = with_sensors(
+        {}, {**MOTOR, "noise": "20 mA", "bias": {"value": 0, "std": "0.1 A"}}
+    ).sensors[1]
     assert log_factor(sensor) == pytest.approx(24e-3 * 50 * 1e-3)
     assert sensor.noise == pytest.approx(0.02 * 24e-3 * 50)
     assert sensor.bias.std == pytest.approx(0.1 * 24e-3 * 50)
-    at_capstan = with_sensors({}, {"unit": "A", "torque_constant": "1.2 N m/A", "noise": "20 mA"}).sensors[1]
+    at_capstan = with_sensors(
+        {}, {"unit": "A", "torque_constant": "1.2 N m/A", "noise": "20 mA"}
+    ).sensors[1]
     assert log_factor(at_capstan) == pytest.approx(1.2)
     assert at_capstan.noise == pytest.approx(0.024)
     assert with_sensors({}, {"noise": "5 mN m"}).sensors[1].noise == pytest.approx(5e-3)
@@ -64,11 +74,15 @@ def test_the_gear_applies_to_the_motors_constant_only() -> None:
 def test_a_rig_that_is_written_and_read_again_is_the_same() -> None:
     rig = with_sensors({**ENCODER, "noise": "2 count"}, {**MOTOR, "noise": "20 mA"})
     assert build_rig(rig.model_dump(), rig.name) == rig
-    assert rig.with_values({"sensors.motor_angle.noise": "4 count"}).sensors[0].noise == pytest.approx(4 * COUNT)
+    assert rig.with_values({"sensors.motor_angle.noise": "4 count"}).sensors[
+        0
+    ].noise == pytest.approx(4 * COUNT)
 
 
 def test_the_resolution_is_that_of_the_sensors_own_shaft() -> None:
-    """Before the gear, whatever it is written in: 4096 counts in a turn are 0.0879° of the motor, a 50th of the capstan."""
+    """Before the gear, whatever it is written in: 4096 counts in a turn are 0.0879° of the motor, a
+    50th of the capstan.
+    """
     degree = 360 / 4096
     written = [
         with_sensors({**ENCODER, "resolution": "1 count"}, {}),
@@ -76,7 +90,10 @@ def test_the_resolution_is_that_of_the_sensors_own_shaft() -> None:
         with_sensors({"unit": "deg", "gear": 50, "resolution": f"{degree} deg"}, {}),
         with_sensors({"unit": "deg", "gear": 50, "resolution": np.deg2rad(degree)}, {}),
     ]
-    for rig in (*written, *(one.with_values({}) for one in written)):  # and once more through a dump
+    for rig in (
+        *written,
+        *(one.with_values({}) for one in written),
+    ):  # and once more through a dump
         sensor = rig.sensors[0]
         assert step_of(sensor) == pytest.approx(COUNT)
         assert variance(sensor) == pytest.approx(COUNT**2 / 12)
@@ -87,7 +104,15 @@ def test_the_resolution_is_that_of_the_sensors_own_shaft() -> None:
 @pytest.mark.parametrize(
     ("angle", "torque"),
     [
-        ({**ENCODER, "gear": "50 to 1", "noise": "2 count", "bias": {"value": 0, "std": "3 count"}}, {}),
+        (
+            {
+                **ENCODER,
+                "gear": "50 to 1",
+                "noise": "2 count",
+                "bias": {"value": 0, "std": "3 count"},
+            },
+            {},
+        ),
         ({**ENCODER, "counts_per_turn": "many", "noise": "2 count"}, {}),
         ({}, {**MOTOR, "gear": "50 to 1", "noise": "20 mA"}),
         ({}, {**MOTOR, "torque_constant_motor": "24 mN", "noise": "20 mA"}),
@@ -104,9 +129,17 @@ def test_one_mistake_is_one_message(angle: dict[str, Any], torque: dict[str, Any
     ("angle", "torque", "said"),
     [
         ({"unit": "count"}, {}, r"sensors\.motor_angle: unit: 'count' needs 'counts_per_turn'"),
-        ({"counts_per_turn": 4096}, {}, r'counts_per_turn: is for a log in counts; give unit = "count" too'),
+        (
+            {"counts_per_turn": 4096},
+            {},
+            r'counts_per_turn: is for a log in counts; give unit = "count" too',
+        ),
         ({**ENCODER, "counts_per_turn": 0}, {}, r"counts_per_turn: must be positive, 0 came"),
-        ({**ENCODER, "counts_per_turn": "many"}, {}, r"counts_per_turn: 'many' does not start with a number"),
+        (
+            {**ENCODER, "counts_per_turn": "many"},
+            {},
+            r"counts_per_turn: 'many' does not start with a number",
+        ),
         ({**ENCODER, "gear": -3}, {}, r"gear: must be positive"),
         ({**ENCODER, "noise": "x count"}, {}, r"noise: 'x count' does not start with a number"),
         ({"unit": "deg", "noise": "2 count"}, {}, r"noise: unit 'count' is no angle"),

@@ -33,7 +33,9 @@ def test_a_table_becomes_a_rig_with_its_numbers(tmp_path: Path) -> None:
     assert isinstance(motor, Capstan)
     assert motor.name == "motor_1"
     assert motor.radius.value == pytest.approx(7e-3)
-    assert [tendon.arms()["index_mcp"] for tendon in rig.tendons[:2]] == pytest.approx([8e-3, -8e-3])
+    assert [tendon.arms()["index_mcp"] for tendon in rig.tendons[:2]] == pytest.approx(
+        [8e-3, -8e-3]
+    )
     assert {sensor.name: sensor.sign for sensor in rig.sensors_of("position")} == {
         "motor_1_position": 1,
         "two_position": -1,
@@ -58,7 +60,8 @@ def test_the_text_is_the_rig_and_marks_each_guess(tmp_path: Path) -> None:
 def test_one_tendon_over_three_joints_has_springs_and_no_second_tendon(tmp_path: Path) -> None:
     text = (
         "joint,motor,spool_radius,joint_radius,back,low,high,follows,ratio\n"
-        "mcp,1,9 mm,12 mm,spring,0 deg,90 deg,,\npip,1,9 mm,7 mm,spring,0 deg,90 deg,,\ndip,,,,,0 deg,60 deg,pip,0.7\n"
+        "mcp,1,9 mm,12 mm,spring,0 deg,90 deg,,\npip,1,9 mm,7 mm,spring,0 deg,90 deg,,\ndip,,,,,0 "
+        "deg,60 deg,pip,0.7\n"
     )
     rig = from_table(table(tmp_path, text)).rig
     assert len(rig.tendons) == 1
@@ -121,7 +124,8 @@ def test_a_calibration_says_ratio_sign_and_zero(tmp_path: Path) -> None:
         place = next(s for s in rig.sensors_of("position") if s.of == name)
         assert place.sign == sign
         middle = limits["motor_limits"][int(name[-1])]
-        # in the middle of its travel the motor's reading is that of the joint in the middle of its range
+        # in the middle of its travel the motor's reading is that of the joint in the middle of its
+        # range
         at = place.sign * sum(middle) / 2 - place.bias.value
         assert at / ratio == pytest.approx(radians(sum(joint) / 2), abs=1e-6)
 
@@ -137,7 +141,9 @@ def test_a_config_alone_says_what_is_missing(tmp_path: Path) -> None:
 def test_the_map_of_a_revision_counts_where_it_is_that_one(tmp_path: Path) -> None:
     turned = CONFIG | {"joint_to_motor_map_v21": {"mcp": -3}}
     for revision, sign in (("auto", 1), (21, -1)):
-        rig = from_orca(written(tmp_path, "config.yaml", turned | {"hardware_version": revision})).rig
+        rig = from_orca(
+            written(tmp_path, "config.yaml", turned | {"hardware_version": revision})
+        ).rig
         assert next(s.sign for s in rig.sensors_of("position") if s.of == "motor_3") == sign
 
 
@@ -234,13 +240,21 @@ def test_no_sdk_is_one_line(tmp_path: Path) -> None:
 
 def test_a_motor_that_stands_twice_is_named(tmp_path: Path) -> None:
     with pytest.raises(
-        RigError, match=r"motor 'motor_1' has several joints \(a, b\): give each a motor, or 'spring' in 'back'"
+        RigError,
+        match=r"motor 'motor_1' has several joints \(a, b\): give each a motor, or 'spring' in 'back'",
     ):
-        from_table(table(tmp_path, TABLE.splitlines()[0] + "\na,1,7,8,1,-20,95\nb,1,7,8,1,-20,95\n"))
+        from_table(
+            table(tmp_path, TABLE.splitlines()[0] + "\na,1,7,8,1,-20,95\nb,1,7,8,1,-20,95\n")
+        )
 
 
 def test_a_direction_that_is_left_out_is_said(tmp_path: Path) -> None:
-    text = "joint,motor,direction,low [deg],high [deg],follows,ratio\na,1,-1,0,90,,\nb,2,,0,90,,\nc,,,0,60,b,0.6\n"
+    text = (
+        "joint,motor,direction,low [deg],high "
+        "[deg],follows,ratio\na,1,-1,0,90,,\nb,2,,0,90,,\nc,,,0,60,b,0.6\n"
+    )
     (note,) = from_table(table(tmp_path, text)).notes
-    assert note == "no direction of b: each angle is taken to grow with its motor's reading; look once"
+    assert (
+        note == "no direction of b: each angle is taken to grow with its motor's reading; look once"
+    )
     assert from_table(table(tmp_path, TABLE)).notes == ()

@@ -1,4 +1,6 @@
-"""An IMU on a link: one file in `distal.rig.sensors`, and everything that there is for sensors works with it."""
+"""An IMU on a link: one file in `distal.rig.sensors`, and everything that there is for sensors
+works with it.
+"""
 
 import re
 import tomllib
@@ -7,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tools.size import sizes
 from typer.testing import CliRunner
 
 import distal
@@ -53,7 +56,9 @@ def logs(rig: Rig) -> list[Log]:
 
 
 def test_its_numbers_are_those_of_two_turns_about_one_axis() -> None:
-    """By hand: a link turned by θ_mcp + θ_pip + mounting about y; the base hangs gravity along −z."""
+    """By hand: a link turned by θ_mcp + θ_pip + mounting about y; the base hangs gravity along
+    −z.
+    """
     exact = with_imu(re.sub(r"(noise|bias) = .*\n", "", TABLE))
     rig = exact.with_values({f"sensors.{name}.mounting": MOUNTED for name in NUMBERS})
     log = simulate(rig, load_scenario("finger", ['duration="3 s"']), 1)
@@ -88,17 +93,23 @@ def test_a_chain_whose_axes_differ() -> None:
     force = [log.channels[f"imu_force_{axis}"][row] for axis in "xyz"]
     np.testing.assert_allclose(force, -world(row).T @ np.array(rig.base.gravity), atol=1e-9)
     assert np.count_nonzero(np.abs(force) > 0.1) > 1
-    spin = world(row).T @ (world(row + 1) - world(row - 1)) / (log.time[row + 1] - log.time[row - 1])
+    spin = (
+        world(row).T @ (world(row + 1) - world(row - 1)) / (log.time[row + 1] - log.time[row - 1])
+    )
     rate = np.array([log.channels[f"imu_rate_{axis}"][row] for axis in "xyz"])
     # a central difference over 2 ms
-    np.testing.assert_allclose(rate, [spin[2, 1], spin[0, 2], spin[1, 0]], atol=0.01 * np.abs(rate).max())
+    np.testing.assert_allclose(
+        rate, [spin[2, 1], spin[0, 2], spin[1, 0]], atol=0.01 * np.abs(rate).max()
+    )
     assert np.count_nonzero(np.abs(rate) > 0.01) > 1
 
 
 SEEDS = range(301, 311)
 """Seeds that were not looked at before the filter was as it is."""
 
-WRIST = TABLE.replace("pip", "jaw").replace('["rate_y", "force_x", "force_z"]', str([*IMU_NUMBERS]).replace("'", '"'))
+WRIST = TABLE.replace("pip", "jaw").replace(
+    '["rate_y", "force_x", "force_z"]', str([*IMU_NUMBERS]).replace("'", '"')
+)
 
 
 def built(rig: Rig, scenario: str, seed: int) -> Log:
@@ -112,8 +123,12 @@ def built(rig: Rig, scenario: str, seed: int) -> Log:
     ("name", "table", "most"),
     [("finger-2n", TABLE, (1.0, 0.7)), ("wrist-instrument", WRIST, (1.0, 1.0, 1.05))],
 )
-def test_it_tells_more_on_average_and_is_as_right_as_without(name: str, table: str, most: tuple[float, ...]) -> None:
-    """Mean RMS errors against those without it: those of the finger fall, those of the wrist at least do not rise."""
+def test_it_tells_more_on_average_and_is_as_right_as_without(
+    name: str, table: str, most: tuple[float, ...]
+) -> None:
+    """Mean RMS errors against those without it: those of the finger fall, those of the wrist at
+    least do not rise.
+    """
     rig = with_imu(table.replace("3 deg", "0.5 deg"), name)
     logs = [built(rig, name.split("-")[0], seed) for seed in SEEDS]
     with_it, without = ([estimate(log, of) for log in logs] for of in (rig, load_rig(name)))
@@ -122,11 +137,15 @@ def test_it_tells_more_on_average_and_is_as_right_as_without(name: str, table: s
         for results in (with_it, without)
     ]
     assert np.all(rms[0] < np.array(most) * rms[1])
-    right, before = (np.mean([result.inside_band() for result in results]) for results in (with_it, without))
+    right, before = (
+        np.mean([result.inside_band() for result in results]) for results in (with_it, without)
+    )
     assert right > before - 0.02
 
 
-def test_it_narrows_the_band_of_a_chain_and_finds_how_it_is_mounted(rig: Rig, logs: list[Log]) -> None:
+def test_it_narrows_the_band_of_a_chain_and_finds_how_it_is_mounted(
+    rig: Rig, logs: list[Log]
+) -> None:
     def narrowness(of: Rig, plants: Sequence[Log]) -> float:
         """Return the mean std of the second joint."""
         results = [estimate(log, of) for log in plants]
@@ -134,7 +153,10 @@ def test_it_narrows_the_band_of_a_chain_and_finds_how_it_is_mounted(rig: Rig, lo
         return float(np.mean([result.angle_stds[:, 1] for result in results]))
 
     well = with_imu(TABLE.replace("3 deg", "0.5 deg"))
-    plants = [simulate(well, load_scenario("finger", ['duration="6 s"']), seed) for seed in (21, 22, 23, 24)]
+    plants = [
+        simulate(well, load_scenario("finger", ['duration="6 s"']), seed)
+        for seed in (21, 22, 23, 24)
+    ]
     alone = narrowness(load_rig("finger-2n"), plants)
     assert narrowness(well, plants) < 0.78 * alone
     # hardly knowing how it is mounted it says less, and is still believed
@@ -191,12 +213,21 @@ def test_the_command_line_takes_it(rig: Rig, logs: list[Log], tmp_path: Path) ->
         delimiter=",",
         comments="",
     )
-    arguments = ["estimate", str(log), "--rig", str(tmp_path / "rig.toml"), "--set", "sensors.imu_rate_y.noise=0.02"]
+    arguments = [
+        "estimate",
+        str(log),
+        "--rig",
+        str(tmp_path / "rig.toml"),
+        "--set",
+        "sensors.imu_rate_y.noise=0.02",
+    ]
     arguments += ["--estimator", "adaptive"]
     done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out.csv")])
     assert done.exit_code == 0, done.output
     assert "imu_force_z: imu of pip, column 'imu_force_z' in m/s^2" in done.output
-    drawn = CliRunner().invoke(app, ["rig", "draw", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "rig.png")])
+    drawn = CliRunner().invoke(
+        app, ["rig", "draw", str(tmp_path / "rig.toml"), "--out", str(tmp_path / "rig.png")]
+    )
     assert drawn.exit_code == 0, drawn.output
 
 
@@ -228,7 +259,7 @@ def test_a_sensor_of_a_new_kind_is_one_file_and_a_line_in_a_list() -> None:
     ]
     # `base` only says in the description of a key which kinds there are
     assert sorted(named) == ["rig/sensors/base.py", "rig/sensors/imu.py", "rig/sensors/registry.py"]
-    assert len((source / "rig/sensors/imu.py").read_text(encoding="utf-8").splitlines()) <= 150
+    assert sizes()["src/distal/rig/sensors/imu.py"] <= 1200
 
 
 def test_the_first_sample_may_miss_it(rig: Rig, logs: list[Log]) -> None:
@@ -240,10 +271,14 @@ def test_the_first_sample_may_miss_it(rig: Rig, logs: list[Log]) -> None:
 
 
 def test_sensors_of_joints_stay_with_their_finger() -> None:
-    """A torque on a joint, as an angle, goes with the part that has the joint, where a hand is taken apart."""
+    """A torque on a joint, as an angle, goes with the part that has the joint, where a hand is
+    taken apart.
+    """
     hand = load_rig("hand")
     joints = [hand.joints[0].name, hand.joints[-1].name]
-    added = [{"name": f"torque_{of}", "measures": "torque", "of": of, "noise": 0.01} for of in joints]
+    added = [
+        {"name": f"torque_{of}", "measures": "torque", "of": of, "noise": 0.01} for of in joints
+    ]
     raw = hand.model_dump()
     raw["sensors"] = [*raw["sensors"], *added]
     parts = independent_parts(Rig.model_validate(raw))

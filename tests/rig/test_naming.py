@@ -14,14 +14,30 @@ from distal.rig.rig import parameters_below
 @pytest.mark.parametrize(
     ("path", "by_name", "words"),
     [
-        ("joints.0.friction.coefficient", "joints.mcp.friction.coefficient", "friction coefficient of joint mcp"),
+        (
+            "joints.0.friction.coefficient",
+            "joints.mcp.friction.coefficient",
+            "friction coefficient of joint mcp",
+        ),
         ("tendons.3.stiffness", "tendons.pip_e.stiffness", "stiffness of tendon pip_e"),
-        ("tendons.2.crossings.1.radius", "tendons.pip_f.crossings.pip.radius", "radius of tendon pip_f at pip"),
+        (
+            "tendons.2.crossings.1.radius",
+            "tendons.pip_f.crossings.pip.radius",
+            "radius of tendon pip_f at pip",
+        ),
         ("drives.1.stop_stiffness", "drives.mcp_e.stop_stiffness", "stop stiffness of drive mcp_e"),
         ("sensors.x_mcp_f.noise", "sensors.x_mcp_f.noise", "noise of sensor x_mcp_f"),
-        ("tendons.0.stiffness.factor", "tendons.mcp_f.stiffness.factor", "stiffness factor of tendon mcp_f"),
+        (
+            "tendons.0.stiffness.factor",
+            "tendons.mcp_f.stiffness.factor",
+            "stiffness factor of tendon mcp_f",
+        ),
         ("tendons.*.stiffness", "tendons.*.stiffness", "stiffness of all tendons"),
-        ("tendons.*.crossings.*.radius", "tendons.*.crossings.*.radius", "radius of all tendons at all joints"),
+        (
+            "tendons.*.crossings.*.radius",
+            "tendons.*.crossings.*.radius",
+            "radius of all tendons at all joints",
+        ),
         ("tendons.9.stiffness", "tendons.9.stiffness", "stiffness of tendon 9"),
         ("rope.factor", "rope.factor", "rope.factor"),
     ],
@@ -37,7 +53,10 @@ def test_numbers_of_several_parts_are_said_together() -> None:
     springs = [f"tendons.{i}.stiffness" for i in range(4)]
     assert in_words(rig, *springs) == "stiffness of all tendons"
     assert in_words(rig, *springs[:2]) == "stiffness of tendons mcp_f, mcp_e"
-    assert in_words(rig, springs[0], "drives.0.mass") == "stiffness of tendon mcp_f; mass of drive mcp_f"
+    assert (
+        in_words(rig, springs[0], "drives.0.mass")
+        == "stiffness of tendon mcp_f; mass of drive mcp_f"
+    )
 
 
 @pytest.mark.parametrize("name", shipped_rigs())
@@ -59,7 +78,8 @@ def test_a_raw_description_is_named_alike() -> None:
     set_value(raw, "tendons.pip_f.crossings.pip.radius", 0.001, RigError)
     assert raw["tendons"][2]["crossings"][1]["radius"]["value"] == 0.001
     with pytest.raises(
-        RigError, match=r"'tendons.pip_f.crossings' has no 'dip'; did you mean 'pip'\? \(known: mcp, pip\)"
+        RigError,
+        match=r"'tendons.pip_f.crossings' has no 'dip'; did you mean 'pip'\? \(known: mcp, pip\)",
     ):
         set_value(raw, "tendons.pip_f.crossings.dip.radius", 0.001, RigError)
 
@@ -72,7 +92,9 @@ def test_two_crossings_of_one_joint_keep_their_indices() -> None:
 
 @pytest.mark.parametrize("name", ["lab-bench", "da-vinci-grasper", "finger-2n"])
 def test_one_wrong_number_is_one_message_that_names_it(name: str) -> None:
-    """A number that is no number at all is said once, by the names of its parts, and nothing else is blamed for it."""
+    """A number that is no number at all is said once, by the names of its parts, and nothing else
+    is blamed for it.
+    """
     rig, text = load_rig(name), rig_text(name)[0]
     raw = parse_toml(text, name, RigError)
     paths = [

@@ -9,13 +9,18 @@ from distal.rig import doubts
 
 
 def test_shipped_rigs_raise_no_doubt() -> None:
-    assert {name: doubts(load_rig(name)) for name in shipped_rigs()} == {name: [] for name in shipped_rigs()}
+    assert {name: doubts(load_rig(name)) for name in shipped_rigs()} == {
+        name: [] for name in shipped_rigs()
+    }
 
 
 @pytest.mark.parametrize(
     ("assignment", "said"),
     [
-        ("tendons.right.side=1", "all tendons of 'link' have side = 1, and no spring turns it back"),
+        (
+            "tendons.right.side=1",
+            "all tendons of 'link' have side = 1, and no spring turns it back",
+        ),
         (
             "tendons.left.insertion.radius=10",
             "insertion radius of tendon left is 10 m; between 0.0002 and 0.3 is usual",
@@ -51,7 +56,9 @@ def test_a_list_whose_items_are_wrong_is_not_short_of_items() -> None:
 
 
 def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
-    """A load cell at the motor's end measures the drive's force; friction of a path lies between the two."""
+    """A load cell at the motor's end measures the drive's force; friction of a path lies between
+    the two.
+    """
     rig = load_rig("template")
     rubbing = rig.with_values({"tendons.left.path": {"friction": 0.1, "wrap": "90 deg"}})
     cell = {"name": "cell", "measures": "tension", "of": "left", "noise": "0.1 N"}
@@ -59,10 +66,14 @@ def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
     assert doubts(rig.with_values({"sensors": sensors})) == []
     said = doubts(rubbing.with_values({"sensors": sensors}))
     assert len(said) == 1
-    assert "sensor cell measures the tension of tendon left behind the friction of its path" in said[0]
+    assert (
+        "sensor cell measures the tension of tendon left behind the friction of its path" in said[0]
+    )
 
 
-@pytest.mark.parametrize(("wrong", "more"), [(3, ""), (4, " (and 1 more problem)"), (6, " (and 3 more problems)")])
+@pytest.mark.parametrize(
+    ("wrong", "more"), [(3, ""), (4, " (and 1 more problem)"), (6, " (and 3 more problems)")]
+)
 def test_the_first_three_problems_are_said_and_the_others_counted(wrong: int, more: str) -> None:
     from distal.errors import RigError
 

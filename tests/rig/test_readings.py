@@ -16,7 +16,9 @@ from distal.run.drive_range import place_range
 
 def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:
     """A drive at 2 that moves with 3/s, commanded 0.1 s ahead, is told 2.3; its encoder reads 2."""
-    motion: Any = SimpleNamespace(place=lambda part: 2.0 + part, rate=lambda part: 3.0, effort=lambda part: 7.0 + part)
+    motion: Any = SimpleNamespace(
+        place=lambda part: 2.0 + part, rate=lambda part: 3.0, effort=lambda part: 7.0 + part
+    )
     for lag, read in ((0.0, 2.0), (0.1, 2.3)):
         sensor: Any = SimpleNamespace(lag=lag)
         assert Position().read(sensor, motion, 0, {}) == pytest.approx(read)
@@ -25,7 +27,9 @@ def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:
 
 
 def test_a_capstan_turns_as_far_as_its_joint_takes_it() -> None:
-    """±1.2 rad of the joint at r/R; a slider the same about the stretch by its nominal force; stops come first."""
+    """±1.2 rad of the joint at r/R; a slider the same about the stretch by its nominal force; stops
+    come first.
+    """
     rig = load_rig("capstan-joint")
     arm, radius = rig.tendons[0].total_arm, rig.drives[0].radius.value  # type: ignore[union-attr]
     assert drive_travel(rig, 0) == pytest.approx((-REACH * arm / radius, REACH * arm / radius))
@@ -54,7 +58,9 @@ def test_a_tendon_over_several_joints_moves_as_far_as_their_stops_allow() -> Non
             continue
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
         turned = tendon.winding / lever if drive.kind == "capstan" else 1.0
-        centre = 0.0 if drive.kind == "capstan" else drive.nominal_force.value / tendon.stiffness.value
+        centre = (
+            0.0 if drive.kind == "capstan" else drive.nominal_force.value / tendon.stiffness.value
+        )
         ends = [[turned * arm * end for end in stops[name]] for name, arm in tendon.arms().items()]
         expected = centre + sum(map(min, ends)), centre + sum(map(max, ends))
         assert drive_travel(rig, i) == pytest.approx(expected)
@@ -79,8 +85,12 @@ def test_the_largest_effort_is_the_limit_or_twice_that_at_rest() -> None:
     assert Force().travel(cast(Any, None), slider, 1) == pytest.approx((0.0, 8.0))
 
 
-def test_a_place_is_possible_a_little_beyond_the_stops_or_far_beyond_what_the_joint_takes_it() -> None:
-    """By 5 % of the travel of a drive with stops, by ten times that of one without, and by the sensor's errors."""
+def test_a_place_is_possible_a_little_beyond_the_stops_or_far_beyond_what_the_joint_takes_it() -> (
+    None
+):
+    """By 5 % of the travel of a drive with stops, by ten times that of one without, and by the
+    sensor's errors.
+    """
     errors = {"noise": 0.01, "linearity": 0.02, "bias": {"value": 0.3, "std": 0.0}}
     rig = load_rig("capstan-joint").with_values(
         {f"sensors.motor_angle.{name}": error for name, error in errors.items()}

@@ -60,7 +60,11 @@ def test_paper_rig_has_the_values_of_table_1(paper_rig: Rig) -> None:
 def test_stds_of_the_paper_rig(paper_rig: Rig) -> None:
     friction = paper_rig.joints[0].friction
     assert friction is not None
-    for part, share in ((friction.coefficient, 0.2), (friction.preload, 0.2), (paper_rig.tendons[0].stiffness, 0.1)):
+    for part, share in (
+        (friction.coefficient, 0.2),
+        (friction.preload, 0.2),
+        (paper_rig.tendons[0].stiffness, 0.1),
+    ):
         assert part.total_std == pytest.approx(share * part.value)
 
 
@@ -69,7 +73,10 @@ def test_the_example_of_the_readme_shape(tmp_path: Path) -> None:
     text = edited_text("paper-2008-printed")
     one = load_rig("paper-2008-printed")
     file = tmp_path / "rig.toml"
-    file.write_text(text.replace('"9.53 mm"', "9.53e-3").replace('"375 mm"', "{ value = 0.375 }"), encoding="utf-8")
+    file.write_text(
+        text.replace('"9.53 mm"', "9.53e-3").replace('"375 mm"', "{ value = 0.375 }"),
+        encoding="utf-8",
+    )
     other = load_rig(file)
     assert one.model_dump()["tendons"][0]["insertion"]["radius"]["value"] == pytest.approx(9.53e-3)
     assert other.tendons[0].insertion == one.tendons[0].insertion.model_copy(
@@ -88,7 +95,11 @@ def test_template_is_a_rig(tmp_path: Path) -> None:
     file.write_text(template_text(), encoding="utf-8")
     assert load_rig(file).name == "My joint"
     # what the template only shows as a comment is right too
-    shown = re.sub(r"(?m)^# (spring|gravity|stops|external_torque|damping|pretension) =", r"\1 =", template_text())
+    shown = re.sub(
+        r"(?m)^# (spring|gravity|stops|external_torque|damping|pretension) =",
+        r"\1 =",
+        template_text(),
+    )
     file.write_text(shown, encoding="utf-8")
     rig = load_rig(file)
     assert rig.joints[0].spring is not None
@@ -101,13 +112,25 @@ REFUSED = [
     ("tendons.0.stiffness=-806", r"tendons\.left\.stiffness: must be positive, -806 came"),
     ("tendons.0.stiffness=0", r"must be positive"),
     ('joints.0.friction.coefficient="0,5"', r"decimal comma"),
-    ('joints.0.inertia="1 kg"', r"joints\.link\.inertia: unit 'kg' has the wrong dimension; a unit like 'kg m\^2'"),
+    (
+        'joints.0.inertia="1 kg"',
+        r"joints\.link\.inertia: unit 'kg' has the wrong dimension; a unit like 'kg m\^2'",
+    ),
     ("joints.0.frction.coefficient=0.4", r"unknown key 'frction'; did you mean 'friction'\?"),
-    ("drives.0.mas=1", r"unknown key 'mas'; did you mean 'mass'\? \(known: backlash, damping, friction"),
+    (
+        "drives.0.mas=1",
+        r"unknown key 'mas'; did you mean 'mass'\? \(known: backlash, damping, friction",
+    ),
     ('drives.0.kind="motor"', r"drives\.left\.kind: must be 'slider', 'capstan', 'motor' came"),
-    ('tendons.0.insertion.kind="glued"', r"tendons\.left\.insertion\.kind: must be 'pinned', 'pulley'"),
+    (
+        'tendons.0.insertion.kind="glued"',
+        r"tendons\.left\.insertion\.kind: must be 'pinned', 'pulley'",
+    ),
     ("tendons.0.side=2", r"tendons\.left\.side: must be 1 or -1, 2 came"),
-    ('tendons.0.drive="lft"', r"tendons\.left\.drive: no drive is called 'lft'; did you mean 'left'\?"),
+    (
+        'tendons.0.drive="lft"',
+        r"tendons\.left\.drive: no drive is called 'lft'; did you mean 'left'\?",
+    ),
     (
         'sensors.0.measures="torque"',
         r"sensors\.x1\.of: no joint is called 'left', it is one of the drives: measures must be 'position' or 'force'; the",
@@ -116,16 +139,31 @@ REFUSED = [
     ('sensors.0.of="middle"', r"sensors\.x1\.of: no drive is called 'middle'"),
     ('sensors.0.unit="N"', r"sensors\.x1\.unit: unit 'N' has the wrong dimension"),
     ('sensors.0.noise="1 N"', r"sensors\.x1\.noise: unit 'N' has the wrong dimension"),
-    ('sensors.0.measures="speed"', r"must be 'position', 'force', 'tension', 'angle', 'torque' or 'imu'"),
-    ('sensors.0.measures="command"', r"measures = 'command' needs lag, the time constant of the drive's servo"),
+    (
+        'sensors.0.measures="speed"',
+        r"must be 'position', 'force', 'tension', 'angle', 'torque' or 'imu'",
+    ),
+    (
+        'sensors.0.measures="command"',
+        r"measures = 'command' needs lag, the time constant of the drive's servo",
+    ),
     ("sensors.u1.lag=0.1", r"sensors.*lag: is of a drive that follows a command"),
     ('sensors.1.name="x1"', r"sensors: the name 'x1' stands more than once"),
     ('sensors.1.column="x1"', r"the log column 'x1' stands more than once"),
     ("joints.0.friction.exponent=0.5", r"exponent must be at least 1"),
-    ("joints.0.friction.coefficient={ value = 1, std = 0.1, drift = -1 }", r"drift must not be negative, -1 came"),
+    (
+        "joints.0.friction.coefficient={ value = 1, std = 0.1, drift = -1 }",
+        r"drift must not be negative, -1 came",
+    ),
     ("joints.0.damping={ value = 1, std = 0, drift = 0.1 }", r"drift needs a std"),
-    ("joints.0.damping.shared={ name = 'a' }", r'shared must be \{ name = "spool", std = "10 %" \}'),
-    ("joints.0.damping.shared={ name = 'a', std = '110 %' }", r"between 0 and 1 \(100 %\); 1.1 came"),
+    (
+        "joints.0.damping.shared={ name = 'a' }",
+        r'shared must be \{ name = "spool", std = "10 %" \}',
+    ),
+    (
+        "joints.0.damping.shared={ name = 'a', std = '110 %' }",
+        r"between 0 and 1 \(100 %\); 1.1 came",
+    ),
     ("joints.0.damping.shared={ name = '', std = 0.1 }", r"joints.link.damping.shared.name"),
     ("joints.0.initial={ value = 0.1, shared = { name = 'a', std = 0.1 } }", r"shares nothing"),
     ("tendons.0.damping={ value = 0, shared = { name = 'a', std = 0.1 } }", r"no share of it"),
@@ -134,11 +172,26 @@ REFUSED = [
         r"tendons.right.stiffness.shared: .* is the same share .* 0.1 came here and 0.2 at tendons.left",
     ),
     ("joints.0.initial={ value = 1, std = 1, drift = 1 }", r"has no drift"),
-    ("tendons.0.stiffness={ value = 800, factor = 0.5 }", r"factor must be above 1 and at most 100, 0.5 came"),
-    ("tendons.0.stiffness={ value = 800, factor = 3, std = 9 }", r"has 'std' and 'factor'; give one of them"),
-    ("joints.0.initial={ value = 1, factor = 3 }", r"may be zero or negative, so it is not known to a factor"),
-    ("joints.0.damping={ value = 0, factor = 3 }", r"may be zero or negative, so it is not known to a factor"),
-    ("joints.0.friction.coefficient={ value = 1, sd = 2 }", r"unknown key 'sd'; did you mean 'std'\?"),
+    (
+        "tendons.0.stiffness={ value = 800, factor = 0.5 }",
+        r"factor must be above 1 and at most 100, 0.5 came",
+    ),
+    (
+        "tendons.0.stiffness={ value = 800, factor = 3, std = 9 }",
+        r"has 'std' and 'factor'; give one of them",
+    ),
+    (
+        "joints.0.initial={ value = 1, factor = 3 }",
+        r"may be zero or negative, so it is not known to a factor",
+    ),
+    (
+        "joints.0.damping={ value = 0, factor = 3 }",
+        r"may be zero or negative, so it is not known to a factor",
+    ),
+    (
+        "joints.0.friction.coefficient={ value = 1, sd = 2 }",
+        r"unknown key 'sd'; did you mean 'std'\?",
+    ),
     ("drives.0.damping={ std = 2 }", r"has no 'value'"),
     ("joints.0.friction.coefficient={ value = 1, std = -2 }", r"std must not be negative"),
     ("tendons=[]", r"tendons: at least one is needed"),
@@ -160,8 +213,14 @@ def test_wrong_values_are_refused_by_name(assignment: str, said: str) -> None:
 
 
 def test_a_number_known_to_a_factor_has_the_std_of_its_logarithm() -> None:
-    for written in ("tendons.0.stiffness={ value = 800, factor = 3 }", "tendons.0.stiffness.factor=3"):
-        made = load_rig("paper-2008-printed", ["tendons.0.stiffness.shared.std=0", "tendons.0.stiffness=800", written])
+    for written in (
+        "tendons.0.stiffness={ value = 800, factor = 3 }",
+        "tendons.0.stiffness.factor=3",
+    ):
+        made = load_rig(
+            "paper-2008-printed",
+            ["tendons.0.stiffness.shared.std=0", "tendons.0.stiffness=800", written],
+        )
         assert made.tendons[0].stiffness.std == pytest.approx(1600.0)
         assert number(made, "tendons.0.stiffness").is_rough
 
@@ -222,11 +281,15 @@ def test_set_keeps_the_std_and_reads_names_and_indices() -> None:
 
 
 def test_show_with_set_keeps_comments_and_loads(tmp_path: Path) -> None:
-    text = edited_text("paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"])
+    text = edited_text(
+        "paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"]
+    )
     assert "# J, an 84 g disk" in text
     file = tmp_path / "edited.toml"
     file.write_text(text, encoding="utf-8")
-    expected = load_rig("paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"])
+    expected = load_rig(
+        "paper-2008-printed", ["joints.0.friction.coefficient=0.4", "tendons.left.damping=0.1"]
+    )
     assert load_rig(file) == expected
 
 
@@ -248,7 +311,13 @@ def test_reference_load() -> None:
 @given(
     st.dictionaries(
         st.sampled_from(
-            ["joints.0.inertia", "drives.0.mass", "tendons.0.stiffness", "drives.1.damping", "sensors.0.noise"]
+            [
+                "joints.0.inertia",
+                "drives.0.mass",
+                "tendons.0.stiffness",
+                "drives.1.damping",
+                "sensors.0.noise",
+            ]
         ),
         st.floats(min_value=1e-9, max_value=1e9),
         min_size=1,
@@ -267,12 +336,17 @@ def test_any_positive_values_make_a_rig(values: dict[str, float]) -> None:
 
 json_like = st.recursive(
     st.none() | st.booleans() | st.floats() | st.text(max_size=8) | st.integers(),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3)
+    ),
     max_leaves=6,
 )
 
 
-@given(st.sampled_from(["joints", "drives", "tendons", "sensors", "log", "stepping", "name"]), json_like)
+@given(
+    st.sampled_from(["joints", "drives", "tendons", "sensors", "log", "stepping", "name"]),
+    json_like,
+)
 def test_any_rubbish_is_refused_in_one_line(key: str, rubbish: object) -> None:
     raw = load_rig("paper-2008-printed").model_dump()
     raw[key] = rubbish
@@ -285,7 +359,8 @@ def test_any_rubbish_is_refused_in_one_line(key: str, rubbish: object) -> None:
 def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:
     """A discrepancy is what one set of numbers leaves; a sensor's column is none of them."""
     with pytest.warns(
-        DistalWarning, match=r"\[discrepancy\] was learned with other numbers than tendons\.\*\.stiffness"
+        DistalWarning,
+        match=r"\[discrepancy\] was learned with other numbers than tendons\.\*\.stiffness",
     ):
         load_rig("da-vinci-grasper", ['tendons.*.stiffness="12 N/mm"'])
     load_rig("da-vinci-grasper", ['log.time.unit="ms"'])
@@ -293,7 +368,8 @@ def test_a_number_changed_by_hand_leaves_a_learned_correction_behind() -> None:
 
 def test_a_torque_declared_after_the_fit_is_said_to_belong_before_it() -> None:
     with pytest.warns(
-        DistalWarning, match=r"fit again, or remove it; declare external_torque\.std in the rig file before the fit$"
+        DistalWarning,
+        match=r"fit again, or remove it; declare external_torque\.std in the rig file before the fit$",
     ):
         load_rig("da-vinci-grasper", ['joints.jaw.external_torque.std="0.05 N m"'])
     with pytest.warns(DistalWarning, match="or remove it$"):

@@ -39,7 +39,10 @@ def logs(rig: Rig) -> list[Log]:
     made = list(simulate_batch(rig, [(load_scenario("series-2"), seed) for seed in range(SEEDS)]))
     made = [log.select(slice(0, 150 + 37 * i)) for i, log in enumerate(made)]
     made[3] = made[3].select(np.r_[0:60, 90:200])
-    spoiled = {name: np.where(np.arange(len(made[5])) % 7 == 2, np.nan, v) for name, v in made[5].channels.items()}
+    spoiled = {
+        name: np.where(np.arange(len(made[5])) % 7 == 2, np.nan, v)
+        for name, v in made[5].channels.items()
+    }
     made[5] = Log(made[5].time, spoiled, made[5].truth, "spoiled", made[5].truth_source)
     return made
 
@@ -123,7 +126,9 @@ def take_all(results: Iterator[object], to: list[object]) -> None:
 
 @pytest.mark.slow
 def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None:
-    """Whatever the number of cores: an iterable that raises, a job that cannot be, a log that cannot be homed."""
+    """Whatever the number of cores: an iterable that raises, a job that cannot be, a log that
+    cannot be homed.
+    """
 
     def breaks() -> Iterator[Log]:
         yield from [logs[0]] * 30
@@ -173,18 +178,24 @@ def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log], name: str)
         assert taken == count
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < 2.0 * peaks[0]  # five times the runs, and threads that are not always equally far
+    assert (
+        peaks[1] < 2.0 * peaks[0]
+    )  # five times the runs, and threads that are not always equally far
 
 
 @pytest.mark.compiled
 def test_simulations_side_by_side(rig: Rig) -> None:
-    """Other seeds of one scenario, other scenarios of one plant, another plant: each log as `simulate` gives it."""
+    """Other seeds of one scenario, other scenarios of one plant, another plant: each log as
+    `simulate` gives it.
+    """
     one = load_scenario("series-2").model_copy(update={"duration": 1.0})
     other = load_scenario("series-2-high").model_copy(update={"duration": 1.3})
     rough = one.model_copy(update={"plant": {"joints.0.friction.coefficient": 0.7}})
     jobs = [(one, 0), (one, 1), (other, 2), (rough, 3), (one, 4)] * 2
     seen: list[int] = []
-    for (scenario, seed), log in zip(jobs, simulate_batch(rig, iter(jobs), workers=2, progress=seen.append)):
+    for (scenario, seed), log in zip(
+        jobs, simulate_batch(rig, iter(jobs), workers=2, progress=seen.append)
+    ):
         alone = simulate(rig, scenario, seed)
         for name, values in {**alone.channels, **alone.truth}.items():
             np.testing.assert_array_equal(values, {**log.channels, **log.truth}[name])

@@ -42,7 +42,9 @@ def log(rig: Rig) -> Log:
 
 @pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "interpreted"])
 @pytest.mark.parametrize("name", ["adaptive", "ekf", "elastic"])
-def test_the_numbers_are_those_of_the_functional_step(rig: Rig, log: Log, name: str, compiled: bool) -> None:
+def test_the_numbers_are_those_of_the_functional_step(
+    rig: Rig, log: Log, name: str, compiled: bool
+) -> None:
     """Gaps and missing values included, to the last bit."""
     bad = spoiled(log)
     runner = make_estimator(name, rig, compiled)
@@ -87,7 +89,9 @@ def test_no_memory_is_taken(rig: Rig, log: Log) -> None:
 
 
 def test_the_first_step_builds_nothing(rig: Rig, log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All functions are there after the constructor, which leaves no trace: a first step that builds them misses 10 ms."""
+    """All functions are there after the constructor, which leaves no trace: a first step that
+    builds them misses 10 ms.
+    """
     live, other = LiveEstimator(rig, compiled=False), LiveEstimator(rig, compiled=False)
 
     def build(*_: object) -> None:
@@ -132,22 +136,32 @@ def test_what_a_step_refuses(rig: Rig, log: Log) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_variances_are_never_negative_however_absurd_the_noise(seed: int) -> None:
-    """Sensors whose noise differs by 30 orders of magnitude: terms of the covariance cancel to less than their rounding."""
+    """Sensors whose noise differs by 30 orders of magnitude: terms of the covariance cancel to less
+    than their rounding.
+    """
     rng = np.random.default_rng(seed)
-    sets = [f"sensors.{name}.noise={10.0 ** rng.uniform(-19, 11)}" for name in ("x1", "u1", "x2", "u2")]
+    sets = [
+        f"sensors.{name}.noise={10.0 ** rng.uniform(-19, 11)}" for name in ("x1", "u1", "x2", "u2")
+    ]
     sets += [f"sensors.{name}.linearity=0" for name in ("x1", "x2")]
     sets += [f"joints.0.initial={{value=0.0,std={10.0 ** rng.uniform(-12, 2)}}}"]
     monitor = Monitor(live := LiveEstimator(load_rig("paper-2008-printed", sets), "ekf"))
     for k in range(150):
-        reading = monitor.take(0.01 * k, np.array([1e-3 * np.sin(k / 20), 0.0, 2.0 + np.sin(k / 20), 2.0]))
+        reading = monitor.take(
+            0.01 * k, np.array([1e-3 * np.sin(k / 20), 0.0, 2.0 + np.sin(k / 20), 2.0])
+        )
         assert np.diagonal(live.covariance).min() >= 0.0
         assert np.isfinite(reading.angle_std) or reading.health == "bad"
 
 
-@pytest.mark.parametrize("again", [LiveEstimator.clone, copy, deepcopy, lambda live: pickle.loads(pickle.dumps(live))])
+@pytest.mark.parametrize(
+    "again", [LiveEstimator.clone, copy, deepcopy, lambda live: pickle.loads(pickle.dumps(live))]
+)
 @pytest.mark.parametrize("name", ["pulley-antagonist", "finger-2n"])
 def test_a_copy_goes_on_alone(name: str, again: Callable[[LiveEstimator], LiveEstimator]) -> None:
-    """From the same belief both give the same numbers, and what one takes in does not reach the other."""
+    """From the same belief both give the same numbers, and what one takes in does not reach the
+    other.
+    """
     live = LiveEstimator(load_rig(name), compiled=False)
     samples = np.random.default_rng(4).normal(0.0, 1e-4, (30, len(live.channels)))
     for k in range(10):
@@ -157,7 +171,9 @@ def test_a_copy_goes_on_alone(name: str, again: Callable[[LiveEstimator], LiveEs
     stood = np.array(other.mean)
     expected = [np.array(live.step(0.01 * k, samples[k])) for k in range(10, 20)]
     np.testing.assert_array_equal(other.mean, stood)
-    np.testing.assert_array_equal([np.array(other.step(0.01 * k, samples[k])) for k in range(10, 20)], expected)
+    np.testing.assert_array_equal(
+        [np.array(other.step(0.01 * k, samples[k])) for k in range(10, 20)], expected
+    )
     np.testing.assert_array_equal(other.innovations, live.innovations)
 
 
@@ -174,7 +190,9 @@ def test_threads_with_a_clone_each_give_the_numbers_of_one() -> None:
 
 
 def test_a_reset_widens_the_angles_alone() -> None:
-    """Of the prior's covariance only the diagonal at the joints' angles is raised, to the std that was given."""
+    """Of the prior's covariance only the diagonal at the joints' angles is raised, to the std that
+    was given.
+    """
     rig = load_rig("finger-2n")
     live = LiveEstimator(rig, compiled=False)
     sample, n = np.zeros(len(live.channels)), len(live.state_names)

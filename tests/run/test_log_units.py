@@ -17,7 +17,12 @@ def rig_of(counts: int = 4096, sign: int = 1) -> Rig:
     raw = load_rig("capstan-joint").model_dump()
     raw["joints"][0]["stops"] = (radians(-40), radians(40))
     encoder, current = (dict(sensor) for sensor in raw["sensors"][:2])
-    encoder |= {"unit": "count", "counts_per_turn": counts, "resolution": 2 * pi / counts, "sign": sign}
+    encoder |= {
+        "unit": "count",
+        "counts_per_turn": counts,
+        "resolution": 2 * pi / counts,
+        "sign": sign,
+    }
     current |= {"unit": "mA", "torque_constant": 0.5, "column": "current"}
     return build_rig({**raw, "sensors": [encoder, current, *raw["sensors"][2:]]}, "counting joint")
 
@@ -46,9 +51,13 @@ def test_an_encoder_is_followed_over_its_turn(bits: int, way: int) -> None:
     counts = 2**bits
     units = LogUnits(rig_of(counts))
     true = way * np.linspace(0.0, 1.9 * counts, 400)
-    read = np.array([units.sample(0.01 * k, [float(np.floor(v) % counts), 0.0])[0] for k, v in enumerate(true)])
+    read = np.array(
+        [units.sample(0.01 * k, [float(np.floor(v) % counts), 0.0])[0] for k, v in enumerate(true)]
+    )
     expected = np.floor(true) * 2 * pi / counts
-    assert np.ptp(read - expected) < 1e-9  # the turn in which it begins is a matter of the joint's range
+    assert (
+        np.ptp(read - expected) < 1e-9
+    )  # the turn in which it begins is a matter of the joint's range
 
 
 def test_it_begins_in_the_turn_in_which_the_joint_can_be() -> None:
@@ -138,7 +147,9 @@ def test_wrong_turns_and_temperatures_are_named() -> None:
 
 @pytest.mark.parametrize("turns", [1, -2])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_motor_that_counts_its_turns_may_count_anew_after_a_restart(turns: int, sign: int) -> None:
+def test_a_motor_that_counts_its_turns_may_count_anew_after_a_restart(
+    turns: int, sign: int
+) -> None:
     """In radians; a place that no turn brings into the joint's range is passed on as it is."""
     raw = rig_of(sign=sign).model_dump()
     encoder, *others = raw["sensors"]

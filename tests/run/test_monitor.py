@@ -32,7 +32,9 @@ class TestHealth:
     def test_a_good_stream_is_ok(self, rig: Rig, log: Log) -> None:
         readings = take(Monitor(LiveEstimator(rig)), log, range(len(log)))
         assert {one.health for one in readings} == {"ok"}
-        np.testing.assert_allclose([one.angle for one in readings], estimate(log, rig).theta, atol=1e-14)
+        np.testing.assert_allclose(
+            [one.angle for one in readings], estimate(log, rig).theta, atol=1e-14
+        )
 
     def test_late_and_repeated_samples_are_skipped(self, rig: Rig, log: Log) -> None:
         monitor = Monitor(LiveEstimator(rig))
@@ -88,9 +90,14 @@ class TestHealth:
         assert "u1" in first.detail
 
     def test_a_number_that_left_its_prior_is_said(self, rig: Rig, log: Log) -> None:
-        """A stiffness three times too large in the rig, ± 10 %: the filter walks away from it, and the stream says so."""
+        """A stiffness three times too large in the rig, ± 10 %: the filter walks away from it, and
+        the stream says so.
+        """
         path = "tendons.{}.stiffness"
-        three = {path.format(i): {"value": 3 * rig.tendons[i].stiffness.value, "std": 240.0} for i in range(2)}
+        three = {
+            path.format(i): {"value": 3 * rig.tendons[i].stiffness.value, "std": 240.0}
+            for i in range(2)
+        }
         readings = take(Monitor(LiveEstimator(rig.with_values(three))), log, range(len(log)))
         said = [one for one in readings if one.health == "disagrees" and "stiffness" in one.detail]
         assert said
@@ -105,7 +112,9 @@ class TestHealth:
         assert readings[-1].detail == "no sensor is compared"
 
     def test_a_sensor_too_doubted_to_test_is_untested(self, rig: Rig, log: Log) -> None:
-        """Forces that the rig calls a hundred times as noisy as they are agree with anything; it shows in seconds."""
+        """Forces that the rig calls a hundred times as noisy as they are agree with anything; it
+        shows in seconds.
+        """
         noisy = rig.with_values(
             {f"sensors.{i}.noise": 30.0 for i, s in enumerate(rig.sensors) if s.measures == "force"}
         )
@@ -129,7 +138,10 @@ class TestHealth:
             {"x1": 1e3 * x1, "x2": 1e3 * x2},
             {"x2": 1e3 * x2},
             {"x1": x2, "x2": x1, "u1": u2, "u2": u1},
-            {"u1": 0 * u1, "u2": 0 * u2},  # an amplifier that is off: slack tendons, but no noise either
+            {
+                "u1": 0 * u1,
+                "u2": 0 * u2,
+            },  # an amplifier that is off: slack tendons, but no noise either
         ):
             odd = Log(log.time, {**log.channels, **wrong}, log.truth, "odd", log.truth_source)
             words = [one.health for one in take(Monitor(LiveEstimator(rig)), odd, range(len(log)))]
@@ -154,10 +166,14 @@ class TestHealth:
         ):
             assert monitor.take(time, sample).health == "bad"  # type: ignore[arg-type]
         rest = take(monitor, log, range(100, 200))
-        np.testing.assert_allclose([one.angle for one in rest], estimate(log, rig).theta[100:200], atol=1e-14)
+        np.testing.assert_allclose(
+            [one.angle for one in rest], estimate(log, rig).theta[100:200], atol=1e-14
+        )
 
     def test_a_sensor_that_never_came_is_missing_at_once(self, rig: Rig, log: Log) -> None:
-        lacks = Log(log.time, {**log.channels, "u2": np.where(log.time < 9.0, np.nan, 0.0)}, {}, "lacks")
+        lacks = Log(
+            log.time, {**log.channels, "u2": np.where(log.time < 9.0, np.nan, 0.0)}, {}, "lacks"
+        )
         monitor = Monitor(LiveEstimator(rig))
         samples = np.column_stack([lacks.channels[name] for name in monitor.channels])
         readings = [monitor.take(float(log.time[k]), samples[k]) for k in range(100)]
@@ -170,7 +186,11 @@ class TestHealth:
         monitor = Monitor(LiveEstimator(rig, "ekf"))  # it trusts every sample
         take(monitor, log, range(50))
         samples = samples_of(log, monitor.channels)
-        assert monitor.take(0.5, np.array([9e6, -9e6, 1.0, 1.0])).health in ("bad", "restarted", "disagrees")
+        assert monitor.take(0.5, np.array([9e6, -9e6, 1.0, 1.0])).health in (
+            "bad",
+            "restarted",
+            "disagrees",
+        )
         assert monitor.take(0.51, samples[51]).health != "ok"
         assert monitor.take(0.5, samples[50]).health == "late"  # the order of time is not forgotten
 
@@ -182,7 +202,11 @@ class TestHealth:
         odd = np.array([np.nan, np.inf, -np.inf, 0.0, 1e300, -1e300, 1e-300, 1e9])
         words = set()
         for k in range(3000):
-            time = float(rng.choice([*log.time[:50], *odd, 1e6 * rng.normal()]) if rng.uniform() < 0.2 else 0.01 * k)
+            time = float(
+                rng.choice([*log.time[:50], *odd, 1e6 * rng.normal()])
+                if rng.uniform() < 0.2
+                else 0.01 * k
+            )
             sample = samples[k % len(samples)].copy()
             if rng.uniform() < 0.2:
                 sample[rng.integers(4)] = rng.choice(odd)

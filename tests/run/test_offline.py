@@ -16,7 +16,9 @@ def test_passes_are_for_the_papers_filters() -> None:
 
 
 class Ratio:
-    """What hand builders use: the angle is a displacement over a radius. No base class, only the contract."""
+    """What hand builders use: the angle is a displacement over a radius. No base class, only the
+    contract.
+    """
 
     def __init__(self, rig: Rig) -> None:
         self.name, self.rig = "ratio", rig
@@ -30,7 +32,9 @@ class Ratio:
         carry = np.array([belief.mean[0] if np.isnan(angle) else angle, 0.01])
         return Belief(time, carry, 1, belief.samples + 1), Innovation(np.zeros(0), np.zeros(0), 0.0)
 
-    def scan(self, belief: Belief, times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, ...]:
+    def scan(
+        self, belief: Belief, times: np.ndarray, samples: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         means = []
         for time, sample in zip(times, samples):
             belief, _ = self.step(belief, time, sample)

@@ -1,10 +1,20 @@
-"""The smoother: the conditional expectation of the filter's own model, positive semidefinite, no worse than the filter."""
+"""The smoother: the conditional expectation of the filter's own model, positive semidefinite, no
+worse than the filter.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.cases import INTO_STOPS, MID_RANGE, hand_log, hand_rig, paper_log, paper_rig, spoiled
+from benchmarks.cases import (
+    INTO_STOPS,
+    MID_RANGE,
+    hand_log,
+    hand_rig,
+    paper_log,
+    paper_rig,
+    spoiled,
+)
 
 from distal import (
     Estimate,
@@ -33,7 +43,9 @@ def pooled(results: list[Estimate]) -> tuple[float, float]:
 
 
 def smallest_eigenvalue(result: Estimate, scale: np.ndarray) -> float:
-    """Return the smallest eigenvalue of every fifth covariance, each state in units of its prior std."""
+    """Return the smallest eigenvalue of every fifth covariance, each state in units of its prior
+    std.
+    """
     assert result.covariances is not None
     # equal to the last bit to its transpose: what eigvalsh reads is the whole of it
     np.testing.assert_array_equal(result.covariances, np.swapaxes(result.covariances, 1, 2))
@@ -41,10 +53,12 @@ def smallest_eigenvalue(result: Estimate, scale: np.ndarray) -> float:
 
 
 def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and covariance of the whole trajectory given the whole log, from one big Gaussian.
+    """Return mean and covariance of the whole trajectory given the whole log, from one big
+    Gaussian.
 
-    States of all samples together have a prior covariance that follows from P⁻ at the first, Φ and Q; what a sample tells
-    is the information P⁻¹ − (P⁻)⁻¹ that the filter gained from it. No recursion backwards, no gain.
+    States of all samples together have a prior covariance that follows from P⁻ at the first, Φ and
+    Q; what a sample tells is the information P⁻¹ − (P⁻)⁻¹ that the filter gained from it. No
+    recursion backwards, no gain.
     """
     runner = AdaptiveFilter(rig, compiled=False, trace=True)
     samples = samples_of(log, runner.channels)
@@ -68,7 +82,9 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     lines, values = [], []
     for k in range(count):
         scale = np.sqrt(np.diag(uncertain[k]))
-        inverses = [np.linalg.inv(p / np.outer(scale, scale)) for p in (covariances[k], uncertain[k])]
+        inverses = [
+            np.linalg.inv(p / np.outer(scale, scale)) for p in (covariances[k], uncertain[k])
+        ]
         amounts, directions = np.linalg.eigh(inverses[0] - inverses[1])
         gained = inverses[0] @ (means[k] / scale) - inverses[1] @ (before[k] / scale)
         for amount, direction in zip(amounts, directions.T):
@@ -85,14 +101,24 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 def without_parameters(rig: Rig) -> Rig:
     """Return a rig whose parameters are certain."""
     states = AdaptiveFilter(rig, compiled=False).states
-    names = [part for kind, part in zip(states.state_kinds, states.state_parts) if kind is StateKind.PARAMETER]
-    factors = {"tendons.stiffness.factor": [f"tendons.{i}.stiffness.shared" for i in range(len(rig.tendons))]}
+    names = [
+        part
+        for kind, part in zip(states.state_kinds, states.state_parts)
+        if kind is StateKind.PARAMETER
+    ]
+    factors = {
+        "tendons.stiffness.factor": [
+            f"tendons.{i}.stiffness.shared" for i in range(len(rig.tendons))
+        ]
+    }
     paths = [path for name in names for path in factors.get(name, [name])]
     return rig.with_values({f"{path}.std": 0.0 for path in paths})
 
 
 def test_it_is_the_expectation_given_the_whole_log() -> None:
-    """Against one Gaussian of all samples together; inverses of covariances leave 1e-5 of the prior stds of 1e-16."""
+    """Against one Gaussian of all samples together; inverses of covariances leave 1e-5 of the prior
+    stds of 1e-16.
+    """
     rig = without_parameters(hand_rig("given"))  # such states are not smoothed
     log = hand_log(0).select(slice(100, 130))
     means, whole = conditional(log, rig)
@@ -104,7 +130,9 @@ def test_it_is_the_expectation_given_the_whole_log() -> None:
     for k in range(len(log)):
         own = slice(k * n, k * n + n)
         np.testing.assert_allclose(
-            result.covariances[k] / np.outer(scale, scale), whole[own, own] / np.outer(scale, scale), atol=1e-5
+            result.covariances[k] / np.outer(scale, scale),
+            whole[own, own] / np.outer(scale, scale),
+            atol=1e-5,
         )
     # what came later changed the estimate: the comparison is not of the filter with itself
     assert np.abs((result.theta - estimate(log, rig).theta) / result.theta_std).max() > 0.05
@@ -123,14 +151,19 @@ def test_it_is_no_less_sure_and_no_worse() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in shipped_scenarios() if name.startswith("series")])
+@pytest.mark.parametrize(
+    "name", [name for name in shipped_scenarios() if name.startswith("series")]
+)
 def test_shipped_scenarios(name: str) -> None:
-    """RMS of 8 seeds together. Halves of 20 seeds differ by 2 % of it; `python -m benchmarks.smoothing` has all of them."""
+    """RMS of 8 seeds together. Halves of 20 seeds differ by 2 % of it; `python -m
+    benchmarks.smoothing` has all of them.
+    """
     scenario = load_scenario(name)
     rig = scenario_rig(scenario)
     logs = [simulate(rig, scenario, seed) for seed in range(8)]
     smoothed = [smooth(log, rig) for log in logs]
-    # on these two the smoother is up to 9 % worse than the filter; docs/results/guards.md says what else was tried
+    # on these two the smoother is up to 9 % worse than the filter; docs/results/guards.md says what
+    # else was tried
     most = 1.12 if name in ("series-2", "series-2-medium") else 1.03
     assert pooled(smoothed)[0] <= most * pooled([estimate(log, rig) for log in logs])[0]
     scale = AdaptiveFilter(rig).states.stds
@@ -141,7 +174,9 @@ def test_shipped_scenarios(name: str) -> None:
 @pytest.mark.parametrize("kinds", [MID_RANGE, INTO_STOPS], ids=["mid-range", "stops"])
 def test_spoiled_logs(kinds: tuple[str, ...]) -> None:
     rig = paper_rig("as the rig")
-    logs = [spoiled(paper_log(kind, "as the rig", seed), seed) for kind in kinds for seed in range(4)]
+    logs = [
+        spoiled(paper_log(kind, "as the rig", seed), seed) for kind in kinds for seed in range(4)
+    ]
     smoothed = [smooth(log, rig) for log in logs]
     assert rms_degrees(np.concatenate([r.errors() for r in smoothed])) <= rms_degrees(
         np.concatenate([estimate(log, rig).errors() for log in logs])
@@ -160,7 +195,11 @@ def test_a_capstan_with_hysteresis() -> None:
         "joints.0.damping": 2e-2,
         "joints.0.spring": {"stiffness": 0.3},
         "joints.0.external_torque.std": 0.1,
-        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness.shared", "pretension")},
+        **{
+            f"tendons.{i}.{name}.std": 0.0
+            for i in (0, 1)
+            for name in ("stiffness.shared", "pretension")
+        },
     }
     rig = load_rig("capstan-joint").with_values(values)
     servo = {"angle": {"amplitude": 0.7, "frequency": 0.2}, "stiffness": 40.0, "damping": 0.5}
@@ -174,7 +213,9 @@ def test_a_capstan_with_hysteresis() -> None:
 
 @pytest.mark.parametrize("name", ["template", "lab-bench"])
 def test_where_hardly_anything_is_known_the_band_holds(name: str) -> None:
-    """One plant within a wide prior: which of two estimates is nearer to it is chance, that the band holds it is not."""
+    """One plant within a wide prior: which of two estimates is nearer to it is chance, that the
+    band holds it is not.
+    """
     scenario = load_scenario(name)
     rig = scenario_rig(scenario)
     smoothed = smooth(simulate(rig, scenario, 1).select(slice(0, 600)), rig)
@@ -185,8 +226,16 @@ def test_where_hardly_anything_is_known_the_band_holds(name: str) -> None:
 def test_it_says_what_a_filtered_estimate_says() -> None:
     """True torques and directions that no sensor sees are those of the same log."""
     rig = load_rig("finger-underactuated")
-    servo = {"angle": {"mean": 0.002, "amplitude": 0.002, "frequency": 1.0}, "stiffness": 5000.0, "damping": 50.0}
-    description = {"rig": "finger-underactuated", "duration": 0.5, "drives": {"flexor": {"servo": servo}}}
+    servo = {
+        "angle": {"mean": 0.002, "amplitude": 0.002, "frequency": 1.0},
+        "stiffness": 5000.0,
+        "damping": 50.0,
+    }
+    description = {
+        "rig": "finger-underactuated",
+        "duration": 0.5,
+        "drives": {"flexor": {"servo": servo}},
+    }
     log = simulate(rig, build_scenario(description, "closes"), 1)
     smoothed, filtered = smooth(log, rig, compiled=False), estimate(log, rig, compiled=False)
     assert filtered.unseen is not None

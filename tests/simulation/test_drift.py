@@ -38,10 +38,15 @@ def whole(logs: list[Log], name: str) -> np.ndarray:
 
 
 def test_pieces_are_one_log() -> None:
-    """The same stamps, motion and readings as of one simulation, beyond the last whole piece too."""
+    """The same stamps, motion and readings as of one simulation, beyond the last whole piece
+    too.
+    """
     described = scenario()
     rig = scenario_rig(described)
-    alone, pieces = simulate(rig, described, 4), [piece.log for piece in simulate_pieces(rig, described, 4)]
+    alone, pieces = (
+        simulate(rig, described, 4),
+        [piece.log for piece in simulate_pieces(rig, described, 4)],
+    )
     assert len(pieces) == 3
     times = np.concatenate([log.time for log in pieces])
     np.testing.assert_allclose(times[: len(alone)], alone.time, atol=1e-9)
@@ -57,14 +62,17 @@ def test_the_filter_goes_on_from_piece_to_piece() -> None:
     found = list(estimate_pieces(simulate_pieces(rig, described, 4), rig))
     alone = estimate(simulate(rig, described, 4), rig)
     angles, stds = (
-        np.concatenate([getattr(one, name) for one in found])[: len(alone.time)] for name in ("angles", "angle_stds")
+        np.concatenate([getattr(one, name) for one in found])[: len(alone.time)]
+        for name in ("angles", "angle_stds")
     )
     np.testing.assert_allclose(angles, alone.angles, rtol=0, atol=1e-8)
     np.testing.assert_allclose(stds, alone.angle_stds, rtol=1e-5)
 
 
 def test_numbers_follow_the_schedule() -> None:
-    """A weight of 5 N hangs still: the slider sinks by 1/k as k falls by 60 % an hour, from one minute to the next."""
+    """A weight of 5 N hangs still: the slider sinks by 1/k as k falls by 60 % an hour, from one
+    minute to the next.
+    """
     soft = {"tendons.*.stiffness": {"per_hour": "-60 %"}}
     still = {"left": {"weight": "5 N"}, "right": {"weight": "5 N"}}
     described = scenario(schedule=soft, drives=still)
@@ -72,16 +80,20 @@ def test_numbers_follow_the_schedule() -> None:
     ends = [piece.log.truth["position_left"][-1] for piece in simulate_pieces(rig, described)]
     stiffness = rig.tendons[0].stiffness.value * (1 - 0.6 * np.arange(3) / 60)
     grown = 5.0 / stiffness - 5.0 / stiffness[0]
-    np.testing.assert_allclose(ends - ends[0], grown, atol=2e-5)  # friction of the sliders holds a little of it back
+    np.testing.assert_allclose(
+        ends - ends[0], grown, atol=2e-5
+    )  # friction of the sliders holds a little of it back
 
 
 def test_a_walk_differs_from_seed_to_seed_and_has_its_size() -> None:
     described = scenario(
-        schedule={"tendons.*.stiffness": {"walk": "50 %"}}, drives={k: {"weight": "5 N"} for k in ("left", "right")}
+        schedule={"tendons.*.stiffness": {"walk": "50 %"}},
+        drives={k: {"weight": "5 N"} for k in ("left", "right")},
     )
     rig = scenario_rig(described)
     first, again, other = (
-        [piece.log.truth["position_left"][-1] for piece in simulate_pieces(rig, described, seed)] for seed in (1, 1, 2)
+        [piece.log.truth["position_left"][-1] for piece in simulate_pieces(rig, described, seed)]
+        for seed in (1, 1, 2)
     )
     assert first == again
     # the first draw of a minute: 50 % per hour is 50 % √(1/60)
@@ -92,14 +104,19 @@ def test_a_walk_differs_from_seed_to_seed_and_has_its_size() -> None:
 
 
 def test_a_rezero_pulls_the_joint_to_a_known_angle_and_the_filter_reads_it() -> None:
-    """Every minute the left drive pulls the link to its stop at 10°; the filter is surer after it."""
+    """Every minute the left drive pulls the link to its stop at 10°; the filter is surer after
+    it.
+    """
     described = scenario(
         set={**RAW["set"], "joints.link.stops": ["-25 deg", "10 deg"]},
         rezero={
-            "every": "1 min", "lasts": "4 s", "angle": "10 deg", "std": "0.2 deg",
+            "every": "1 min",
+            "lasts": "4 s",
+            "angle": "10 deg",
+            "std": "0.2 deg",
             "drives": {"left": {"weight": "16 N"}, "right": {"weight": "2 N"}},
         },
-    )  # fmt: skip
+    )
     rig = scenario_rig(described).with_values({"sensors.x1.bias": {"value": 0.0, "std": "1 mm"}})
     built = described.model_copy(update={"plant": {"sensors.x1.bias": {"value": 1e-3}}})
     pieces = list(simulate_pieces(rig, built))
@@ -109,8 +126,12 @@ def test_a_rezero_pulls_the_joint_to_a_known_angle_and_the_filter_reads_it() -> 
     np.testing.assert_allclose(times[told][[0, -1]], [62.0, 123.99], atol=0.011)
     assert told.sum() == 400
     assert np.all(known[told] == np.deg2rad(10.0))
-    assert np.abs(np.rad2deg(whole([piece.log for piece in pieces], "theta")[told]) - 10.0).max() < 0.3
-    blind, told_of = (list(estimate_pieces(pieces, rig, known_std=std)) for std in (None, np.deg2rad(0.2)))
+    assert (
+        np.abs(np.rad2deg(whole([piece.log for piece in pieces], "theta")[told]) - 10.0).max() < 0.3
+    )
+    blind, told_of = (
+        list(estimate_pieces(pieces, rig, known_std=std)) for std in (None, np.deg2rad(0.2))
+    )
     assert told_of[0].angle_stds.mean() == pytest.approx(blind[0].angle_stds.mean(), rel=0.02)
     assert told_of[2].angle_stds.mean() < 0.9 * blind[2].angle_stds.mean()
     for found in (blind, told_of):
@@ -126,7 +147,14 @@ def test_what_is_wrong_is_said() -> None:
             "the plant has no number 'tendons.*.stifness'; did you mean",
         ),
         (
-            {"rezero": {"every": "1 s", "lasts": "2 s", "angle": 0.0, "drives": {"left": {"weight": "1 N"}}}},
+            {
+                "rezero": {
+                    "every": "1 s",
+                    "lasts": "2 s",
+                    "angle": 0.0,
+                    "drives": {"left": {"weight": "1 N"}},
+                }
+            },
             "leave time between",
         ),
     ):
@@ -137,7 +165,9 @@ def test_what_is_wrong_is_said() -> None:
     described = scenario()
     with pytest.raises(EstimationError, match="elastic does not take known angles"):
         next(iter(estimate_pieces(simulate_pieces(rig, described), rig, "elastic", 0.1)))
-    assert numbers_at(Mechanism(rig), "tendons.left.stiffness") == numbers_at(Mechanism(rig), "tendons.0.stiffness")
+    assert numbers_at(Mechanism(rig), "tendons.left.stiffness") == numbers_at(
+        Mechanism(rig), "tendons.0.stiffness"
+    )
     assert len(numbers_at(Mechanism(rig), "tendons.*.stiffness")) == 2
 
 
@@ -146,7 +176,10 @@ def test_hours_are_counted(tmp_path: Path) -> None:
     log = Log(np.array([0.0, 1800.0, 3599.0]), {}, {}, "a")
     later = Log(np.array([3600.0, 7200.0]), {}, {}, "b")
     ones = np.ones((3, 1))
-    pieces = [PieceEstimate(log, ones, ones, 0 * ones), PieceEstimate(later, 3 * ones[:2], ones[:2], 0 * ones[:2])]
+    pieces = [
+        PieceEstimate(log, ones, ones, 0 * ones),
+        PieceEstimate(later, 3 * ones[:2], ones[:2], 0 * ones[:2]),
+    ]
     found = by_hour(iter(pieces))
     band = pytest.approx(1.959963984540054)
     assert found == (Hour(0, 1.0, 1.0, band), Hour(1, 3.0, 0.0, band), Hour(2, 3.0, 0.0, band))
@@ -164,14 +197,20 @@ def test_six_hours_are_streamed() -> None:
 
 
 def test_each_hours_curves_are_error_band_and_share(tmp_path: Path) -> None:
-    """Two pieces of hours 0 and 1, typed out: RMS, share inside and mean half-width; the figure shows these numbers."""
+    """Two pieces of hours 0 and 1, typed out: RMS, share inside and mean half-width; the figure
+    shows these numbers.
+    """
     rng = np.random.default_rng(5)
     pieces: list[Any] = []
     for begin in (0.0, 3000.0):
         time = begin + np.arange(100) * 30.0
         stds, truths = rng.uniform(0.01, 0.03, (100, 1)), rng.normal(size=(100, 1))
         angles = truths + stds * rng.normal(size=(100, 1)) * 1.5
-        pieces.append(SimpleNamespace(log=SimpleNamespace(time=time), angles=angles, truths=truths, angle_stds=stds))
+        pieces.append(
+            SimpleNamespace(
+                log=SimpleNamespace(time=time), angles=angles, truths=truths, angle_stds=stds
+            )
+        )
     hours = by_hour(pieces)
     time = np.concatenate([piece.log.time for piece in pieces])
     errors = np.concatenate([(piece.angles - piece.truths).ravel() for piece in pieces])
@@ -184,7 +223,9 @@ def test_each_hours_curves_are_error_band_and_share(tmp_path: Path) -> None:
         assert hour.inside == pytest.approx(np.mean(np.abs(errors[rows]) <= halves[rows]))
     above, below = plot_hours({"one": hours}).axes
     np.testing.assert_allclose(above.lines[0].get_ydata(), np.rad2deg([hour.rms for hour in hours]))
-    np.testing.assert_allclose(above.lines[1].get_ydata(), np.rad2deg([hour.half_band for hour in hours]))
+    np.testing.assert_allclose(
+        above.lines[1].get_ydata(), np.rad2deg([hour.half_band for hour in hours])
+    )
     np.testing.assert_allclose(below.lines[0].get_ydata(), [100 * hour.inside for hour in hours])
     np.testing.assert_allclose(below.lines[0].get_xdata(), [1, 2])
     np.testing.assert_allclose(below.lines[1].get_ydata(), 95.0)

@@ -13,14 +13,17 @@ from distal.simulation.independent_parts import parts_of_plant
 from tests.hand_rigs import hand
 
 
-@pytest.mark.parametrize("fingers", [("finger-underactuated", "capstan-joint"), ("finger-underactuated", "paper-2008")])
+@pytest.mark.parametrize(
+    "fingers", [("finger-underactuated", "capstan-joint"), ("finger-underactuated", "paper-2008")]
+)
 def test_each_part_moves_as_if_it_were_alone(fingers: tuple[str, str]) -> None:
     """Interval and sub-steps are the same for all, so those of one alone are set to them."""
     rig = hand(fingers, {"sensors.*.rate": 200.0, "stepping.largest_step": 1e-4})
     assert len(parts_of_plant(Mechanism(rig))) == 2
     pulls = {"slider": ("force", ["1 N", "6 N"]), "capstan": ("torque", ["0 N m", "40 mN m"])}
     moved = {
-        d.name: {pulls[d.kind][0]: [["0 s", pulls[d.kind][1][0]], ["0.5 s", pulls[d.kind][1][1]]]} for d in rig.drives
+        d.name: {pulls[d.kind][0]: [["0 s", pulls[d.kind][1][0]], ["0.5 s", pulls[d.kind][1][1]]]}
+        for d in rig.drives
     }
     whole = simulate(rig, Scenario(rig="hand", name="hand", duration=0.8, drives=moved), 2)
     for part in independent_parts(rig):
@@ -28,11 +31,19 @@ def test_each_part_moves_as_if_it_were_alone(fingers: tuple[str, str]) -> None:
         alone = simulate(part.rig, Scenario(rig="part", name="part", duration=0.8, drives=own), 2)
         for name, joint in zip([joint.name for joint in part.rig.joints], part.rig.joints):
             column = f"theta_{name}" if len(part.rig.joints) > 1 else "theta"
-            np.testing.assert_allclose(whole.truth[f"theta_{joint.name}"], alone.truth[column], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(
+                whole.truth[f"theta_{joint.name}"], alone.truth[column], rtol=0, atol=1e-9
+            )
         for drive in part.rig.drives:
             np.testing.assert_allclose(
-                whole.truth[f"force_{drive.name}"], alone.truth[f"force_{drive.name}"], rtol=0, atol=1e-8
+                whole.truth[f"force_{drive.name}"],
+                alone.truth[f"force_{drive.name}"],
+                rtol=0,
+                atol=1e-8,
             )
             np.testing.assert_allclose(
-                whole.truth[f"position_{drive.name}"], alone.truth[f"position_{drive.name}"], rtol=0, atol=1e-10
+                whole.truth[f"position_{drive.name}"],
+                alone.truth[f"position_{drive.name}"],
+                rtol=0,
+                atol=1e-10,
             )

@@ -12,8 +12,14 @@ MU, WRAP = 0.12, 1.5
 
 
 def moved(rig: Rig, seed: int = 1) -> Log:
-    """Return a log with the link held by a firm hand while the left slider goes slowly to and fro."""
-    servo = {"position": {"mean": 8e-3, "amplitude": 4e-3, "frequency": 0.2}, "stiffness": 5e3, "damping": 5.0}
+    """Return a log with the link held by a firm hand while the left slider goes slowly to and
+    fro.
+    """
+    servo = {
+        "position": {"mean": 8e-3, "amplitude": 4e-3, "frequency": 0.2},
+        "stiffness": 5e3,
+        "damping": 5.0,
+    }
     raw = {
         "rig": "pulley-antagonist",
         "duration": 10.0,
@@ -27,7 +33,9 @@ def test_the_drive_feels_the_capstan_equation() -> None:
     """Drawn in, U = T e^{μβ}; let out, U = T e^{−μβ}."""
     path = {"friction": MU, "wrap": WRAP}
     none = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in (0, 1)}
-    rig = load_rig("pulley-antagonist").with_values({**none, "tendons.0.path": path, "drives.0.damping": 0.0})
+    rig = load_rig("pulley-antagonist").with_values(
+        {**none, "tendons.0.path": path, "drives.0.damping": 0.0}
+    )
     log = moved(rig)
     speed = np.gradient(log.truth["position_left"], log.time)
     ratio = log.truth["force_left"] / log.truth["tension_left"]
@@ -38,10 +46,14 @@ def test_the_drive_feels_the_capstan_equation() -> None:
 
 @pytest.mark.slow
 def test_it_is_found_from_a_log() -> None:
-    """Forces and displacements of one log, link moved by the drives, tell the friction of the path to 5 %."""
+    """Forces and displacements of one log, link moved by the drives, tell the friction of the path
+    to 5 %.
+    """
     path = {"friction": {"value": 0.06, "std": 0.05}, "wrap": WRAP}
     sure = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in (0, 1)}
-    rig = load_rig("pulley-antagonist").with_values({**sure, "tendons.0.path": path, "tendons.1.path": path})
+    rig = load_rig("pulley-antagonist").with_values(
+        {**sure, "tendons.0.path": path, "tendons.1.path": path}
+    )
     servo = {"stiffness": 5e3, "damping": 5.0}
     swing = {"mean": 7e-3, "amplitude": 4e-3, "frequency": 0.3}
     raw = {
@@ -60,7 +72,9 @@ def test_it_is_found_from_a_log() -> None:
 
 
 def test_stiction_holds_longer() -> None:
-    """With an excess of 0.5 a link breaks away at 1.5 times the load, and slides as it would without."""
+    """With an excess of 0.5 a link breaks away at 1.5 times the load, and slides as it would
+    without.
+    """
     rig = load_rig("pulley-antagonist")
     sticky = rig.with_values({"joints.0.friction.stribeck": {"excess": 0.5, "speed": "2 deg/s"}})
     ramp = {"points": [[0.0, 4.0], [8.0, 7.0]], "interpolation": "linear"}
@@ -83,14 +97,23 @@ def test_a_linkage_turns_by_its_excursion() -> None:
     linkage = {"kind": "linkage", "radius": "9.53 mm", "slope": 0.4, "curvature": -0.3}
     values = {f"tendons.{i}.insertion": linkage for i in (0, 1)}
     values |= {f"tendons.{i}.stiffness": {"value": 2e4, "std": 0.0} for i in (0, 1)}
-    rig = load_rig("pulley-antagonist").with_values({**values, "joints.0.friction.coefficient.value": 0.01})
+    rig = load_rig("pulley-antagonist").with_values(
+        {**values, "joints.0.friction.coefficient.value": 0.01}
+    )
     servo = {"stiffness": 5e4, "damping": 20.0}
     raw = {
         "rig": "pulley-antagonist",
         "duration": 4.0,
         "drives": {
-            "left": {"servo": {"position": {"mean": 1e-3, "amplitude": 5e-3, "frequency": 0.25}, **servo}},
-            "right": {"servo": {"position": {"mean": 1e-3, "amplitude": -5e-3, "frequency": 0.25}, **servo}},
+            "left": {
+                "servo": {"position": {"mean": 1e-3, "amplitude": 5e-3, "frequency": 0.25}, **servo}
+            },
+            "right": {
+                "servo": {
+                    "position": {"mean": 1e-3, "amplitude": -5e-3, "frequency": 0.25},
+                    **servo,
+                }
+            },
         },
     }
     log = simulate(rig, build_scenario(raw, "swing"), 1)

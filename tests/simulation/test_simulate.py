@@ -78,8 +78,12 @@ def test_it_starts_in_equilibrium() -> None:
 
 
 def test_a_hung_weight_has_inertia_and_a_force_has_none(paper_rig: Rig) -> None:
-    """Held link, step from 2 to 6 N: the slider swings at sqrt(k/(m + W/g)), or at sqrt(k/m) with a massless force."""
-    wide = paper_rig.with_values({"drives.0.stops": [-0.05, 0.05], "sensors.x1.rate": 1000, "sensors.u1.rate": 1000})
+    """Held link, step from 2 to 6 N: the slider swings at sqrt(k/(m + W/g)), or at sqrt(k/m) with a
+    massless force.
+    """
+    wide = paper_rig.with_values(
+        {"drives.0.stops": [-0.05, 0.05], "sensors.x1.rate": 1000, "sensors.u1.rate": 1000}
+    )
     base = {"rig": "paper-2008-printed", "duration": "1 s", "drives": {"right": {"weight": "2 N"}}}
     hold = {"joints": {"link": {"hand": {"angle": "0 deg", "stiffness": "3000 N m/rad"}}}}
     points = [["0 s", "2 N"], ["0.1 s", "6 N"]]
@@ -111,7 +115,9 @@ def test_the_load_cell_reads_the_dynamic_force() -> None:
 def test_sensors_have_their_own_rates_and_delays(paper_rig: Rig) -> None:
     loaded = load_scenario("series-2")
     clean = {f"sensors.{s}.{e}": 0.0 for s in ("x1", "x2") for e in ("noise", "linearity")}
-    rig = scenario_rig(loaded).with_values({**clean, "sensors.x2.rate": 40, "sensors.x1.delay": "20 ms"})
+    rig = scenario_rig(loaded).with_values(
+        {**clean, "sensors.x2.rate": 40, "sensors.x1.delay": "20 ms"}
+    )
     log = simulate(rig, loaded)
     assert np.isfinite(log.channels["x1"]).sum() == 800
     assert np.isfinite(log.channels["x2"]).sum() == 320
@@ -148,18 +154,24 @@ def test_linear_and_sine_signals(paper_rig: Rig) -> None:
             "duration": "1 s",
             "drives": {
                 "left": {"force": {"mean": "3 N", "amplitude": "0.5 N", "frequency": "2 Hz"}},
-                "right": {"force": {"points": [["0 s", "3 N"], ["1 s", "4 N"]], "interpolation": "linear"}},
+                "right": {
+                    "force": {"points": [["0 s", "3 N"], ["1 s", "4 N"]], "interpolation": "linear"}
+                },
             },
         }
     )
     log = simulate(paper_rig, loaded)
     np.testing.assert_allclose(log.truth["force_right"], 3 + log.time, atol=2e-3)
-    np.testing.assert_allclose(log.truth["force_left"], 3 + 0.5 * np.sin(4 * np.pi * log.time), atol=1e-2)
+    np.testing.assert_allclose(
+        log.truth["force_left"], 3 + 0.5 * np.sin(4 * np.pi * log.time), atol=1e-2
+    )
 
 
 def test_zero_noise_is_allowed(paper_rig: Rig) -> None:
     loaded = load_scenario("series-2")
-    quiet = {f"sensors.{s}.{e}": 0.0 for s in ("x1", "x2", "u1", "u2") for e in ("noise", "linearity")}
+    quiet = {
+        f"sensors.{s}.{e}": 0.0 for s in ("x1", "x2", "u1", "u2") for e in ("noise", "linearity")
+    }
     log = simulate(scenario_rig(loaded).with_values(quiet), loaded)
     np.testing.assert_allclose(log.channels["x1"], log.truth["position_left"], atol=1e-12)
 
@@ -173,9 +185,13 @@ REFUSED = [
         'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\ntorque = 2.0',
         "drives.left.torque: a slider cannot be pulled so",
     ),
-    ('rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nweight = "-2 N"', "must not be negative"),
     (
-        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nweight = [["1 s", "2 N"], ["0 s", "3 N"]]',
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nweight = "-2 N"',
+        "must not be negative",
+    ),
+    (
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[drives.left]\nweight = [["1 s", "2 N"], '
+        '["0 s", "3 N"]]',
         "must rise",
     ),
     (
@@ -183,8 +199,14 @@ REFUSED = [
         "unknown key 'wieght'; did you mean 'weight'",
     ),
     ('rig = "paper-2008-printed"\nduration = "8 s"\n[initial]\nelbow = 0', "no joint 'elbow'"),
-    ('rig = "paper-2008-printed"\nduration = "8 s"\n[initial]\nlink = "2 mm"', "initial.link: unit 'mm' is no angle"),
-    ('rig = "paper-2008-printed"\nduration = "8 s"\n[plant]\n"joints.0.frction" = 0', "plant: .*unknown key 'frction'"),
+    (
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[initial]\nlink = "2 mm"',
+        "initial.link: unit 'mm' is no angle",
+    ),
+    (
+        'rig = "paper-2008-printed"\nduration = "8 s"\n[plant]\n"joints.0.frction" = 0',
+        "plant: .*unknown key 'frction'",
+    ),
     ('rig = "paper-2008-printed"\nduration = "-8 s"', "duration: must be positive"),
     ('rig = "paper-2008-printed"\nduration = "80 h"', "at most 10 hours"),
     ('rig = "paper-2008-printed"\nduration = "1 us"', "no scenario|shorter|None"),
@@ -220,4 +242,6 @@ def test_a_scenario_nested_too_deeply_is_one_line() -> None:
     for _ in range(20_000):
         weight = [weight]
     with pytest.raises(ScenarioError, match=r"^scenario: nested too deeply$"):
-        build_scenario({"rig": "paper-2008-printed", "duration": "1 s", "drives": {"left": {"weight": weight}}})
+        build_scenario(
+            {"rig": "paper-2008-printed", "duration": "1 s", "drives": {"left": {"weight": weight}}}
+        )

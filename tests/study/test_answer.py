@@ -47,7 +47,15 @@ def test_intervals_hold_the_share_as_often_as_they_say() -> None:
 
 def test_numbers_are_written_as_people_write_them() -> None:
     said = [
-        quantity(*one) for one in ((4470.0, "N/m"), (0.3, "N"), (5e-6, "m"), (0.0095, "m"), (0.0175, "rad"), (0.5, ""))
+        quantity(*one)
+        for one in (
+            (4470.0, "N/m"),
+            (0.3, "N"),
+            (5e-6, "m"),
+            (0.0095, "m"),
+            (0.0175, "rad"),
+            (0.5, ""),
+        )
     ]
     assert said == ["4.47 kN/m", "0.3 N", "5 µm", "9.5 mm", "1°", "0.5"]
 
@@ -57,11 +65,20 @@ def made(plan: Plan, space: Space, rms: np.ndarray) -> Columns:
     n, names = len(rms), sorted(plan.study.scenarios)
     each = plan.study.seeds * len(names)
     designs = [space.design(i // each) for i in range(n)]
-    columns: Columns = {axis.path: np.array([one[axis.path] for one in designs]) for axis in space.axes}
-    columns |= {"design": np.arange(n) // each, "seed": np.arange(n) // len(names) % plan.study.seeds}
+    columns: Columns = {
+        axis.path: np.array([one[axis.path] for one in designs]) for axis in space.axes
+    }
+    columns |= {
+        "design": np.arange(n) // each,
+        "seed": np.arange(n) // len(names) % plan.study.seeds,
+    }
     columns["scenario"] = np.array([names[k % len(names)] for k in range(n)])
     columns |= dict.fromkeys(MEASURES, rms)
-    columns |= {"met": (rms < 1.0).astype(np.int8), "problem": np.array([""] * n), "seconds": np.ones(n)}
+    columns |= {
+        "met": (rms < 1.0).astype(np.int8),
+        "problem": np.array([""] * n),
+        "seconds": np.ones(n),
+    }
     return columns
 
 
@@ -84,7 +101,9 @@ def test_indices_are_those_of_a_sum_that_is_known(linear: tuple[Plan, Space]) ->
     assert first.words == "stiffness of all tendons"
 
 
-def test_the_sentence_says_what_the_rows_say(linear: tuple[Plan, Space], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_sentence_says_what_the_rows_say(
+    linear: tuple[Plan, Space], monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan, space = linear
     monkeypatch.setattr("distal.study.answer.CASES", 0)
     half = answer_of(plan, space, made(plan, space, np.repeat(2.0 * space.shares[:, 0], 2)))
@@ -92,9 +111,15 @@ def test_the_sentence_says_what_the_rows_say(linear: tuple[Plan, Space], monkeyp
     assert half.sentence.startswith(
         "Without an encoder: no. 50 % (95 % interval 47 to 53 %) of 1,200 rigs as built stay"
     )
-    assert "within ±1° for 95 % of the time in series-2; what matters most: stiffness of all tendons." in half.sentence
+    assert (
+        "within ±1° for 95 % of the time in series-2; what matters most: stiffness of all tendons."
+        in half.sentence
+    )
     assert "Best: stiffness of all tendons 500 N/m to 750 N/m" in half.sentence
-    assert half.sentence.endswith("100 % (95 % interval 95 to 100 %).") or "100 % (95 %" in half.sentence
+    assert (
+        half.sentence.endswith("100 % (95 % interval 95 to 100 %).")
+        or "100 % (95 %" in half.sentence
+    )
     well = answer_of(plan, space, made(plan, space, np.full(1200, 0.5)))
     assert well.sentence.startswith("Without an encoder: yes. 100 %")
     some = np.where(np.arange(1200) % 20 == 0, 2.0, 0.5)
@@ -104,9 +129,21 @@ def test_the_sentence_says_what_the_rows_say(linear: tuple[Plan, Space], monkeyp
 NEEDS = {
     "no": (lambda u1, stiff: 0.5 * np.ones(len(u1)), Verdict.NOT_NEEDED, Verdict.NOT_NEEDED),
     "the sensor": (lambda u1, stiff: np.where(u1, 0.5, 2.0), Verdict.NEEDED, Verdict.NOT_NEEDED),
-    "stiffness": (lambda u1, stiff: np.where(stiff < 0.5, 2.0, 0.5), Verdict.NOT_NEEDED, Verdict.SOME),
-    "one of both": (lambda u1, stiff: np.where(u1 | (stiff > 0.5), 0.5, 2.0), Verdict.NOT_NEEDED, Verdict.NOT_NEEDED),
-    "both": (lambda u1, stiff: np.where(u1 & (stiff > 0.5), 0.5, 2.0), Verdict.NEEDED, Verdict.SOME),
+    "stiffness": (
+        lambda u1, stiff: np.where(stiff < 0.5, 2.0, 0.5),
+        Verdict.NOT_NEEDED,
+        Verdict.SOME,
+    ),
+    "one of both": (
+        lambda u1, stiff: np.where(u1 | (stiff > 0.5), 0.5, 2.0),
+        Verdict.NOT_NEEDED,
+        Verdict.NOT_NEEDED,
+    ),
+    "both": (
+        lambda u1, stiff: np.where(u1 & (stiff > 0.5), 0.5, 2.0),
+        Verdict.NEEDED,
+        Verdict.SOME,
+    ),
     "who knows": (
         lambda u1, stiff: np.where(u1 | (np.arange(len(u1)) % 20 > 0), 0.5, 2.0),
         Verdict.NOT_CERTAIN,
@@ -118,7 +155,9 @@ NEEDS = {
 
 @pytest.mark.parametrize("needed", NEEDS)
 def test_it_says_of_a_sensor_and_of_a_number_whether_it_is_needed(needed: str) -> None:
-    """A rig without the sensor may be right with stiffer tendons: it is judged where what else varies is as it is best."""
+    """A rig without the sensor may be right with stiffer tendons: it is judged where what else
+    varies is as it is best.
+    """
     vary = {STIFF: {"from": "500 N/m", "to": "5 kN/m"}, "sensors.u1": [True, False]}
     plan = small(designs=2000, seeds=1, vary=vary)
     space = space_of(plan)
@@ -141,14 +180,19 @@ def test_it_says_of_a_sensor_and_of_a_number_whether_it_is_needed(needed: str) -
     assert text.startswith(begins[of_sensor])
 
 
-def test_a_rig_has_to_meet_the_requirement_in_all_scenarios(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rig_has_to_meet_the_requirement_in_all_scenarios(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("distal.study.answer.CASES", 0)
     plan = small(scenarios=["series-2", "series-2-high"], designs=100, seeds=1)
     space = space_of(plan)
     rms = np.where(np.arange(200) % 4 == 1, 2.0, 0.5)
     found = answer_of(plan, space, made(plan, space, rms))
     assert found.overall.share == 0.5
-    assert {name: one.share for name, one in found.scenarios.items()} == {"series-2": 1.0, "series-2-high": 0.5}
+    assert {name: one.share for name, one in found.scenarios.items()} == {
+        "series-2": 1.0,
+        "series-2-high": 0.5,
+    }
     assert "worst: series-2-high" in found.sentence
 
 
@@ -159,7 +203,9 @@ def test_a_study_that_is_not_done_has_no_answer(linear: tuple[Plan, Space]) -> N
 
 
 @pytest.mark.parametrize("texts", [["no room"], ["no room", "no room", "left all bounds"]])
-def test_where_every_run_failed_there_is_no_answer(linear: tuple[Plan, Space], texts: list[str]) -> None:
+def test_where_every_run_failed_there_is_no_answer(
+    linear: tuple[Plan, Space], texts: list[str]
+) -> None:
     """However many of them say the same."""
     plan, space = linear
     columns = made(plan, space, np.full(1200, np.nan))
@@ -184,7 +230,9 @@ def test_a_study_of_which_some_runs_failed_has_an_answer(linear: tuple[Plan, Spa
 def test_the_worst_cases_are_those_with_the_largest_errors_and_none_that_failed(
     linear: tuple[Plan, Space], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They are run again in their order; where fewer than three runs gave an error, there are fewer."""
+    """They are run again in their order; where fewer than three runs gave an error, there are
+    fewer.
+    """
     plan, space = linear
     asked: list[Task] = []
 
@@ -205,7 +253,9 @@ def test_the_worst_cases_are_those_with_the_largest_errors_and_none_that_failed(
     rms[3] = 0.2
     columns = made(plan, space, rms)
     _worst(plan, space, columns)
-    assert [(task.index, task.seed) for task in asked] == [(int(columns["design"][3]), int(columns["seed"][3]))]
+    assert [(task.index, task.seed) for task in asked] == [
+        (int(columns["design"][3]), int(columns["seed"][3]))
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -250,27 +300,43 @@ def test_the_answer_is_json_too(shown: tuple[Path, Answer]) -> None:
     assert said["overall"]["rigs"] == 120
 
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+BROWSER = (
+    shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+)
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
-def test_a_browser_draws_it_and_nothing_is_wider_than_a_telephone(shown: tuple[Path, Answer], tmp_path: Path) -> None:
+def test_a_browser_draws_it_and_nothing_is_wider_than_a_telephone(
+    shown: tuple[Path, Answer], tmp_path: Path
+) -> None:
     page, probe = shown[0], tmp_path / "probe.html"
     text = page.read_text(encoding="utf-8")
-    # a frame of 400 pixels: the window of a browser without a screen cannot be that narrow everywhere
+    # a frame of 400 pixels: the window of a browser without a screen cannot be that narrow
+    # everywhere
     (tmp_path / "page.html").write_text(
         text.replace(
-            "</body>", "<script>document.body.dataset.wide = document.documentElement.scrollWidth</script></body>"
+            "</body>",
+            "<script>document.body.dataset.wide = "
+            "document.documentElement.scrollWidth</script></body>",
         )
     )
     probe.write_text(
-        "<iframe id='f' src='page.html' width='400' height='4000'></iframe><script>f.onload = () => {"
+        "<iframe id='f' src='page.html' width='400' height='4000'></iframe><script>f.onload = () "
+        "=> {"
         "const b = f.contentDocument.body; const q = (s) => b.querySelectorAll(s).length;"
-        "document.body.dataset.found = [b.dataset.drawn, b.dataset.wide <= 400, q('#pareto circle'), q('#map rect'),"
+        "document.body.dataset.found = [b.dataset.drawn, b.dataset.wide <= 400, q('#pareto "
+        "circle'), q('#map rect'),"
         "q('#case-0 polyline')].join(' ') }</script>"
     )
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", "--dump-dom"]
+    command = [
+        BROWSER,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--allow-file-access-from-files",
+        "--dump-dom",
+    ]
     done = subprocess.run(
         [
             *filter(None, command),

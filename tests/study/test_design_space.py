@@ -17,7 +17,10 @@ THREE = (STIFF, "joints.link.damping", "joints.link.inertia")
 
 
 def test_a_latin_hypercube_has_one_design_in_each_part() -> None:
-    axes = {STIFF: {"from": "400 N/m", "to": "1.4 N/mm"}, "sensors.u1.noise": {"from": 0.1, "to": 0.3}}
+    axes = {
+        STIFF: {"from": "400 N/m", "to": "1.4 N/mm"},
+        "sensors.u1.noise": {"from": 0.1, "to": 0.3},
+    }
     space = space_of(small(designs=40, vary=axes))
     for axis, low, high in zip((STIFF, "sensors.u1.noise"), (400.0, 0.1), (1400.0, 0.3)):
         parts = [int(40 * (float(space.design(i)[axis]) - low) / (high - low)) for i in range(40)]
@@ -32,7 +35,9 @@ def test_a_grid_has_every_combination() -> None:
 
 
 def test_a_logarithmic_range_has_its_mean_at_the_geometric_one() -> None:
-    space = space_of(small(fill="sobol", designs=64, vary={STIFF: {"from": 100.0, "to": 1e4, "scale": "log"}}))
+    space = space_of(
+        small(fill="sobol", designs=64, vary={STIFF: {"from": 100.0, "to": 1e4, "scale": "log"}})
+    )
     logs = np.log10([float(space.design(i)[STIFF]) for i in range(64)])
     assert logs.mean() == pytest.approx(3.0, abs=0.02)
 
@@ -51,7 +56,9 @@ def test_a_design_without_a_sensor() -> None:
 
 
 def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
-    space = space_of(small(designs=50, vary={"sensors.u1": [True, False], STIFF: {"from": 500.0, "to": 900.0}}))
+    space = space_of(
+        small(designs=50, vary={"sensors.u1": [True, False], STIFF: {"from": 500.0, "to": 900.0}})
+    )
     chunks = space.chunks(runs_per_design=2, size=10)
     assert sorted(i for chunk in chunks for i in chunk) == list(range(50))
     assert [len(chunk) for chunk in chunks] == [5] * 10
@@ -62,24 +69,45 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"vary": {"tendons.*.stifness": [1.0]}}, "there is no 'stifness'; did you mean 'stiffness'"),
-        ({"vary": {STIFF: {"from": "900 N/m", "to": "0.7 N/mm"}}}, "the range is empty: from 900 N/m must be below"),
+        (
+            {"vary": {"tendons.*.stifness": [1.0]}},
+            "there is no 'stifness'; did you mean 'stiffness'",
+        ),
+        (
+            {"vary": {STIFF: {"from": "900 N/m", "to": "0.7 N/mm"}}},
+            "the range is empty: from 900 N/m must be below",
+        ),
         ({"vary": {STIFF: {"from": "900 N/m"}}}, "a range needs 'from' and 'to'"),
         ({"vary": {STIFF: {"from": "1 mm", "to": "2 mm"}}}, "N/m"),
         ({"vary": {STIFF: []}}, "must be a list of values or { from"),
         ({"vary": {STIFF: {"from": 0.0, "to": 1.0, "scale": "log"}}}, "'log' from above zero"),
         ({"vary": {STIFF: {"from": -1.0, "to": 1.0}}}, "must be positive"),
-        ({"vary": {"sensors.x1.resolution": {"from": 1e-5, "to": 1e-4}}}, "give a list of a few values, no range"),
+        (
+            {"vary": {"sensors.x1.resolution": {"from": 1e-5, "to": 1e-4}}},
+            "give a list of a few values, no range",
+        ),
         ({"vary": {"sensors.u3": [True]}}, "no such sensor; did you mean 'u"),
         ({"vary": {"sensors.u1": ["yes"]}}, "a sensor is there or not"),
         ({"vary": {"estimator": ["adaptiv"]}}, "did you mean 'adaptive'"),
-        ({"requirement": {"joint": "lnk", "within": "1 deg"}}, "no joint 'lnk'; did you mean 'link'"),
-        ({"requirement": {"joint": "link", "within": "1 deg", "scenarios": ["x"]}}, "'x' is none of scenarios"),
+        (
+            {"requirement": {"joint": "lnk", "within": "1 deg"}},
+            "no joint 'lnk'; did you mean 'link'",
+        ),
+        (
+            {"requirement": {"joint": "link", "within": "1 deg", "scenarios": ["x"]}},
+            "'x' is none of scenarios",
+        ),
         ({"requirement": {"joint": "link", "within": "1 deg", "time": 1.2}}, "at most 1"),
         ({"scenarios": ["serie-2"]}, "did you mean 'series-2'"),
         ({"estimator": "none"}, "unknown 'none'"),
         ({"duraton": 1}, "did you mean 'duration'"),
-        ({"fill": "grid", "vary": {path: {"from": 1.0, "to": 2.0, "points": 999} for path in THREE}}, "at most 1e6"),
+        (
+            {
+                "fill": "grid",
+                "vary": {path: {"from": 1.0, "to": 2.0, "points": 999} for path in THREE},
+            },
+            "at most 1e6",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(changes: dict[str, Any], said: str) -> None:

@@ -1,4 +1,6 @@
-"""A study goes on where it was stopped, and its rows depend neither on that nor on who works them off."""
+"""A study goes on where it was stopped, and its rows depend neither on that nor on who works them
+off.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ MANY = 50
 
 
 LONG = 250
-"""Designs of a study that still runs when a signal comes after its first rows, also beside other load."""
+"""Designs of a study that still runs when a signal comes after its first rows, also beside other
+load.
+"""
 
 
 def changes(designs: int) -> dict[str, object]:
@@ -94,7 +98,9 @@ def test_rows_do_not_depend_on_the_number_of_processes(whole: Columns, tmp_path:
 def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
     open_folder(small(), tmp_path)
     open_folder(small(), tmp_path)
-    with pytest.raises(StudyError, match="holds another study's rows; give another folder with --out"):
+    with pytest.raises(
+        StudyError, match="holds another study's rows; give another folder with --out"
+    ):
         open_folder(small(seeds=3), tmp_path)
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(StudyError, match=r"cannot be read; give another folder"):
@@ -125,7 +131,9 @@ def test_a_disk_that_is_full_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
     assert [file.name for file in (tmp_path / "rows").iterdir()] == ["000000.parquet"]
 
 
-def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_is_not_there_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr("distal.cluster.PATIENCE", 0.3)
     plan = small()
@@ -140,7 +148,9 @@ def test_a_scheduler_of_another_version_is_one_line() -> None:
     own = {"host": host, "packages": {"distributed": "2026.1", "dask": "2026.1"}}
     _check_versions({"client": own, "scheduler": own}, StudyError)
     other = {"host": host, "packages": {"distributed": "2025.1", "dask": "2026.1"}}
-    with pytest.raises(StudyError, match=r"the scheduler has distributed 2025.1, this is 2026.1; install the same"):
+    with pytest.raises(
+        StudyError, match=r"the scheduler has distributed 2025.1, this is 2026.1; install the same"
+    ):
         _check_versions({"client": own, "scheduler": other}, StudyError)
 
 
@@ -163,7 +173,9 @@ def command(*arguments: str) -> subprocess.Popen[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_a_command_that_is_killed_goes_on(how: signal.Signals, long: Columns, tmp_path: Path) -> None:
+def test_a_command_that_is_killed_goes_on(
+    how: signal.Signals, long: Columns, tmp_path: Path
+) -> None:
     import tomlkit
 
     (tmp_path / "mine.toml").write_text(tomlkit.dumps({**RAW, **changes(LONG)}))
@@ -205,14 +217,31 @@ def process(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_dask_workers_that_die_and_come_late_give_the_same_rows(whole: Columns, tmp_path: Path) -> None:
+def test_dask_workers_that_die_and_come_late_give_the_same_rows(
+    whole: Columns, tmp_path: Path
+) -> None:
     pytest.importorskip("distributed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    worker = ("dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory")
+    worker = (
+        "dask_worker",
+        address,
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+        "--local-directory",
+    )
     plan, folder = many(), open_folder(many(), tmp_path / "out")
-    scheduler = process("dask_scheduler", "--host", "127.0.0.1", "--port", address.rsplit(":", 1)[1], "--no-dashboard")
+    scheduler = process(
+        "dask_scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        address.rsplit(":", 1)[1],
+        "--no-dashboard",
+    )
     with scheduler, process(*worker, str(tmp_path / "a")) as first:
         late: list[object] = []
 
@@ -249,13 +278,19 @@ def test_other_processes_of_the_caller_go_on() -> None:
 
 
 def failing(plan: Plan, designs: tuple[int, ...]) -> dict[str, list[object]]:
-    """Return rows of which every one says the same problem, but those of a design beyond the first chunk."""
+    """Return rows of which every one says the same problem, but those of a design beyond the first
+    chunk.
+    """
     of = [design for design in designs for _ in range(2)]
     return {"design": list(of), "problem": ["no room" if design < 24 else "" for design in of]}
 
 
-def test_a_study_stops_where_all_its_first_runs_fail_alike(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """It says why, after one chunk, and leaves no rows behind: mended, it begins anew. A grid begins in a corner."""
+def test_a_study_stops_where_all_its_first_runs_fail_alike(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It says why, after one chunk, and leaves no rows behind: mended, it begins anew. A grid
+    begins in a corner.
+    """
     ran = list[tuple[int, ...]]()
 
     def run(plan: Plan, designs: tuple[int, ...]) -> dict[str, list[object]]:
@@ -264,13 +299,19 @@ def test_a_study_stops_where_all_its_first_runs_fail_alike(monkeypatch: pytest.M
 
     monkeypatch.setattr("distal.study.execution.run_chunk", run)
     plan, folder = many(), open_folder(many(), tmp_path / "latin")
-    with pytest.raises(StudyError, match="the first 48 runs failed alike, so the study stops: no room; mend that"):
+    with pytest.raises(
+        StudyError, match="the first 48 runs failed alike, so the study stops: no room; mend that"
+    ):
         run_study(plan, space_of(plan), folder, 1)
     assert len(ran) == 1
     assert folder.done() == set()
     written = list[int]()
     monkeypatch.setattr(type(folder), "write", lambda self, number, rows: written.append(number))
-    grid = small(**changes(MANY), fill="grid", vary={"tendons.*.stiffness": {"from": 700, "to": 900, "points": MANY}})
+    grid = small(
+        **changes(MANY),
+        fill="grid",
+        vary={"tendons.*.stiffness": {"from": 700, "to": 900, "points": MANY}},
+    )
     run_study(grid, space_of(grid), open_folder(grid, tmp_path / "grid"), 1)
     assert written == list(range(len(written)))
     assert len(written) > 1

@@ -20,7 +20,10 @@ def test_options_are_numbers_sensors_and_a_calibration() -> None:
     assert [t.stiffness.shared and t.stiffness.shared.std for t in tied.tendons] == [0.05, 0.05]
     cells = found["a tension sensor of 0.3 N on each tendon"].rig
     assert [sensor.of for sensor in cells.sensors_of("tension")] == ["left", "right"]
-    assert [s.noise for s in found["force sensors twice as good"].rig.sensors_of("force")] == [0.15, 0.15]
+    assert [s.noise for s in found["force sensors twice as good"].rig.sensors_of("force")] == [
+        0.15,
+        0.15,
+    ]
     assert found["the angle known for the first 2 s"].homing == 2.0
     assert next(iter(found)) == "as it is"
 

@@ -32,8 +32,11 @@ from distal.cli import (
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, one_line
 
-# typer raises the errors of the click that it uses, its own or the package; BadParameter leads to both
-_ClickError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+# typer raises the errors of the click that it uses, its own or the package; BadParameter leads to
+# both
+_ClickError: Any = next(
+    kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
+)
 
 app = typer.Typer(
     name="distal",
@@ -74,13 +77,17 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: bool = Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version."
+    ),
 ) -> None:
     pass
 
 
 def main() -> None:
-    """Run the command line; whatever goes wrong is one line on stderr, and its exit code says whose fault it is."""
+    """Run the command line; whatever goes wrong is one line on stderr, and its exit code says whose
+    fault it is.
+    """
     show_warnings()
     if sys.stderr is None:  # closed: messages must not go into what is written to standard output
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
@@ -102,7 +109,8 @@ TRACEBACK = "DISTAL_TRACEBACK"
 """Environment variable that has Python print where a fault of distal came from."""
 
 WRONG, BUG, STOPPED, NO_READER = 2, 70, 130, 141
-"""Exit codes: a user can mend it, a fault of distal, stopped by the user, nobody reads the output."""
+"""Exit codes: a user can mend it, a fault of distal, stopped by the user, nobody reads the output.
+"""
 
 
 def ended_by(problem: BaseException) -> object:
@@ -126,14 +134,18 @@ def ended_by(problem: BaseException) -> object:
         text, code = problem.format_message(), WRONG
     elif isinstance(problem, OSError):
         text, code = f"{problem.filename or 'output'}: {problem.strerror or problem}", WRONG
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left in a buffer cannot be written either
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), 1
+        )  # what is left in a buffer cannot be written either
     elif isinstance(problem, MemoryError):
         text, code = "there is not enough memory; estimate fewer or shorter logs at once", WRONG
     elif os.environ.get(TRACEBACK):
         raise problem
     else:
         text, code = f"{type(problem).__name__}: {str(problem)[:200]}", BUG
-        text += f"; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints"
+        text += (
+            f"; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints"
+        )
     _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
     return code
 

@@ -1,4 +1,6 @@
-"""`distal estimate` of several logs, `distal simulate --runs`: all cores, a progress bar, a table."""
+"""`distal estimate` of several logs, `distal simulate --runs`: all cores, a progress bar, a
+table.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,10 @@ def _few_warnings() -> Iterator[None]:
     for message in messages[:FEW]:
         warn(message)
     if len(messages) > FEW:
-        warn(f"and {len(messages) - FEW} more of the other logs (estimate one log alone to see its warnings)")
+        warn(
+            f"and {len(messages) - FEW} more of the other logs (estimate one log alone to see its "
+            "warnings)"
+        )
 
 
 def estimate_many(
@@ -55,7 +60,8 @@ def estimate_many(
 ) -> None:
     """Estimate over many logs, write each estimate to a folder, and print a line for each.
 
-    A log that cannot be estimated is reported and skipped; the others go on, and the command ends with code 2.
+    A log that cannot be estimated is reported and skipped; the others go on, and the command ends
+    with code 2.
 
     Args:
         homing: for how long the truth is used [s].
@@ -73,7 +79,9 @@ def estimate_many(
     from distal.run import estimate_batch, estimate_on_cluster
 
     if estimator not in ESTIMATORS:
-        raise EstimationError(f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}")
+        raise EstimationError(
+            f"unknown estimator '{estimator}'{did_you_mean(estimator, ESTIMATORS)}"
+        )
     if out is not None:
         make_folder(out)
     failed: dict[str, str] = {}
@@ -86,10 +94,14 @@ def estimate_many(
         found = (
             estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
             if scheduler is None
-            else estimate_on_cluster(logs, rig, scheduler, estimator, truth, homing, progress=advance, skip=skip)
+            else estimate_on_cluster(
+                logs, rig, scheduler, estimator, truth, homing, progress=advance, skip=skip
+            )
         )
         for result in found:
-            path = next(p for p in waiting if str(p) not in failed)  # results come in the order of the logs
+            path = next(
+                p for p in waiting if str(p) not in failed
+            )  # results come in the order of the logs
             if out is not None:
                 try:
                     write_columns(result.columns(unit, every=every), out / f"{path.stem}.csv")
@@ -99,7 +111,10 @@ def estimate_many(
             half = np.rad2deg(BAND * float(np.median(result.angle_stds)))
             error, inside = "–", "–"
             if result.truths is not None:
-                error, inside = f"{np.rad2deg(result.rms_error()):.3f}", f"{100 * result.inside_band():.0f} %"
+                error, inside = (
+                    f"{np.rad2deg(result.rms_error()):.3f}",
+                    f"{100 * result.inside_band():.0f} %",
+                )
             headline = diagnose_estimate(result).headline
             rows.append((path.name, f"{len(result)}", f"±{half:.2f}", error, inside, headline))
     if rows:
@@ -115,9 +130,12 @@ def estimate_many(
 
 def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Output]:
     """Return the estimate's file of each log."""
-    if len({(os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem)) for path in logs}) < len(
-        logs
-    ):
+    if len(
+        {
+            (os.path.realpath(path if isinstance(path, Path) else path.path), str(path.stem))
+            for path in logs
+        }
+    ) < len(logs):
         raise OutputError("a log came more than once; give each once")
     if out is None:
         return []
@@ -125,8 +143,15 @@ def estimates_of(logs: Sequence[Path | Episode], out: Path | None) -> list[Outpu
     names = [f"{path.stem}.csv" for path in logs]
     for path, name in zip(logs, names):
         if names.count(name) > 1:
-            raise OutputError(f"{path}: another log has the name '{path.stem}' too; rename one, or estimate them apart")
-    return [file for path, name in zip(logs, names) for file in to_folder(f"--out for {path}", out, [name])]
+            raise OutputError(
+                f"{path}: another log has the name '{path.stem}' too; rename one, or estimate "
+                "them apart"
+            )
+    return [
+        file
+        for path, name in zip(logs, names)
+        for file in to_folder(f"--out for {path}", out, [name])
+    ]
 
 
 def runs_of(seed: int, runs: int) -> dict[int, str]:
@@ -149,9 +174,18 @@ def _check_folder(out: Path, when: str) -> None:
 
 
 def simulate_many(
-    rig: Rig, scenario: Scenario, seed: int, runs: int, out: Path, settings: list[str], *, truth: bool = True
+    rig: Rig,
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    out: Path,
+    settings: list[str],
+    *,
+    truth: bool = True,
 ) -> None:
-    """Simulate a scenario with seeds from `seed` on, and write each log to a folder; `settings` are for the hint."""
+    """Simulate a scenario with seeds from `seed` on, and write each log to a folder; `settings` are
+    for the hint.
+    """
     from distal.logs import write_log
     from distal.results import make_folder
     from distal.simulation import simulate_batch
@@ -164,5 +198,11 @@ def simulate_many(
             write_log(log if truth else replace(log, truth={}), rig, out / name)
     say(f"{rig.name}: {runs} runs of {scenario.duration:g} s, seeds {seed} to {seed + runs - 1}")
     say(f"wrote {runs} logs to {out}")
-    command = ["distal estimate", f"{shlex.quote(str(out))}/*.csv", "--rig", scenario.rig, *settings]
+    command = [
+        "distal estimate",
+        f"{shlex.quote(str(out))}/*.csv",
+        "--rig",
+        scenario.rig,
+        *settings,
+    ]
     say(f"estimate from them: {' '.join(command)}")

@@ -18,15 +18,22 @@ if TYPE_CHECKING:
 
 def calibrate_command(
     log: Annotated[
-        Path, Argument(help="Log of the routine: each motor to both ends of its travel, three times or more.")
+        Path,
+        Argument(
+            help="Log of the routine: each motor to both ends of its travel, three times or more."
+        ),
     ],
     rig: RigOption,
     out: Annotated[Path, Option(help="Where to write the calibrated rig file.")],
     *,
-    since: Annotated[Path | None, Option(help="An earlier calibration: say what moved since.")] = None,
+    since: Annotated[
+        Path | None, Option(help="An earlier calibration: say what moved since.")
+    ] = None,
     set_: SetOption = None,
 ) -> None:
-    """Calibrate a hand by its power-on routine: zeros, play or tension, stiffness, friction, and what is broken."""
+    """Calibrate a hand by its power-on routine: zeros, play or tension, stiffness, friction, and
+    what is broken.
+    """
     from distal.hands import calibrate, moved
     from distal.logs import write_whole
     from distal.rig import edited_text, load_rig
@@ -48,7 +55,9 @@ def calibrate_command(
 
 
 def _show(rig: Rig, faulty: set[str]) -> None:
-    """Print what the routine found of each motor; nothing of one with a fault, whose numbers are those of before."""
+    """Print what the routine found of each motor; nothing of one with a fault, whose numbers are
+    those of before.
+    """
     rows = []
     for drive in rig.drives:
         if drive.kind != "capstan":
@@ -70,5 +79,8 @@ def _show(rig: Rig, faulty: set[str]) -> None:
         rub = f"{1e3 * drive.friction.constant.value:.0f}"
         rows.append((drive.name, ", ".join(tendons[0].joints), zero, state, stiffness, rub))
     table(
-        "power-on routine", ["motor", "joints", "zero, °", "tendons", "stiffness, N/mm", "friction, mN m"], rows, text=2
+        "power-on routine",
+        ["motor", "joints", "zero, °", "tendons", "stiffness, N/mm", "friction, mN m"],
+        rows,
+        text=2,
     )

@@ -23,18 +23,27 @@ def command_command(
     ],
     rig: RigOption,
     out: Annotated[
-        Path, Option(help="Where to write the commands (CSV or Parquet), by the rig's own columns and units.")
+        Path,
+        Option(
+            help="Where to write the commands (CSV or Parquet), by the rig's own columns and units."
+        ),
     ],
     *,
     least_tension: Annotated[
-        str, Option("--least-tension", help="Tension that every tendon keeps where the drives can choose it.")
+        str,
+        Option(
+            "--least-tension",
+            help="Tension that every tendon keeps where the drives can choose it.",
+        ),
     ] = "1 N",
     plot: Annotated[
         Path | None, Option("--plot", help="Draw a picture (PNG, SVG or PDF) of angles and drives.")
     ] = None,
     set_: SetOption = None,
 ) -> None:
-    """Write what the drives have to do for wanted angles, and the angles that they then reach with their band."""
+    """Write what the drives have to do for wanted angles, and the angles that they then reach with
+    their band.
+    """
     import numpy as np
 
     from distal.confidence import BAND
@@ -45,13 +54,17 @@ def command_command(
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig)
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=least_tension)
     joints = [joint.name for joint in inverse.rig.joints]
-    columns = {joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints}
+    columns = {
+        joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints
+    }
     time, angles = read_angles(wanted, list(columns.values()))
     with working("finding the commands"):
         commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
     commands.write(out)
     for j, joint in enumerate(joints):
-        away = degrees(float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2))))
+        away = degrees(
+            float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2)))
+        )
         band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
         reached = "what is wanted" if away < NOTHING else f"what is wanted but for {away:.3g}° RMS"
         say(f"{joint}: reaches {reached}, 95 % band ± {band:.2g}° in an open loop")

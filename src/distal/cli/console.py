@@ -57,7 +57,9 @@ def failure(text: str) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 1) -> None:
-    """Print a table; the first `text` columns are text, the others numbers. The first one is never cut."""
+    """Print a table; the first `text` columns are text, the others numbers. The first one is never
+    cut.
+    """
     grid = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
     for i, name in enumerate(columns):
         grid.add_column(name, justify="left" if i < text else "right", no_wrap=i == 0)
@@ -67,11 +69,15 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
 
 
 QUIET, LATER = 2.0, 10.0
-"""A command that is silent for longer says what it does, where the output is no terminal once more after so long [s]."""
+"""A command that is silent for longer says what it does, where the output is no terminal once more
+after so long [s].
+"""
 
 
 class _Activity(logging.Handler):
-    """What a command is doing, told to `show`; off a terminal, where it takes longer than `QUIET`, as a line on stderr."""
+    """What a command is doing, told to `show`; off a terminal, where it takes longer than `QUIET`,
+    as a line on stderr.
+    """
 
     def __init__(self, show: Callable[[str], None], *, silent: bool) -> None:
         super().__init__()
@@ -101,14 +107,24 @@ class _Activity(logging.Handler):
 
 @contextmanager
 def working(doing: str) -> Iterator[Callable[[str], None]]:
-    """Show what a command is doing and for how long on a terminal, elsewhere a line; what is yielded says what is next."""
+    """Show what a command is doing and for how long on a terminal, elsewhere a line; what is
+    yielded says what is next.
+    """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     shown, kernels = err(), logging.getLogger("distal.kernels")
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal, redirect_stdout=False) as bar:
+    with Progress(
+        *columns,
+        console=shown,
+        transient=True,
+        disable=not shown.is_terminal,
+        redirect_stdout=False,
+    ) as bar:
         task = bar.add_task(doing, total=None)
-        activity = _Activity(lambda text: bar.update(task, description=text), silent=shown.is_terminal)
+        activity = _Activity(
+            lambda text: bar.update(task, description=text), silent=shown.is_terminal
+        )
         kernels.addHandler(activity)
         kernels.setLevel(logging.INFO)
         try:
@@ -121,13 +137,23 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress_bar(label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show how many steps are done and how long the others take, on a terminal; elsewhere a line now and then."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    """Show how many steps are done and how long the others take, on a terminal; elsewhere a line
+    now and then.
+    """
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     is_terminal = err().is_terminal
     activity = _Activity(lambda _: None, silent=is_terminal)
-    with Progress(*columns, console=err(), transient=True, disable=not is_terminal, redirect_stdout=False) as bar:
+    with Progress(
+        *columns, console=err(), transient=True, disable=not is_terminal, redirect_stdout=False
+    ) as bar:
         task = bar.add_task(label, total=total)
 
         def show(done: int, of: int | None = None) -> None:

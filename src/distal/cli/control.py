@@ -1,4 +1,6 @@
-"""`distal control`: a controller in the loop, fed back by an encoder, by an estimate and by displacements alone."""
+"""`distal control`: a controller in the loop, fed back by an encoder, by an estimate and by
+displacements alone.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ def control_command(
     seed: SeedOption = 0,
     *,
     feedback: Annotated[
-        list[str] | None, Option(help="encoder, ratio or an estimator; repeat it. Default: all three ways.")
+        list[str] | None,
+        Option(help="encoder, ratio or an estimator; repeat it. Default: all three ways."),
     ] = None,
     set_: SetOption = None,
 ) -> None:
@@ -51,15 +54,46 @@ def control_command(
     rows = []
     for run in runs:
         for score in track(run):
-            settled = "–" if isnan(score.settling) else "never" if isinf(score.settling) else f"{score.settling:.2f}"
-            hunts = f"{degrees(max(hunt.motion for hunt in score.hunting)):.1f}°" if score.hunting else "no"
-            angles = ["–" if isnan(angle) else f"{degrees(angle):.2f}" for angle in (score.rms, score.overshoot)]
+            settled = (
+                "–"
+                if isnan(score.settling)
+                else "never"
+                if isinf(score.settling)
+                else f"{score.settling:.2f}"
+            )
+            hunts = (
+                f"{degrees(max(hunt.motion for hunt in score.hunting)):.1f}°"
+                if score.hunting
+                else "no"
+            )
+            angles = [
+                "–" if isnan(angle) else f"{degrees(angle):.2f}"
+                for angle in (score.rms, score.overshoot)
+            ]
             wrong_by = f"{degrees(score.estimate_rms):.2f}"
-            rows.append((run.feedback, score.joint, *angles, settled, hunts, f"{score.effort:.3g}", wrong_by))
+            rows.append(
+                (
+                    run.feedback,
+                    score.joint,
+                    *angles,
+                    settled,
+                    hunts,
+                    f"{score.effort:.3g}",
+                    wrong_by,
+                )
+            )
         for span in run.held:
             warn(f"{run.feedback}: {span}")
     unit = {"slider": "N", "capstan": "N m"}[rig.drives[0].kind]
-    columns = ["feedback", "joint", "RMS [°]", "overshoot [°]", "settled [s]", "limit cycle", f"effort [{unit}]"]
+    columns = [
+        "feedback",
+        "joint",
+        "RMS [°]",
+        "overshoot [°]",
+        "settled [s]",
+        "limit cycle",
+        f"effort [{unit}]",
+    ]
     columns.append("told wrong by [°]")
     table(f"{description.name or scenario}: true angle against reference", columns, rows, text=2)
     say(f"wrote {picture} and {', '.join(path.name for path in logs)}")

@@ -27,7 +27,10 @@ def doctor_command() -> None:
 
     from distal.kernels import cache_folder, find_compiler, lanes_here, probe
 
-    say(f"distal {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}")
+    say(
+        f"distal {__version__}, Python {platform.python_version()}, {platform.system()} "
+        f"{platform.machine()}"
+    )
 
     def installed(name: str, advice: str = "") -> str:
         try:
@@ -39,7 +42,10 @@ def doctor_command() -> None:
     extras = (installed(name, f" (pip install '.[{extra}]')") for name, extra in _EXTRAS.items())
     say(f"extras: {', '.join(extras)}")
     compiler = find_compiler()
-    say(f"C compiler: {compiler if isinstance(compiler, str) else f'{compiler.version} ({compiler.command[0]})'}")
+    if isinstance(compiler, str):
+        say(f"C compiler: {compiler}")
+    else:
+        say(f"C compiler: {compiler.version} ({compiler.command[0]})")
     say(f"kernel cache: {cache_folder()}")
     backend, reason, difference = probe()
     say(f"kernels: {backend} ({reason})")

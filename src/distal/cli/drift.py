@@ -1,4 +1,6 @@
-"""`distal drift`: hours of a scenario whose plant changes, with and without a known angle from time to time."""
+"""`distal drift`: hours of a scenario whose plant changes, with and without a known angle from time
+to time.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def drift_command(
     *,
     set_: SetOption = None,
 ) -> None:
-    """Simulate hours of work, and print error and band of the estimate for each; memory stays that of one minute."""
+    """Simulate hours of work, and print error and band of the estimate for each; memory stays that
+    of one minute.
+    """
     from distal.logs import write_whole
     from distal.run import by_hour, estimate_pieces, plot_hours
     from distal.simulation import load_scenario, scenario_rig, simulate_pieces
@@ -28,13 +32,21 @@ def drift_command(
     description = load_scenario(scenario)
     rig = scenario_rig(description, set_ or ())
     picture, rows_file = out / "drift.png", out / "drift.csv"
-    check_outputs(to_folder("--out", out, [picture.name, rows_file.name]), rig=description.rig, scenario=scenario)
-    ways = {"nothing known": None} | ({} if description.rezero is None else {"rezeroed": description.rezero.std})
+    check_outputs(
+        to_folder("--out", out, [picture.name, rows_file.name]),
+        rig=description.rig,
+        scenario=scenario,
+    )
+    ways = {"nothing known": None} | (
+        {} if description.rezero is None else {"rezeroed": description.rezero.std}
+    )
     hours_of = {}
     with working("simulating hours") as show:
         for name, std in ways.items():
             show(f"simulating {description.duration / 3600:.3g} h and estimating, {name}")
-            hours_of[name] = by_hour(estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std))
+            hours_of[name] = by_hour(
+                estimate_pieces(simulate_pieces(rig, description, seed), rig, known_std=std)
+            )
     out.mkdir(parents=True, exist_ok=True)
     plot_hours(hours_of, picture)
     rows = []

@@ -40,14 +40,18 @@ def estimate_command(
         list[Path],
         Argument(
             metavar="LOG...",
-            help="CSV, Parquet, HDF5, MCAP, a ROS bag or a LeRobot dataset, with the columns that the rig's sensors name.",
+            help="CSV, Parquet, HDF5, MCAP, a ROS bag or a LeRobot dataset, with the columns that "
+            "the rig's sensors name.",
         ),
     ],
     rig: RigOption,
     *,
     out: Annotated[
         Path | None,
-        Option(help="Where to write the first estimator's estimate (CSV or Parquet); of several logs, a folder."),
+        Option(
+            help="Where to write the first estimator's estimate (CSV or Parquet); of several "
+            "logs, a folder."
+        ),
     ] = None,
     estimator: Annotated[
         list[str] | None,
@@ -55,7 +59,8 @@ def estimate_command(
             "--estimator",
             "-e",
             help=(
-                "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first is "
+                "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first "
+                "is "
                 "written. Default: adaptive; where the angle is known, all of them, to compare."
             ),
             autocompletion=estimators,
@@ -64,24 +69,33 @@ def estimate_command(
     truth: TruthOption = None,
     plot: PlotOption = None,
     panel: Annotated[
-        list[str] | None, Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable.")
+        list[str] | None,
+        Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
     ] = None,
     passes: Annotated[
         int,
         Option(
             min=1,
-            help="ekf and ekf-2008: filter this many times; each pass begins with the covariance at the end of the last.",
+            help="ekf and ekf-2008: filter this many times; each pass begins with the covariance "
+            "at the end of the last.",
         ),
     ] = 1,
     smooth: Annotated[
-        bool, Option("--smooth", help="Write the adaptive estimate smoothed over the whole log (offline).")
+        bool,
+        Option(
+            "--smooth", help="Write the adaptive estimate smoothed over the whole log (offline)."
+        ),
     ] = False,
     homing: Annotated[
-        str | None, Option(help="Use the reference for this long (e.g. 3s), then only compare with it.")
+        str | None,
+        Option(help="Use the reference for this long (e.g. 3s), then only compare with it."),
     ] = None,
     homing_angle: Annotated[
         list[str] | None,
-        Option(help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', or 'pip: 0 deg'."),
+        Option(
+            help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', "
+            "or 'pip: 0 deg'."
+        ),
     ] = None,
     what_if: Annotated[
         bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
@@ -93,36 +107,59 @@ def estimate_command(
     repeated: RepeatedOption = None,
     scheduler: Annotated[
         str | None,
-        Option(help="Address of a Dask scheduler, tcp://host:8786: its workers estimate, from the same files."),
+        Option(
+            help="Address of a Dask scheduler, tcp://host:8786: its workers estimate, from the "
+            "same files."
+        ),
     ] = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
-    """Estimate the joint angle over a log, or many; where the truth of one is known, compare all estimators with it."""
+    """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
+    estimators with it.
+    """
     from distal.logs import episodes_of, file_of, is_dataset, read_log, true_angles, write_together
     from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import load_rig
     from distal.run import smooth as smoothed
 
     if out is None and (unit != "rad" or every):
-        raise EstimationError(f"{'--all' if every else '--unit'} is about the file of --out, which is not given")
+        raise EstimationError(
+            f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
+        )
     home = seconds(homing)
     if len(logs) > 1 or is_dataset(logs[0]) or scheduler is not None:
-        sources = [source for path in logs for source in (episodes_of(path) if is_dataset(path) else [path])]
+        sources = [
+            source
+            for path in logs
+            for source in (episodes_of(path) if is_dataset(path) else [path])
+        ]
         _check_for_many(len(sources), homing_angle, plot, smooth, passes, estimator)
         from distal.cli.batch import estimate_many, estimates_of
         from distal.estimators import DEFAULT
 
         check_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
         description, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
-        estimate_many(sources, description, name, truth, home, out, unit=unit, every=every, scheduler=scheduler)
+        estimate_many(
+            sources,
+            description,
+            name,
+            truth,
+            home,
+            out,
+            unit=unit,
+            every=every,
+            scheduler=scheduler,
+        )
         return
     panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
     if plot is not None:
         plot_kind(plot)
     elif panels:
         raise EstimationError("--panel says what --plot draws; give --plot too")
-    check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth)
+    check_outputs(
+        [*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth
+    )
     description = load_rig(rig, settings(set_, repeated))
     log = read_log(logs[0], description, truth)
     _describe(log, description)
@@ -130,10 +167,14 @@ def estimate_command(
     names, origin = _names(estimator, description, is_known), log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
-    results, failed = _estimates(log, description, names, passes, home, comparing=estimator is None, is_known=is_known)
+    results, failed = _estimates(
+        log, description, names, passes, home, comparing=estimator is None, is_known=is_known
+    )
     if smooth:
         if home is not None:
-            raise EstimationError("--smooth uses the whole log and --homing its beginning; give one of them")
+            raise EstimationError(
+                "--smooth uses the whole log and --homing its beginning; give one of them"
+            )
         with working("smoothing"):
             results.insert(0, smoothed(log, description))
     files: dict[Path, bytes | str] = {}
@@ -141,11 +182,17 @@ def estimate_command(
         files[out] = file_of(results[0].columns(unit, every=every), out)
     if plot is not None:
         with working("drawing"):
-            files[plot] = _picture(log, description, results if estimator else results[:1], panels, plot)
+            files[plot] = _picture(
+                log, description, results if estimator else results[:1], panels, plot
+            )
     write_together(files)
     if is_known:
         read = "not read" if homing_angle else "used"
-        used = f"; {read} for the first {home:g} s, compared with afterwards" if home is not None else ""
+        used = (
+            f"; {read} for the first {home:g} s, compared with afterwards"
+            if home is not None
+            else ""
+        )
         say(f"truth: {origin}{used}")
         _compare(results, failed)
     else:
@@ -155,7 +202,12 @@ def estimate_command(
 
 
 def _check_for_many(
-    count: int, angles: list[str] | None, plot: Path | None, smooth: bool, passes: int, estimator: list[str] | None
+    count: int,
+    angles: list[str] | None,
+    plot: Path | None,
+    smooth: bool,
+    passes: int,
+    estimator: list[str] | None,
 ) -> None:
     """Refuse options that are for one log."""
     asked = {
@@ -171,7 +223,9 @@ def _check_for_many(
 
 
 def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
-    """Return the estimators to run: those asked for; else the default, beside all others where the truth is known."""
+    """Return the estimators to run: those asked for; else the default, beside all others where the
+    truth is known.
+    """
     from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
 
     for name in asked or ():
@@ -182,7 +236,10 @@ def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
     if asked or len(rig.joints) <= MOST_FULL or not left:
         return names
     # their joints are filtered together, where those of adaptive are finger by finger
-    say(f"{' and '.join(left)} left out: a compiler takes minutes over {len(rig.joints)} joints; ask with -e")
+    say(
+        f"{' and '.join(left)} left out: a compiler takes minutes over {len(rig.joints)} joints; "
+        "ask with -e"
+    )
     return [name for name in names if name not in left]
 
 
@@ -191,18 +248,32 @@ def _at_home(log: Log, rig: Rig, places: list[str], home: float | None) -> tuple
     from distal.homing import at_known_angle
 
     if home is None:
-        raise EstimationError("--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s")
+        raise EstimationError(
+            "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
+        )
     for place in places:
         joint, (angle, std) = joint_angle(place)
         log, rig = at_known_angle(log, rig, home, angle, std, joint)
-        say(f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for the first {home:g} s")
+        say(
+            f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for "
+            f"the first {home:g} s"
+        )
     return log, rig
 
 
 def _estimates(
-    log: Log, rig: Rig, names: list[str], passes: int, home: float | None, *, comparing: bool, is_known: bool
+    log: Log,
+    rig: Rig,
+    names: list[str],
+    passes: int,
+    home: float | None,
+    *,
+    comparing: bool,
+    is_known: bool,
 ) -> tuple[list[Estimate], dict[str, str]]:
-    """Return the estimates, and of those that cannot run why; where it is the first, the others are shown all the same."""
+    """Return the estimates, and of those that cannot run why; where it is the first, the others are
+    shown all the same.
+    """
     from distal.estimators.affine import NEEDS
     from distal.run import estimate
 
@@ -216,7 +287,9 @@ def _estimates(
             try:
                 results.append(estimate(log, rig, name, passes, homing=home))
             except DistalError as problem:
-                failed[name] = f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+                failed[name] = (
+                    f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+                )
                 lost = lost or (problem if name == names[0] else None)
     if lost is not None:
         if is_known and results:
@@ -226,7 +299,9 @@ def _estimates(
 
 
 def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -> DivergedError:
-    """Return the error that an estimate left all bounds, with what would explain it, if anything does."""
+    """Return the error that an estimate left all bounds, with what would explain it, if anything
+    does.
+    """
     from distal.diagnosis import why_diverged
 
     with working("looking for what made the estimate leave all bounds"):
@@ -234,7 +309,9 @@ def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -
     return DivergedError(f"{found}: {problem}") if found else problem
 
 
-def _picture(log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path) -> bytes:
+def _picture(
+    log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path
+) -> bytes:
     """Return the figure of some estimates in the format that the path's ending names."""
     from distal.results import figure_bytes, plot_estimates
     from distal.run import log_health
@@ -244,7 +321,13 @@ def _picture(log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...],
 
 
 def _say(
-    results: list[Estimate], log: Log, rig: Rig, home: float | None, *, what_if: bool, written: tuple[Path | None, ...]
+    results: list[Estimate],
+    log: Log,
+    rig: Rig,
+    home: float | None,
+    *,
+    what_if: bool,
+    written: tuple[Path | None, ...],
 ) -> None:
     """Print the angle in words, notes, what the log says of the rig, and what was written."""
     from distal.diagnosis import diagnose
@@ -273,19 +356,28 @@ def _describe(log: Log, rig: Rig) -> None:
     say(f"read {log.source}: {len(log)} samples, {span}; rig: {rig.name}")
     if log.stamps is not None:
         begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
-        say(f"  begins at {begins} UTC; t counts from there, the column 'stamp' is the original [ns]")
+        say(
+            f"  begins at {begins} UTC; t counts from there, the column 'stamp' is the original "
+            "[ns]"
+        )
     from distal.rig import log_unit
 
     for sensor in rig.sensors:
         if sensor.name in log.channels:
             missing = int(np.isnan(log.channels[sensor.name]).sum())
             unit = sensor.unit or f"{log_unit(sensor)}, or as its header says"
-            column = f"  {sensor.name}: {sensor.measures} of {sensor.of}, column '{sensor.log_column}' in {unit}"
+            column = (
+                f"  {sensor.name}: {sensor.measures} of {sensor.of}, column "
+                f"'{sensor.log_column}' in {unit}"
+            )
             say(column + (f", {missing} missing" if missing else ""))
     gaps = log.gaps()
     if gaps:
         begin, end = max(gaps, key=lambda gap: gap[1] - gap[0])
-        say(f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {end - begin:.3g} s at {begin:g} s")
+        say(
+            f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {end - begin:.3g} s at "
+            f"{begin:g} s"
+        )
 
 
 def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
@@ -305,6 +397,10 @@ def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
         for result in results
     ]
     rows += [(name, "–", "–", "–", "–") for name in failed]
-    table("error against truth", ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"], rows)
+    table(
+        "error against truth",
+        ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"],
+        rows,
+    )
     for reason in failed.values():
         say(reason)

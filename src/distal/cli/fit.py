@@ -34,37 +34,59 @@ MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
 
 def fit_command(
     logs: Annotated[
-        list[Path], Argument(help="Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or none.")
+        list[Path],
+        Argument(
+            help="Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or "
+            "none."
+        ),
     ],
     rig: RigOption,
     *,
     out: Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")] = None,
     free: Annotated[
         list[str] | None,
-        Option(metavar="PATH", help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable."),
+        Option(
+            metavar="PATH",
+            help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
+        ),
     ] = None,
     per_log: Annotated[
-        list[str] | None, Option(metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension.")
+        list[str] | None,
+        Option(
+            metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension."
+        ),
     ] = None,
     homing: Annotated[
-        str | None, Option(help="Fit for this use: the reference is known for so long (e.g. 3s), then not read.")
+        str | None,
+        Option(
+            help="Fit for this use: the reference is known for so long (e.g. 3s), then not read."
+        ),
     ] = None,
     truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
     noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
     curves: Annotated[
         bool,
-        Option("--curves", help="Learn the position sensors' systematic curves: for the same sensors, left in place."),
+        Option(
+            "--curves",
+            help="Learn the position sensors' systematic curves: for the same sensors, left in "
+            "place.",
+        ),
     ] = False,
     units: Annotated[
         str | None,
         Option(
             metavar="PATTERN",
-            help="Logs of several instruments of one kind: what tells them apart in a log's name, e.g. 'tool_(.)'.",
+            help="Logs of several instruments of one kind: what tells them apart in a log's name, "
+            "e.g. 'tool_(.)'.",
         ),
     ] = None,
     report: Annotated[Path | None, Option(help="Folder for a page on the fit.")] = None,
     start: Annotated[
-        Path | None, Option(help="Begin the search at the values of an earlier fit; the priors still come from --rig.")
+        Path | None,
+        Option(
+            help="Begin the search at the values of an earlier fit; the priors still come from "
+            "--rig."
+        ),
     ] = None,
     seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
     jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
@@ -72,7 +94,9 @@ def fit_command(
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
-    """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig file for later logs."""
+    """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
+    file for later logs.
+    """
     from distal.fitting import fit as fitted_to
     from distal.fitting import groups_of
     from distal.logs import read_log
@@ -82,17 +106,24 @@ def fit_command(
     if out is not None and out.suffix != ".toml":
         raise OutputError(f"{out}: a rig file ends in .toml")
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
-    check_outputs(outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth)
+    check_outputs(
+        outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth
+    )
     for path, count in Counter(map(os.path.realpath, logs)).items():
         if count > 1:
-            raise FitError(f"{path}: came more than once; a log that counts twice makes the standard errors too small")
+            raise FitError(
+                f"{path}: came more than once; a log that counts twice makes the standard errors "
+                "too small"
+            )
     if units is not None:
         groups_of([str(path) for path in logs], units)
     home = seconds(homing)
     changes = settings(set_, repeated)
     description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a job that is ended keeps the best so far, as by Ctrl-C
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # a job that is ended keeps the best so far, as by Ctrl-C
 
     def early(line: MapFit) -> None:
         say(f"at once, {line.text}")
@@ -132,9 +163,18 @@ def _progress() -> Iterator[Callable[[Doing], None]]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     printed = began = time.monotonic()
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("time left"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("time left"),
+        TimeRemainingColumn(),
+    )
     with Progress(
-        *columns, console=err(), transient=True, disable=not err().is_terminal, redirect_stdout=sys.stdout.isatty()
+        *columns,
+        console=err(),
+        transient=True,
+        disable=not err().is_terminal,
+        redirect_stdout=sys.stdout.isatty(),
     ) as bar:
         task = bar.add_task("fitting", total=1.0)
 
@@ -145,19 +185,25 @@ def _progress() -> Iterator[Callable[[Doing], None]]:
             if not err().is_terminal and time.monotonic() - printed > EVERY:
                 printed = time.monotonic()
                 left = time_left(printed - began, doing.share)
-                err().print(f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left")
+                err().print(
+                    f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left"
+                )
 
         yield show
 
 
 def time_left(passed: float, share: float) -> str:
-    """Return in words how long a task with a share done takes yet if it goes on as in the time that has passed [s]."""
+    """Return in words how long a task with a share done takes yet if it goes on as in the time that
+    has passed [s].
+    """
     seconds = passed * (1.0 - share) / max(share, 0.01)
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _say(result: Fit) -> None:
-    """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs left out, doubts."""
+    """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs
+    left out, doubts.
+    """
     determined = [number for number in result.fitted if number.identified and not number.noise]
     undetermined = [number.name for number in result.fitted if not number.identified]
     rows = [(number.name, *number.sizes) for number in determined[:MOST_ROWS]]
@@ -166,7 +212,9 @@ def _say(result: Fit) -> None:
     if len(determined) > MOST_ROWS:
         say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
     if undetermined:
-        more = f" and {len(undetermined) - MOST_NAMES} more" if len(undetermined) > MOST_NAMES else ""
+        more = (
+            f" and {len(undetermined) - MOST_NAMES} more" if len(undetermined) > MOST_NAMES else ""
+        )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
     if any(error < inf for _, error, _ in result.candidates):
 
@@ -178,7 +226,9 @@ def _say(result: Fit) -> None:
         table("what describes the angle on logs left out; the first is written", columns, judged)
     scores = result.scores()
     if scores:
-        errors = ", ".join(f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores)
+        errors = ", ".join(
+            f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores
+        )
         done, asked = len(result.folds), result.folds_asked
         which = "each log left out once" if done == asked else f"{done} of {asked} logs left out"
         say(f"{which}, RMS error (inside the 95 % band): {errors}")

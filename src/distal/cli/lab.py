@@ -19,10 +19,14 @@ def lab_command(
     *,
     out: Annotated[Path, Option(help="The page (HTML), one file.")],
     estimator: EstimatorOption = "adaptive",
-    open_: Annotated[bool, Option("--open/--no-open", help="Open the page in the browser.")] = False,
+    open_: Annotated[
+        bool, Option("--open/--no-open", help="Open the page in the browser.")
+    ] = False,
     set_: SetOption = None,
 ) -> None:
-    """Write a page in which the rig moves and is estimated: change what is true, and see when an encoder is needed."""
+    """Write a page in which the rig moves and is estimated: change what is true, and see when an
+    encoder is needed.
+    """
     from distal.lab import check_ziglang, lab_page
     from distal.rig import load_rig
 

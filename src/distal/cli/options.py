@@ -12,7 +12,9 @@ from typing import Annotated
 from typer import Argument, Option
 
 ESTIMATOR_NAMES = ("adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible")
-"""Keys of `distal.ESTIMATORS`, here so that a shell completes them without waiting for the packages of estimators."""
+"""Keys of `distal.ESTIMATORS`, here so that a shell completes them without waiting for the packages
+of estimators.
+"""
 
 
 def estimators(incomplete: str) -> list[str]:
@@ -21,11 +23,15 @@ def estimators(incomplete: str) -> list[str]:
 
 
 def _completing(package: str) -> Callable[[str], list[str]]:
-    """Return what completes a word to the names of a package's files, without importing it, and to TOML files."""
+    """Return what completes a word to the names of a package's files, without importing it, and to
+    TOML files.
+    """
     folder = Path(__file__).parents[1] / package / "library"
 
     def complete(incomplete: str) -> list[str]:
-        shipped = sorted(path.stem for path in folder.glob("*.toml") if path.stem.startswith(incomplete))
+        shipped = sorted(
+            path.stem for path in folder.glob("*.toml") if path.stem.startswith(incomplete)
+        )
         return shipped + sorted(glob(f"{escape(incomplete)}*.toml"))
 
     return complete
@@ -44,14 +50,18 @@ SetOption = Annotated[
         "--set",
         metavar="PATH=VALUE",
         help=(
-            "Replace a value of the rig by names of its parts, e.g. joints.link.friction.coefficient=0.3 or "
+            "Replace a value of the rig by names of its parts, e.g. "
+            "joints.link.friction.coefficient=0.3 or "
             "'tendons.left.stiffness=\"2 N/mm\"'; repeatable."
         ),
     ),
 ]
 RepeatedOption = Annotated[
     str | None,
-    Option("--repeated", help="Which of several rows with one stamp is kept: first or last. Default: none is read."),
+    Option(
+        "--repeated",
+        help="Which of several rows with one stamp is kept: first or last. Default: none is read.",
+    ),
 ]
 
 
@@ -79,18 +89,24 @@ MemoryOption = Annotated[
         "--max-memory",
         metavar="SIZE",
         callback=_allow_memory,
-        help="Memory for reading one log, e.g. 16GB; default 2 GB, since a small file can ask for all memory.",
+        help="Memory for reading one log, e.g. 16GB; default 2 GB, since a small file can ask for "
+        "all memory.",
     ),
 ]
 EstimatorOption = Annotated[
-    str, Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators)
+    str,
+    Option("--estimator", "-e", help=f"{', '.join(ESTIMATOR_NAMES)}.", autocompletion=estimators),
 ]
 TruthOption = Annotated[
-    str | None, Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad.")
+    str | None,
+    Option("--truth", help="True joint angle: a column of LOG, or a file with t and theta in rad."),
 ]
 PlotOption = Annotated[
     Path | None,
-    Option("--plot", help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive."),
+    Option(
+        "--plot",
+        help="Draw a picture (PNG, SVG or PDF): of the estimators that -e names, else of adaptive.",
+    ),
 ]
 
 
@@ -103,7 +119,9 @@ def _angle_unit(unit: str) -> str:
     return unit
 
 
-UnitOption = Annotated[str, Option("--unit", callback=_angle_unit, help="Of the angles that are written: rad or deg.")]
+UnitOption = Annotated[
+    str, Option("--unit", callback=_angle_unit, help="Of the angles that are written: rad or deg.")
+]
 
 
 def _in_si(text: str, unit: str) -> float:
@@ -117,7 +135,9 @@ def _in_si(text: str, unit: str) -> float:
 
 
 def angle(text: str) -> tuple[float, float]:
-    """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg`` [rad]."""
+    """Return an angle and its std, given as ``-40 deg``, ``0 deg ± 1 deg`` or ``0 deg +- 1 deg``
+    [rad].
+    """
     from distal.errors import UnitError
 
     parts = [part.strip() for part in re.split(r"±|\+-|\+/-", text)]
@@ -128,7 +148,9 @@ def angle(text: str) -> tuple[float, float]:
 
 
 def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
-    """Return the joint, None if none is named, and its `angle` with std: ``pip: 0 deg ± 1 deg`` or ``0 deg``."""
+    """Return the joint, None if none is named, and its `angle` with std: ``pip: 0 deg ± 1 deg`` or
+    ``0 deg``.
+    """
     name, colon, place = text.partition(":")
     return (name.strip(), angle(place)) if colon else (None, angle(text))
 

@@ -48,7 +48,8 @@ def check_outputs(
     truth: str | None = None,
     stdin: bool = False,
 ) -> None:
-    """Refuse outputs that would replace an input or each other, or that cannot be written, before the work begins.
+    """Refuse outputs that would replace an input or each other, or that cannot be written, before
+    the work begins.
 
     Args:
         rig: a shipped rig's name or a path.
@@ -60,11 +61,15 @@ def check_outputs(
     from distal.rig import shipped_rigs
     from distal.simulation import shipped_scenarios
 
-    inputs: list[tuple[str, str | Path | int]] = [("log", file) for log in logs for file in _files_of(log)]
+    inputs: list[tuple[str, str | Path | int]] = [
+        ("log", file) for log in logs for file in _files_of(log)
+    ]
     if rig is not None:
         inputs.append(("rig", _description(rig, shipped_rigs(), "distal.rig")))
     if scenario is not None:
-        inputs.append(("scenario", _description(scenario, shipped_scenarios(), "distal.simulation")))
+        inputs.append(
+            ("scenario", _description(scenario, shipped_scenarios(), "distal.simulation"))
+        )
     if truth is not None and (os.path.exists(truth) or Path(truth).suffix.lower() in files.TABLES):
         inputs.append(("truth", truth))
     if stdin and sys.stdin is not None:
@@ -77,12 +82,20 @@ def check_outputs(
 
 
 def _description(name: str, shipped: Sequence[str], package: str) -> Path:
-    """Return the file of a rig or a scenario; a shipped one's name comes first, as when it is loaded."""
-    return Path(str(resources.files(package) / "library" / f"{name}.toml")) if name in shipped else Path(name)
+    """Return the file of a rig or a scenario; a shipped one's name comes first, as when it is
+    loaded.
+    """
+    return (
+        Path(str(resources.files(package) / "library" / f"{name}.toml"))
+        if name in shipped
+        else Path(name)
+    )
 
 
 def _files_of(log: Path) -> Iterator[Path]:
-    """Return the files that a log is read from: of a ROS bag, those beside each other in its folder."""
+    """Return the files that a log is read from: of a ROS bag, those beside each other in its
+    folder.
+    """
     from distal.logs import is_recording
 
     yield log

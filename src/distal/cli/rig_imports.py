@@ -1,4 +1,6 @@
-"""`distal rig from-table`, `from-orca`, `from-aero` and `from-mjcf`: a rig file from other files."""
+"""`distal rig from-table`, `from-orca`, `from-aero` and `from-mjcf`: a rig file from other
+files.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +40,12 @@ def _check(out: Path, *inputs: Path | None) -> None:
 
 @app.command("from-table")
 def from_table_command(
-    hand: Annotated[Path, Argument(help="A table of joints and motors (.csv).")], out: OutOption = Path("rig.toml")
+    hand: Annotated[Path, Argument(help="A table of joints and motors (.csv).")],
+    out: OutOption = Path("rig.toml"),
 ) -> None:
-    """Write the rig file of a hand from a table: joint, motor, spool_radius, joint_radius, direction, low, high."""
+    """Write the rig file of a hand from a table: joint, motor, spool_radius, joint_radius,
+    direction, low, high.
+    """
     from distal.rig import from_table
 
     _check(out, hand)
@@ -62,10 +67,14 @@ def from_orca_command(
 
 @app.command("from-aero")
 def from_aero_command(
-    folder: Annotated[Path | None, Argument(help="Where the SDK was cloned; default: the installed one.")] = None,
+    folder: Annotated[
+        Path | None, Argument(help="Where the SDK was cloned; default: the installed one.")
+    ] = None,
     out: OutOption = Path("rig.toml"),
 ) -> None:
-    """Write the rig file of an Aero Hand: its own SDK says how far each motor turns for each joint."""
+    """Write the rig file of an Aero Hand: its own SDK says how far each motor turns for each
+    joint.
+    """
     from distal.rig import from_aero
 
     _check(out)
@@ -79,16 +88,22 @@ LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 def from_mjcf_command(
     model: Annotated[Path, Argument(help="A MuJoCo model (.xml).")],
     out: OutOption = Path("rig.toml"),
-    chain: Annotated[str | None, Option(help="Only joints of this body and what it carries.")] = None,
+    chain: Annotated[
+        str | None, Option(help="Only joints of this body and what it carries.")
+    ] = None,
     joints: Annotated[str | None, Option(help="Only these joints, separated by commas.")] = None,
     length_unit: Annotated[str, Option(help="Unit of length of the model: m, cm or mm.")] = "m",
-    compare: Annotated[Path | None, Option(help="A table of joints' angles and tendons' lengths (.csv).")] = None,
+    compare: Annotated[
+        Path | None, Option(help="A table of joints' angles and tendons' lengths (.csv).")
+    ] = None,
 ) -> None:
     """Write a rig file from a MuJoCo model, with what the model does not say marked in it."""
     from distal.errors import RigError
     from distal.rig import from_mujoco
 
-    check_outputs(to_file("--out", out), rig=str(model), logs=[compare] if compare is not None else [])
+    check_outputs(
+        to_file("--out", out), rig=str(model), logs=[compare] if compare is not None else []
+    )
     if length_unit not in LENGTH_UNITS:
         raise RigError(f"--length-unit must be m, cm or mm, '{length_unit}' came")
     chosen = [name.strip() for name in joints.split(",")] if joints else None
@@ -102,11 +117,30 @@ def _compare(rig: Rig, path: Path) -> None:
     from distal.logs import open_table, table_of
     from distal.rig import compare_lengths
 
-    units = {joint.name: "rad" for joint in rig.joints} | {tendon.name: "m" for tendon in rig.tendons}
+    units = {joint.name: "rad" for joint in rig.joints} | {
+        tendon.name: "m" for tendon in rig.tendons
+    }
     cells, rows = open_table(path, list(units)), []
     lengths = table_of(cells, [name for name in cells.names if name in units])
-    for pair in compare_lengths(rig, {name: lengths.in_si(name, units[name]) for name in lengths.columns}):
+    for pair in compare_lengths(
+        rig, {name: lengths.in_si(name, units[name]) for name in lengths.columns}
+    ):
         arms = f"{1e3 * pair.arm:.2f}", f"{1e3 * pair.other:.2f}"
-        rows.append((pair.tendon, pair.joint, *arms, "differs" if pair.differs else "", f"{1e3 * pair.rms:.2f}"))
-    columns = ["tendon", "joint", "arm here, mm", f"arm in {path.name}, mm", "", "length differs by, mm RMS"]
+        rows.append(
+            (
+                pair.tendon,
+                pair.joint,
+                *arms,
+                "differs" if pair.differs else "",
+                f"{1e3 * pair.rms:.2f}",
+            )
+        )
+    columns = [
+        "tendon",
+        "joint",
+        "arm here, mm",
+        f"arm in {path.name}, mm",
+        "",
+        "length differs by, mm RMS",
+    ]
     table("lengths", columns, rows, text=2)

@@ -18,7 +18,9 @@ from distal.errors import OutputError
 if TYPE_CHECKING:
     pass
 
-GEOMETRY = re.compile(r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$")
+GEOMETRY = re.compile(
+    r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$"
+)
 """Numbers that are drawn, or follow from others: nobody doubts them one by one."""
 
 app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
@@ -32,7 +34,15 @@ def list_command() -> None:
     for name in shipped_rigs():
         rig = load_rig(name)
         drives = ", ".join(dict.fromkeys(drive.kind for drive in rig.drives))
-        rows.append((name, rig.name, f"{len(rig.tendons)}", drives, ", ".join(sensor.name for sensor in rig.sensors)))
+        rows.append(
+            (
+                name,
+                rig.name,
+                f"{len(rig.tendons)}",
+                drives,
+                ", ".join(sensor.name for sensor in rig.sensors),
+            )
+        )
     table("rigs", ["rig", "title", "tendons", "drives", "sensors"], rows, text=5)
 
 
@@ -50,7 +60,9 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     uncertain = [name for name, std in zip(numbers.names, numbers.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
     lists = (description.joints, description.drives, description.tendons, description.sensors)
-    counts = [(len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)]
+    counts = [
+        (len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)
+    ]
     say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
     for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
         for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
@@ -58,7 +70,10 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
             stds = {path: number.filter_std for path, number in parameters_below(part, at)}
             stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
             uncertain += [path for path, std in stds.items() if std > 0.0 and path not in uncertain]
-    say(f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample at {rate:g} Hz")
+    say(
+        f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample "
+        f"at {rate:g} Hz"
+    )
     if description.affine is not None:
         logs = description.affine.logs
         source = "a homing move" if logs == 0 else f"{logs} log{'s' if logs > 1 else ''}"
@@ -68,13 +83,19 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     exact = [
         name
         for name, value, std in zip(numbers.names, numbers.values, numbers.stds)
-        if std == 0.0 and value != 0.0 and not name.startswith(("sensors.", "base.")) and not GEOMETRY.search(name)
+        if std == 0.0
+        and value != 0.0
+        and not name.startswith(("sensors.", "base."))
+        and not GEOMETRY.search(name)
     ]
     say(f"  taken as exact: {in_words(description, *exact) or 'nothing'}")
     for sensor in description.sensors:
         gear = getattr(sensor, "gear", 1.0)
         if sensor.measures == "position" and gear != 1.0:
-            sides = [f"{_degrees(sensor.resolution)} at the motor, {_degrees(step_of(sensor))} at the capstan"]
+            sides = [
+                f"{_degrees(sensor.resolution)} at the motor, {_degrees(step_of(sensor))} at the "
+                "capstan"
+            ]
             sides += [
                 f"{name} {_degrees(gear * value)} at the motor, {_degrees(value)} at the capstan"
                 for name, value in (("noise", sensor.noise), ("linearity", sensor.linearity))
@@ -95,7 +116,9 @@ def draw_command(
     out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
     set_: SetOption = None,
 ) -> None:
-    """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their numbers."""
+    """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their
+    numbers.
+    """
     from distal.reports import draw_rig
     from distal.results import plot_kind, save_figure
     from distal.rig import load_rig
@@ -117,7 +140,9 @@ def show_command(name: RigArgument, set_: SetOption = None) -> None:
 
 
 @app.command("new")
-def new_command(out: Annotated[Path | None, Argument(help="Where to write it; default: print it.")] = None) -> None:
+def new_command(
+    out: Annotated[Path | None, Argument(help="Where to write it; default: print it.")] = None,
+) -> None:
     """Write a commented template of a rig file."""
     from distal.logs import write_whole
     from distal.rig import template_text

@@ -24,17 +24,28 @@ app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
 
 def simulate_command(
     scenario: ScenarioArgument,
-    out: Annotated[Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")],
+    out: Annotated[
+        Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")
+    ],
     seed: SeedOption = 0,
     *,
     runs: Annotated[
-        int | None, Option(min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file.")
+        int | None,
+        Option(
+            min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."
+        ),
     ] = None,
     rig_: Annotated[
         str | None,
-        Option("--rig", help="A rig instead of the scenario's; its drives have the same names.", autocompletion=rigs),
+        Option(
+            "--rig",
+            help="A rig instead of the scenario's; its drives have the same names.",
+            autocompletion=rigs,
+        ),
     ] = None,
-    truth: Annotated[bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")] = True,
+    truth: Annotated[
+        bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
+    ] = True,
     set_: SetOption = None,
 ) -> None:
     """Simulate a scenario and write what the sensors read, with the truth beside it."""
@@ -48,7 +59,10 @@ def simulate_command(
     if rig_ is not None:
         description = description.model_copy(update={"rig": rig_})
     rig = scenario_rig(description, set_ or ())
-    values = {**description.set, **dict(parse_assignment(text, ScenarioError) for text in set_ or ())}
+    values = {
+        **description.set,
+        **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
+    }
     settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
     if runs is not None:
         from distal.cli.batch import logs_of, simulate_many
@@ -62,7 +76,9 @@ def simulate_command(
     write_log(log if truth else replace(log, truth={}), rig, out)
     say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
     say(f"wrote {out}")
-    ignored = sorted({named(rig, path) for path in values} & {named(rig, path) for path in description.plant})
+    ignored = sorted(
+        {named(rig, path) for path in values} & {named(rig, path) for path in description.plant}
+    )
     if ignored:
         warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
     command = ["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings]
@@ -83,7 +99,9 @@ def list_command() -> None:
     from distal.simulation import load_scenario, shipped_scenarios
 
     shipped = [(name, load_scenario(name)) for name in shipped_scenarios()]
-    rows = [(name, scenario.name, scenario.rig, f"{scenario.duration:g}") for name, scenario in shipped]
+    rows = [
+        (name, scenario.name, scenario.rig, f"{scenario.duration:g}") for name, scenario in shipped
+    ]
     table("scenarios", ["scenario", "title", "rig", "duration [s]"], rows, text=3)
 
 

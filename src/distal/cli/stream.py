@@ -40,24 +40,31 @@ def stream_command(
     estimator: EstimatorOption = "adaptive",
     *,
     udp: Annotated[
-        int | None, Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin.")
+        int | None,
+        Option(min=1, max=65535, help="Read JSON from this UDP port of the loopback, not stdin."),
     ] = None,
     to_udp: Annotated[
         int | None, Option(min=1, max=65535, help="Send estimates as JSON to this UDP port, too.")
     ] = None,
-    as_json: Annotated[bool, Option("--json", help="Write JSON lines; default: as the input is.")] = False,
-    record: Annotated[Path | None, Option(help="Write samples and estimates to this MCAP file.")] = None,
+    as_json: Annotated[
+        bool, Option("--json", help="Write JSON lines; default: as the input is.")
+    ] = False,
+    record: Annotated[
+        Path | None, Option(help="Write samples and estimates to this MCAP file.")
+    ] = None,
     idle: Annotated[
-        float | None, Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP).")
+        float | None,
+        Option(min=0.0, max=1e6, help="End after so many seconds without a message (UDP)."),
     ] = None,
     unit: UnitOption = "rad",
     set_: SetOption = None,
 ) -> None:
-    """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its health.
+    """Read samples as CSV or JSON lines from stdin, write an estimate for each, with a word on its
+    health.
 
-    Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is answered at once:
-    t, theta and theta_std in rad (or --unit deg; recordings are in rad), where the rig's joint may be touched
-    external_torque and external_torque_std in N m, health, detail.
+    Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is
+    answered at once: t, theta and theta_std in rad (or --unit deg; recordings are in rad), where
+    the rig's joint may be touched external_torque and external_torque_std in N m, health, detail.
     """
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
@@ -76,10 +83,16 @@ def stream_command(
     monitor, reader = Monitor(live), MessageReader(described, live.channels)
     with ExitStack() as stack:
         source = stack.enter_context(_bound(udp)) if udp is not None else None
-        target = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) if to_udp is not None else None
+        target = (
+            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            if to_udp is not None
+            else None
+        )
         joints = [joint.name for joint in described.joints]
         recorder = Recorder(record, joints, live.torque_names) if record is not None else None
-        session = Session(monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None, unit)
+        session = Session(
+            monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None, unit
+        )
         session.csv = False if udp is not None else None
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, session.stop)
@@ -117,7 +130,9 @@ class Session:
         names = angle_names(self._joints)
         self._torques = monitor.torque_names
         units = {**dict.fromkeys(names, unit), **dict.fromkeys(self._torques, "N m")}
-        self._units = {column: unit for name, unit in units.items() for column in (name, std_name(name))}
+        self._units = {
+            column: unit for name, unit in units.items() for column in (name, std_name(name))
+        }
         self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
@@ -163,7 +178,9 @@ class Session:
                 if self._reader.absent:
                     warn(f"the stream has no column {', '.join(self._reader.absent)}")
                 if not self._json:
-                    headers = [header(name, unit) for name, unit in {"t": "s", **self._units}.items()]
+                    headers = [
+                        header(name, unit) for name, unit in {"t": "s", **self._units}.items()
+                    ]
                     self._write(",".join([*headers, "health", "detail"]))
                 return
         try:
@@ -172,13 +189,17 @@ class Session:
             time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
         except LogError as problem:
             nothing, untouched = (nan,) * len(self._joints), (nan,) * len(self._torques)
-            self._answer(Reading(nan, nothing, nothing, "bad", str(problem), untouched, untouched), None)
+            self._answer(
+                Reading(nan, nothing, nothing, "bad", str(problem), untouched, untouched), None
+            )
             return
         self._answer(self._monitor.take(time, sample), sample)
 
     def _answer(self, reading: Reading, sample: Floats | None) -> None:
         self._counts[reading.health] += 1
-        values = chain(*zip(reading.angles, reading.angle_stds), *zip(reading.torques, reading.torque_stds))
+        values = chain(
+            *zip(reading.angles, reading.angle_stds), *zip(reading.torques, reading.torque_stds)
+        )
         message = {
             "t": _finite(reading.time),
             **dict(zip(self._names, map(_finite, values))),
@@ -192,15 +213,23 @@ class Session:
         if self._json or not self.csv:
             self._write(json.dumps(message))
         else:
-            numbers = ",".join("" if value is None else repr(value) for value in list(message.values())[:-2])
+            numbers = ",".join(
+                "" if value is None else repr(value) for value in list(message.values())[:-2]
+            )
             detail = printable(reading.detail).replace('"', "'")
-            self._write(f'{numbers},{reading.health},"{detail}"' if detail else f"{numbers},{reading.health},")
+            self._write(
+                f'{numbers},{reading.health},"{detail}"'
+                if detail
+                else f"{numbers},{reading.health},"
+            )
         if self._target is not None:
             sent = json.dumps({"timestamp": message["t"], **message}).encode()
             with suppress(OSError):  # nobody listens there: that is none of the stream's business
                 self._target.sendto(sent, ("127.0.0.1", self._port))
 
-    def _record(self, reading: Reading, sample: Floats | None, message: Mapping[str, object]) -> None:
+    def _record(
+        self, reading: Reading, sample: Floats | None, message: Mapping[str, object]
+    ) -> None:
         """Record a sample; if that cannot go on, the estimates do."""
         from distal.logs import ESTIMATE_TOPIC, SAMPLE_TOPIC
 
@@ -208,7 +237,9 @@ class Session:
             return
         try:
             if sample is not None and reading.health not in ("late", "duplicate", "bad"):
-                self._recorder.add(SAMPLE_TOPIC, reading.time, self._reader.message(reading.time, sample))
+                self._recorder.add(
+                    SAMPLE_TOPIC, reading.time, self._reader.message(reading.time, sample)
+                )
             self._recorder.add(ESTIMATE_TOPIC, reading.time, message)
         except OutputError as problem:
             self.lost = True
@@ -219,7 +250,9 @@ class Session:
         sys.stdout.flush()
 
     def end(self, path: Path | None) -> None:
-        """Close the recording, and say on stderr how many samples came, how fast, and their health."""
+        """Close the recording, and say on stderr how many samples came, how fast, and their
+        health.
+        """
         total = sum(self._counts.values())
         seconds = max(monotonic() - self._started, 1e-9)
         words = ", ".join(f"{count} {word}" for word, count in self._counts.most_common())
@@ -248,7 +281,9 @@ def _bound(port: int) -> socket.socket:
         receiver.bind(("127.0.0.1", port))
     except OSError as problem:
         receiver.close()
-        raise OutputError(f"UDP port {port}: cannot be read ({problem.strerror}); is another program there?") from None
+        raise OutputError(
+            f"UDP port {port}: cannot be read ({problem.strerror}); is another program there?"
+        ) from None
     return receiver
 
 

@@ -23,16 +23,27 @@ STUDY = "A shipped study's name (see `distal studies`) or a TOML file."
 
 def study_command(
     study: Annotated[str, Argument(help=STUDY, autocompletion=studies)],
-    out: Annotated[Path | None, Option(help="Folder for rows and answer; one that is there goes on.")] = None,
-    workers: Annotated[int | None, Option(min=1, max=1024, help="Processes here; default one per core.")] = None,
+    out: Annotated[
+        Path | None, Option(help="Folder for rows and answer; one that is there goes on.")
+    ] = None,
+    workers: Annotated[
+        int | None, Option(min=1, max=1024, help="Processes here; default one per core.")
+    ] = None,
     scheduler: Annotated[
-        str | None, Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead.")
+        str | None,
+        Option(metavar="tcp://HOST:PORT", help="A Dask scheduler, whose workers run it instead."),
     ] = None,
     suggest: Annotated[
-        bool, Option("--suggest", help="Say which sensor, number or calibration narrows the band most, instead.")
+        bool,
+        Option(
+            "--suggest",
+            help="Say which sensor, number or calibration narrows the band most, instead.",
+        ),
     ] = False,
 ) -> None:
-    """Ask of many designs, each built many times, whether a requirement is met, and write the answer as a page."""
+    """Ask of many designs, each built many times, whether a requirement is met, and write the
+    answer as a page.
+    """
     from distal.errors import StudyError
     from distal.study import load_study, open_folder, run_study, space_of
 
@@ -42,7 +53,9 @@ def study_command(
         _suggest(plan)
         return
     if out is None:
-        raise StudyError("--out is missing: give the folder for rows and answer; one that is there goes on")
+        raise StudyError(
+            "--out is missing: give the folder for rows and answer; one that is there goes on"
+        )
     folder = open_folder(plan, out)
     with _stoppable():
         try:
@@ -88,7 +101,13 @@ def _suggest(plan: Plan) -> None:
     for rank, option in enumerate(options, 1):
         rank_by_error = f"{errors.index(option.error) + 1}"
         rows.append(
-            (option.words, f"{degrees(option.band):.3g}", f"{rank}", f"{degrees(option.error):.3g}", rank_by_error)
+            (
+                option.words,
+                f"{degrees(option.band):.3g}",
+                f"{rank}",
+                f"{degrees(option.error):.3g}",
+                rank_by_error,
+            )
         )
     columns = ["option", "band ± [°]", "rank", f"RMS over {PLANTS} plants [°]", "rank"]
     table(plan.study.name or plan.rig.name, columns, rows)

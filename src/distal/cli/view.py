@@ -25,21 +25,32 @@ from distal.cli.paths import check_outputs, to_page
 
 
 def view_command(
-    log: Annotated[Path, Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name.")],
+    log: Annotated[
+        Path,
+        Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."),
+    ],
     rig: RigOption,
     *,
-    out: Annotated[Path | None, Option(help="Where to write the page (HTML); default a temporary file.")] = None,
+    out: Annotated[
+        Path | None, Option(help="Where to write the page (HTML); default a temporary file.")
+    ] = None,
     estimator: EstimatorOption = "adaptive",
     truth: TruthOption = None,
     homing: Annotated[str | None, Option(help="Use the reference for so long (e.g. 3s).")] = None,
     open_: Annotated[
-        bool | None, Option("--open/--no-open", help="Open the page in the browser; default where --out is not given.")
+        bool | None,
+        Option(
+            "--open/--no-open",
+            help="Open the page in the browser; default where --out is not given.",
+        ),
     ] = None,
     repeated: RepeatedOption = None,
     max_memory: MemoryOption = None,
     set_: SetOption = None,
 ) -> None:
-    """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read it."""
+    """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read
+    it.
+    """
     from distal.diagnosis import diagnose
     from distal.logs import read_log
     from distal.reports import check_plotly, view_page

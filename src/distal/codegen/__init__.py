@@ -1,13 +1,17 @@
-"""C from CasADi's functions, written for few bytes: views instead of copies, loops instead of unrolled matrices.
+"""C from CasADi's functions, written for few bytes: views instead of copies, loops instead of
+unrolled matrices.
 
-CasADi's own generator copies each slice of a vector and keeps a slot per intermediate; on a microcontroller that is
-most of the memory, and it has no vector lanes. docs/results/performance.md has the figures.
+CasADi's own generator copies each slice of a vector and keeps a slot per intermediate; on a
+microcontroller that is most of the memory, and it has no vector lanes. docs/results/performance.md
+has the figures.
 
-From text to function, each module knows only those above it: ``operations``, ``dialects``, ``memory`` and
-``dataflow``, ``placement``, ``workspace``, then the writers, each a function from an instruction to lines of C
-(``elements``, ``slices``, ``products``, ``calls``), ``matrices`` and ``scalars``, and ``emitter`` for all functions.
+From text to function, each module knows only those above it: ``operations``, ``dialects``,
+``memory`` and ``dataflow``, ``placement``, ``workspace``, then the writers, each a function from an
+instruction to lines of C (``elements``, ``slices``, ``products``, ``calls``), ``matrices`` and
+``scalars``, and ``emitter`` for all functions.
 
-An operation of matrices that has no C yet is one more writer, and one more line in the table of ``matrices``.
+An operation of matrices that has no C yet is one more writer, and one more line in the table of
+``matrices``.
 """
 
 from distal.codegen.dialects import Dialect, Lanes, Plain

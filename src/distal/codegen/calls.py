@@ -1,4 +1,6 @@
-"""C of calls: a function's results go straight to an output where they are nothing else, else to scratch."""
+"""C of calls: a function's results go straight to an output where they are nothing else, else to
+scratch.
+"""
 
 from __future__ import annotations
 

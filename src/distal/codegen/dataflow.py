@@ -1,7 +1,8 @@
 """Which instruction of a function reads and makes which values, and until when each is needed.
 
-CasADi's instructions share slots of a work vector. Here each result has a number of its own that is never given twice
-(static single assignment), so that what is done with it does not depend on the order in which slots are used again.
+CasADi's instructions share slots of a work vector. Here each result has a number of its own that is
+never given twice (static single assignment), so that what is done with it does not depend on the
+order in which slots are used again.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import casadi as ca
 class Dataflow:
     """The values of one function of matrices (MX), by number.
 
-    In place, the first output goes where the first input is: what is put out there must last until the end.
+    In place, the first output goes where the first input is: what is put out there must last until
+    the end.
     """
 
     def __init__(self, function: ca.Function, in_place: bool) -> None:
@@ -28,7 +30,9 @@ class Dataflow:
                 self.readers.setdefault(number, []).append(k)
         self._last = {number: readers[-1] for number, readers in self.readers.items()}
         self.direct = {} if in_place else self._direct()
-        """Results of calls that are nothing but outputs: number → which output, and the offset in it."""
+        """Results of calls that are nothing but outputs: number → which output, and the offset in
+        it.
+        """
         if in_place:
             for k, operation in enumerate(self.operations):
                 for number in self.reads[k] if operation == ca.OP_OUTPUT else []:
@@ -55,7 +59,9 @@ class Dataflow:
         return self._last.get(number, otherwise)
 
     def part_read(self, reader: int) -> tuple[int, int] | None:
-        """Return from where to where a slice reads its input, None where an instruction (or `end`) reads all of it."""
+        """Return from where to where a slice reads its input, None where an instruction (or `end`)
+        reads all of it.
+        """
         if reader not in self._parts:
             part = None
             if reader < self.end and self.operations[reader] == ca.OP_GETNONZEROS:
@@ -65,7 +71,9 @@ class Dataflow:
         return self._parts[reader]
 
     def _direct(self) -> dict[int, tuple[int, int]]:
-        """Follow each result of a call through changes of shape: does it end as an output, and nowhere else?"""
+        """Follow each result of a call through changes of shape: does it end as an output, and
+        nowhere else?
+        """
         places = {}
         for k, results in enumerate(self.makes):
             for number in results if self.operations[k] == ca.OP_CALL else []:

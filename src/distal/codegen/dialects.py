@@ -1,7 +1,8 @@
-"""How numbers and operations are written in C: double, float, or several runs side by side in vector lanes.
+"""How numbers and operations are written in C: double, float, or several runs side by side in
+vector lanes.
 
-A dialect knows nothing of functions, memory or loops. A new one (fixed-point numbers, say) is one more class here, with
-the same methods.
+A dialect knows nothing of functions, memory or loops. A new one (fixed-point numbers, say) is one
+more class here, with the same methods.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ _LANES = FORMS | {
 
 @dataclass(frozen=True)
 class Plain:
-    """C of plain numbers: float with float functions only if `single`, else double; long but fast code if `quick`."""
+    """C of plain numbers: float with float functions only if `single`, else double; long but fast
+    code if `quick`.
+    """
 
     single: bool = False
     quick: bool = False
@@ -52,10 +55,13 @@ class Plain:
         return "float" if self.single else "double"
 
     def prelude(self, text: str) -> str:
-        """Return functions for the larger and the smaller number, if `text` calls them: compilers warn of unused ones."""
+        """Return functions for the larger and the smaller number, if `text` calls them: compilers
+        warn of unused ones.
+        """
         kind = self.type
         return "".join(
-            f"static inline {kind} {name}({kind} a, {kind} b) {{ return a {sign} b || b != b ? a : b; }}\n"
+            f"static inline {kind} {name}({kind} a, {kind} b) {{ return a {sign} b || b != b ? a "
+            f": b; }}\n"
             for name, sign in (("larger", ">"), ("smaller", "<"))
             if f"{name}(" in text
         )
@@ -81,13 +87,17 @@ LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
 
 @lru_cache(maxsize=4096)
 def _constant(value: float, sign: float, single: bool) -> str:
-    """Return a number as C; its sign is an argument because 0.0 equals -0.0, and would be found in its place."""
+    """Return a number as C; its sign is an argument because 0.0 equals -0.0, and would be found in
+    its place.
+    """
     if value != value:
         return "NAN" if single else "(double)NAN"
     if value in (float("inf"), float("-inf")):
         return "INFINITY" if value > 0 else "(-INFINITY)"
     if single:  # what a float cannot hold is its largest number, or zero
-        value = max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
+        value = (
+            max(min(value, LARGEST_FLOAT), -LARGEST_FLOAT) if abs(value) > SMALLEST_FLOAT else 0.0
+        )
     text = f"{value:.9g}" if single else f"{value:.17g}"
     text += "" if any(c in text for c in ".e") else ".0"
     text += "f" if single else ""
@@ -119,11 +129,14 @@ _LANEWISE = {
   for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l]);
   return r;
 }}""",
-    2: "static inline V v_{f}(V a, V b) {{ V r; int l; for (l = 0; l < {lanes}; ++l) r[l] = {f}(a[l], b[l]); return r; }}",
+    2: "static inline V v_{f}(V a, V b) {{ V r; int l; for (l = 0; l < {lanes}; ++l) r[l] = "
+    "{f}(a[l], b[l]); return r; }}",
 }
 
 VECTORED = {"fabs", "fmin", "fmax"}
-"""Functions with a vector form; any other is called once for each lane, so that the numbers are the same."""
+"""Functions with a vector form; any other is called once for each lane, so that the numbers are the
+same.
+"""
 
 
 @dataclass(frozen=True)
@@ -144,14 +157,18 @@ class Lanes:
             for operation, name in CALLED.items()
             if name not in VECTORED and operation != ca.OP_CONSTPOW
         ]
-        return "\n".join([_VECTORS.format(bytes=8 * self.count, lanes=self.count), *lanewise]) + "\n"
+        return (
+            "\n".join([_VECTORS.format(bytes=8 * self.count, lanes=self.count), *lanewise]) + "\n"
+        )
 
     def constant(self, value: float) -> str:
         """Return a number, the same for all runs, as C."""
         return f"all({Plain().constant(value)})"
 
     def entry(self, value: float) -> str:
-        """Return a number of a table of constants, the same for all runs, as C: an initializer, not a call."""
+        """Return a number of a table of constants, the same for all runs, as C: an initializer, not
+        a call.
+        """
         text = f"{value:.17g}" if isfinite(value) else Plain().constant(value)
         return "{" + ", ".join([text] * self.count) + "}"
 
@@ -165,4 +182,6 @@ class Lanes:
 
 
 Dialect = Plain | Lanes
-"""What the writers ask for the C of numbers and operations, and for what stands before the first function."""
+"""What the writers ask for the C of numbers and operations, and for what stands before the first
+function.
+"""

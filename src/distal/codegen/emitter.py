@@ -13,11 +13,15 @@ from distal.codegen.scalars import write_scalars
 from distal.codegen.workspace import Written
 
 LARGEST_COPIED = 400
-"""A called function with more operations than this stays one: a compiler takes minutes over many copies of it."""
+"""A called function with more operations than this stays one: a compiler takes minutes over many
+copies of it.
+"""
 
 
 class Emitter:
-    """Writes CasADi functions as static C functions, each once, and those with the same text once too."""
+    """Writes CasADi functions as static C functions, each once, and those with the same text once
+    too.
+    """
 
     def __init__(self, dialect: Dialect) -> None:
         self.dialect = dialect
@@ -26,24 +30,30 @@ class Emitter:
         self._taken: set[str] = set()
         self._alike: dict[str, str] = {}
         self._by_scalars: set[str] = set()
-        self._alive: list[ca.Function] = []  # a function's hash is its address: no other function may get it
+        self._alive: list[
+            ca.Function
+        ] = []  # a function's hash is its address: no other function may get it
 
     @property
     def text(self) -> str:
         """All functions so far, each after those that it calls."""
         inline = f"static {self.dialect.inline}void "
         return "\n".join(
-            written.text.replace("static void ", inline, 1) if name in self._by_scalars else written.text
+            written.text.replace("static void ", inline, 1)
+            if name in self._by_scalars
+            else written.text
             for name, written in self.functions.items()
         )
 
     def add(self, function: ca.Function, in_place: bool = False) -> str:
-        """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return its name in C.
+        """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return
+        its name in C.
 
         In place, the first input and the first output are one array, ``state``, that is changed.
 
         Raises:
-            CodeError: it has an operation that has no C here, or its state cannot be changed in place.
+            CodeError: it has an operation that has no C here, or its state cannot be changed in
+                place.
         """
         return self._written(function, in_place).name
 
@@ -52,7 +62,9 @@ class Emitter:
         if key in self._names:
             return self.functions[self._names[key]]
         if in_place and function.sparsity_in(0) != function.sparsity_out(0):
-            raise CodeError(f"'{function.name()}' has no C in place: its first input and output differ in shape")
+            raise CodeError(
+                f"'{function.name()}' has no C in place: its first input and output differ in shape"
+            )
         name = self._free_name(str(function.name()))
         if function.is_a("SXFunction"):
             written = write_scalars(function, name, in_place, self.dialect, self._called)
@@ -69,7 +81,9 @@ class Emitter:
         return written
 
     def _called(self, function: ca.Function, in_place: bool) -> Written:
-        """Return a function that one of scalars calls; a small one, where code may be long, is put in its place."""
+        """Return a function that one of scalars calls; a small one, where code may be long, is put
+        in its place.
+        """
         written = self._written(function, in_place)
         if written.cost.operations <= LARGEST_COPIED:
             self._by_scalars.add(written.name)
@@ -78,6 +92,8 @@ class Emitter:
     def _free_name(self, name: str) -> str:
         """Return a function's name, with a number if another function has it."""
         numbered = (f"{name}_{number}" for number in count(2))
-        free = next(candidate for candidate in chain([name], numbered) if candidate not in self._taken)
+        free = next(
+            candidate for candidate in chain([name], numbered) if candidate not in self._taken
+        )
         self._taken.add(free)
         return free

@@ -1,4 +1,6 @@
-"""What stands around the lines of a function: its signature, arrays, loop variables, arguments that are not used."""
+"""What stands around the lines of a function: its signature, arrays, loop variables, arguments that
+are not used.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,18 @@ _ARGUMENT = re.compile(r"\b[ar]\d+\b")
 
 
 def framed(
-    function: ca.Function, name: str, in_place: bool, dialect: Dialect, arrays: list[str], lines: list[str]
+    function: ca.Function,
+    name: str,
+    in_place: bool,
+    dialect: Dialect,
+    arrays: list[str],
+    lines: list[str],
 ) -> str:
-    """Return the definition of a function in C, with the declarations of the arrays that its lines need.
+    """Return the definition of a function in C, with the declarations of the arrays that its lines
+    need.
 
-    Inputs become ``a0`` …, outputs ``r0`` …; in place, the first input and the first output are one array, ``state``.
+    Inputs become ``a0`` …, outputs ``r0`` …; in place, the first input and the first output are one
+    array, ``state``.
     """
     kind, skip = dialect.type, 1 if in_place else 0
     inputs = [f"a{i}" for i in range(skip, function.n_in())]
@@ -28,4 +37,14 @@ def framed(
     used = set(_ARGUMENT.findall(body))
     loops = [f"  int {variable};" for variable in "ijk" if f"for ({variable} = 0" in body]
     unused = [f"  (void){argument};" for argument in (*inputs, *outputs) if argument not in used]
-    return "\n".join([f"static void {name}({', '.join(arguments)}) {{", *arrays, *loops, *unused, *lines, "}", ""])
+    return "\n".join(
+        [
+            f"static void {name}({', '.join(arguments)}) {{",
+            *arrays,
+            *loops,
+            *unused,
+            *lines,
+            "}",
+            "",
+        ]
+    )

@@ -1,4 +1,6 @@
-"""C of a function of matrices (MX): each instruction by its writer, then the outputs, with scratch laid out at the end."""
+"""C of a function of matrices (MX): each instruction by its writer, then the outputs, with scratch
+laid out at the end.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ def write_matrices(
 
 
 def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
-    """Write the new state: what is in its place stays, what lies elsewhere in the state goes by way of scratch."""
+    """Write the new state: what is in its place stays, what lies elsewhere in the state goes by way
+    of scratch.
+    """
     memory, end = work.memory, work.flow.end
     lines, moved = list[str](), list[tuple[Value, int]]()
     for value, offset in state:

@@ -1,8 +1,9 @@
 """Where the numbers of a generated function lie, and the C that reaches them.
 
-A `Value` is a run of numbers side by side: in an argument, in the state, in scratch, or a constant. `Scratch` is one array
-that all intermediates share. How large it is and what lies where is known only after the last instruction, so places in it
-are first written as marks («…»), which `Scratch.settled` replaces.
+A `Value` is a run of numbers side by side: in an argument, in the state, in scratch, or a constant.
+`Scratch` is one array that all intermediates share. How large it is and what lies where is known
+only after the last instruction, so places in it are first written as marks («…»), which
+`Scratch.settled` replaces.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ INDEX, LARGEST_INDEX = "unsigned short", 65_535
 """Type of tables of indices, and the largest index that it holds."""
 
 _MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")
-"""A place in scratch before it is laid out: an address, a number, a number by an index; block, offset, index."""
+"""A place in scratch before it is laid out: an address, a number, a number by an index; block,
+offset, index.
+"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,9 @@ class Value:
 
 @dataclass
 class Block:
-    """A piece of scratch: its size, the instructions between which it is in use, and where it is once that is known."""
+    """A piece of scratch: its size, the instructions between which it is in use, and where it is
+    once that is known.
+    """
 
     size: int
     first: int
@@ -71,7 +76,9 @@ class Block:
 
 
 class Scratch:
-    """One array for all intermediates: blocks whose times in use do not overlap share their place."""
+    """One array for all intermediates: blocks whose times in use do not overlap share their
+    place.
+    """
 
     def __init__(self) -> None:
         self.blocks: list[Block] = []
@@ -83,7 +90,9 @@ class Scratch:
         return Value("w", 0, size, len(self.blocks) - 1)
 
     def keep(self, value: Value, until: int) -> None:
-        """Let a value's block be in use at least until an instruction; what is not in scratch stays anyway."""
+        """Let a value's block be in use at least until an instruction; what is not in scratch stays
+        anyway.
+        """
         if value.block >= 0:
             block = self.blocks[value.block]
             block.last = max(block.last, until)
@@ -132,12 +141,17 @@ class Tables:
 
     def constants(self, numbers: tuple[float, ...]) -> str:
         """Return the name of a table of constants."""
-        return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in numbers])
+        return self._table(
+            "c", self._dialect.type, [self._dialect.entry(number) for number in numbers]
+        )
 
     def indices(self, numbers: list[int]) -> str:
         """Return the name of a table of indices, where their type holds them."""
         if numbers and max(numbers) > LARGEST_INDEX:
-            raise CodeError(f"an index of {max(numbers)} does not fit into '{INDEX}'; matrices that large have no C")
+            raise CodeError(
+                f"an index of {max(numbers)} does not fit into '{INDEX}'; matrices that large "
+                "have no C"
+            )
         return self._table("t", INDEX, [str(number) for number in numbers])
 
     def _table(self, letter: str, kind: str, entries: list[str]) -> str:
@@ -181,7 +195,9 @@ class Memory:
             return f"{value.home}[{value.offset + index}]"
         if value.home == "w":
             return f"«I{value.block}:{value.offset}:{index}»"
-        return f"{value.home}[{value.offset} + {index}]" if value.offset else f"{value.home}[{index}]"
+        return (
+            f"{value.home}[{value.offset} + {index}]" if value.offset else f"{value.home}[{index}]"
+        )
 
     def copy(self, to: Value, value: Value) -> list[str]:
         """Return the C that copies a value."""
@@ -189,7 +205,9 @@ class Memory:
 
 
 def for_each(size: int, line: Callable[[str | int], str]) -> list[str]:
-    """Return a line of C for each index below `size`: a loop, or written one by one if they are few."""
+    """Return a line of C for each index below `size`: a loop, or written one by one if they are
+    few.
+    """
     if size <= UNROLLED:
         return [f"  {line(i)}" for i in range(size)]
     return [f"  for (i = 0; i < {size}; ++i) {line('i')}"]

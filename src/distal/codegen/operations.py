@@ -22,7 +22,9 @@ FORMS = {
     ca.OP_INV: "1.0{f} / {a}",
     ca.OP_ASSIGN: "{a}",
 }
-"""Operations that C writes alike for numbers and for vectors: {truth} makes a number of a condition, {f} ends a literal."""
+"""Operations that C writes alike for numbers and for vectors: {truth} makes a number of a
+condition, {f} ends a literal.
+"""
 
 _LIBRARY = (
     "sqrt exp log sin cos tan asin acos atan atan2 sinh cosh tanh floor ceil "
@@ -33,9 +35,19 @@ CALLED[ca.OP_CONSTPOW] = "pow"
 """Operations that are functions of C's library."""
 
 INLINE = frozenset([ca.OP_FABS, ca.OP_FMIN, ca.OP_FMAX, ca.OP_SQRT, ca.OP_COPYSIGN])
-"""Those of them that processors with a floating-point unit have as instructions, or that take a few."""
+"""Those of them that processors with a floating-point unit have as instructions, or that take a
+few.
+"""
 
-_FUNCTIONS = (ca.OP_ATAN2, ca.OP_FMIN, ca.OP_FMAX, ca.OP_POW, ca.OP_CONSTPOW, ca.OP_COPYSIGN, ca.OP_HYPOT)
+_FUNCTIONS = (
+    ca.OP_ATAN2,
+    ca.OP_FMIN,
+    ca.OP_FMAX,
+    ca.OP_POW,
+    ca.OP_CONSTPOW,
+    ca.OP_COPYSIGN,
+    ca.OP_HYPOT,
+)
 _LOGIC = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_IF_ELSE_ZERO)
 _SIGNS = (ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, *_LOGIC)
 BINARY = frozenset((*_FUNCTIONS, *_SIGNS))
@@ -48,4 +60,6 @@ class CodeError(DistalError):
 
 def no_such_operation(operation: int) -> CodeError:
     """Return the error for an operation that has no C here."""
-    return CodeError(f"CasADi's operation {operation} has no C here; a rig that needs it cannot be exported yet")
+    return CodeError(
+        f"CasADi's operation {operation} has no C here; a rig that needs it cannot be exported yet"
+    )

@@ -1,4 +1,6 @@
-"""Where each result goes: a view of what is there, over an input that nothing needs any more, or new scratch."""
+"""Where each result goes: a view of what is there, over an input that nothing needs any more, or
+new scratch.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Placement:
         return value
 
     def view(self, k: int, number: int, value: Value) -> None:
-        """Let a result be a view of another value, whose place is then needed as long as the view is."""
+        """Let a result be a view of another value, whose place is then needed as long as the view
+        is.
+        """
         self.put(number, value)
         self._memory.scratch.keep(value, self._flow.last(number, k))
 
@@ -33,7 +37,8 @@ class Placement:
         return self.put(number, self._memory.scratch.new(size, k, self._flow.last(number, k)))
 
     def over_an_input(self, k: int, size: int) -> Value:
-        """Return where an element-wise result goes: over the first input of the same size that may be overwritten.
+        """Return where an element-wise result goes: over the first input of the same size that may
+        be overwritten.
 
         Instruction `k` reads each element before it writes the same one.
         """
@@ -44,7 +49,8 @@ class Placement:
         return self.new(k, number, size)
 
     def over_the_first(self, k: int) -> tuple[Value, list[str]]:
-        """Return where a result goes that is its first input with changes, and the lines that let it begin as that.
+        """Return where a result goes that is its first input with changes, and the lines that let
+        it begin as that.
 
         Instruction `k` may read any other input while it writes.
         """
@@ -61,7 +67,9 @@ class Placement:
         return self.put(number, value)
 
     def _is_free(self, number: int, k: int) -> bool:
-        """Return whether a value's place may be written by instruction k: nothing reads it afterwards, or beside it."""
+        """Return whether a value's place may be written by instruction k: nothing reads it
+        afterwards, or beside it.
+        """
         value, flow = self._values[number], self._flow
         if value.home not in ("w", "state") or flow.last(number, -1) > k:
             return False

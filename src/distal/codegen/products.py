@@ -11,7 +11,9 @@ from distal.codegen.operations import CodeError
 from distal.codegen.workspace import Step, Workspace
 
 COLUMNS_TOGETHER = 4
-"""So many columns of a dense product are summed together: each number of the left factor is then read once for all."""
+"""So many columns of a dense product are summed together: each number of the left factor is then
+read once for all.
+"""
 
 LARGEST_INLINE = 200
 """A product with more multiplications than this is a function of its own."""
@@ -35,7 +37,9 @@ def product(work: Workspace, step: Step) -> list[str]:
     rows, inner, columns = x.size1(), x.size2(), y.size2()
     multiplications = min(int(x.nnz()) * columns, rows * int(y.nnz()))
     if multiplications > LARGEST_INLINE and work.flow.function.name() != PRODUCT:
-        return _called(work, step, _product(*(tuple(factor.sparsity().compress()) for factor in (x, y))))
+        return _called(
+            work, step, _product(*(tuple(factor.sparsity().compress()) for factor in (x, y)))
+        )
     work.cost.operations += 2 * multiplications
     if x.is_dense() and y.is_dense():
         return _dense(work, step, rows, inner, columns)
@@ -50,14 +54,21 @@ def product(work: Workspace, step: Step) -> list[str]:
 
 @lru_cache(maxsize=1024)
 def _product(left: tuple[int, ...], right: tuple[int, ...]) -> ca.Function:
-    """Return (z, x, y) → z + x y, once for each pair of sparsities, which are given as CasADi compresses them."""
-    x, y = (ca.MX.sym(name, ca.Sparsity.compressed(sparsity)) for name, sparsity in (("x", left), ("y", right)))
+    """Return (z, x, y) → z + x y, once for each pair of sparsities, which are given as CasADi
+    compresses them.
+    """
+    x, y = (
+        ca.MX.sym(name, ca.Sparsity.compressed(sparsity))
+        for name, sparsity in (("x", left), ("y", right))
+    )
     z = ca.MX.sym("z", x.size1(), y.size2())
     return ca.Function(PRODUCT, [z, x, y], [ca.mac(x, y, z)])
 
 
 def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
-    """z + x y by a function of its own: of its arguments, unlike of parts of scratch, C knows that they do not overlap."""
+    """z + x y by a function of its own: of its arguments, unlike of parts of scratch, C knows that
+    they do not overlap.
+    """
     written = work.written(function, True)
     work.cost.operations += written.cost.operations
     to, lines = work.placement.over_the_first(step.k)
@@ -88,7 +99,9 @@ def dot(work: Workspace, step: Step) -> list[str]:
 
 
 def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> list[str]:
-    """z + x y, both dense: each number of the result is one sum, those of a few columns are taken together."""
+    """z + x y, both dense: each number of the result is one sum, those of a few columns are taken
+    together.
+    """
     (_, x, y), memory = step.inputs, work.memory
     to, lines, zero = _begun(work, step)
     kind, at = memory.dialect.type, memory.at
@@ -107,7 +120,8 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
         total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
         ends = " ".join(f"{place} = s{c};" for c, place in enumerate(places))
         lines.append(
-            f"  for (j = 0; j < {end - first}; j += {len(together)}) for (i = 0; i < {rows}; ++i) {{ {kind} {sums}; "
+            f"  for (j = 0; j < {end - first}; j += {len(together)}) for (i = 0; i < {rows}; ++i) "
+            f"{{ {kind} {sums}; "
             f"{total} {ends} }}"
         )
     return lines
@@ -122,7 +136,9 @@ def _ranges(columns: int) -> list[tuple[int, int]]:
 def _sparse_left(
     work: Workspace, step: Step, sizes: tuple[int, int, int], row: list[int], column: list[int]
 ) -> list[str]:
-    """z + x y with a sparse x, (rows, inner) times (inner, columns): each of its numbers goes with a row of y."""
+    """z + x y with a sparse x, (rows, inner) times (inner, columns): each of its numbers goes with
+    a row of y.
+    """
     (rows, inner, columns), (_, x, y) = sizes, step.inputs
     at, tables = work.memory.at, work.memory.tables
     to, lines = work.placement.over_the_first(step.k)
@@ -133,7 +149,9 @@ def _sparse_left(
     return [*lines, f"  {loop}for (k = 0; k < {len(row)}; ++k) {target} += {at(x, 'k')} * {where};"]
 
 
-def _sparse_right(work: Workspace, step: Step, rows: int, columns: int, row: list[int], column: list[int]) -> list[str]:
+def _sparse_right(
+    work: Workspace, step: Step, rows: int, columns: int, row: list[int], column: list[int]
+) -> list[str]:
     """z + x y with a sparse y: each of its numbers goes with a column of x."""
     _, x, y = step.inputs
     at, tables = work.memory.at, work.memory.tables
@@ -159,13 +177,17 @@ def _sparse_right_unrolled(
             if place == column
         ]
         if terms or zero:
-            total = " + ".join([*([] if zero else [target]), *terms]) or work.memory.dialect.constant(0.0)
+            total = " + ".join(
+                [*([] if zero else [target]), *terms]
+            ) or work.memory.dialect.constant(0.0)
             lines.append(f"  for (i = 0; i < {rows}; ++i) {target} = {total};")
     return lines
 
 
 def _begun(work: Workspace, step: Step) -> tuple[Value, list[str], bool]:
-    """Return where a sum goes, the lines that let it begin as z, and whether z is zero and needs none."""
+    """Return where a sum goes, the lines that let it begin as z, and whether z is zero and needs
+    none.
+    """
     base = step.inputs[0]
     if base.is_zero:
         return work.placement.new(step.k, step.makes[0], base.size), [], True

@@ -1,4 +1,6 @@
-"""C of a function of scalars (SX): straight lines, one constant of C for each result; the compiler does the rest."""
+"""C of a function of scalars (SX): straight lines, one constant of C for each result; the compiler
+does the rest.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ def write_scalars(
 ) -> Written:
     """Return a function of scalars (SX) as C, where `written` writes those that it calls.
 
-    In place, the first input and the first output are one array: it is read at once and written last.
+    In place, the first input and the first output are one array: it is read at once and written
+    last.
     """
     arrays: dict[tuple[str, ...], str] = {}
     lines, new_state, names, cost = list[str](), list[str](), dict[int, str](), Cost()
@@ -36,7 +39,9 @@ def write_scalars(
             called = _called(function, len(inputs), len(outputs))
             callee = written(called, False)
             lines += _call(k, callee.name, called, [names[i] for i in inputs], arrays, dialect.type)
-            results = [f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))]
+            results = [
+                f"v{k}_{i}[{j}]" for i in range(called.n_out()) for j in range(called.nnz_out(i))
+            ]
             names.update(zip(outputs, results))
             cost.add(callee.cost)
         elif operation == ca.OP_CONST:
@@ -47,26 +52,46 @@ def write_scalars(
                 cost.library[CALLED[operation]] += 1
             operands = [names[i] for i in inputs] if operation in BINARY else [names[inputs[0]]]
             if k not in pairs:
-                lines.append(f"  const {dialect.type} v{k} = {dialect.operation(operation, *operands)};")
+                lines.append(
+                    f"  const {dialect.type} v{k} = {dialect.operation(operation, *operands)};"
+                )
             elif k == min(pairs[k]):
                 sine, cosine = pairs[k]
-                lines.append(f"  {dialect.type} v{sine}, v{cosine}; v_sincos({operands[0]}, &v{sine}, &v{cosine});")
+                lines.append(
+                    f"  {dialect.type} v{sine}, v{cosine}; v_sincos({operands[0]}, &v{sine}, "
+                    f"&v{cosine});"
+                )
             names[outputs[0]] = f"v{k}"
     return Written(name, framed(function, name, in_place, dialect, [], [*lines, *new_state]), cost)
 
 
 def _called(function: ca.Function, n_in: int, n_out: int) -> ca.Function:
-    """Return the function that an instruction calls: CasADi does not say which, so its shape must."""
-    fitting = [called for called in function.find_functions() if (called.nnz_in(), called.nnz_out()) == (n_in, n_out)]
+    """Return the function that an instruction calls: CasADi does not say which, so its shape
+    must.
+    """
+    fitting = [
+        called
+        for called in function.find_functions()
+        if (called.nnz_in(), called.nnz_out()) == (n_in, n_out)
+    ]
     if len(fitting) != 1:
-        raise CodeError(f"'{function.name()}' calls functions of one shape, which cannot be told apart")
+        raise CodeError(
+            f"'{function.name()}' calls functions of one shape, which cannot be told apart"
+        )
     return fitting[0]
 
 
 def _call(
-    k: int, name: str, called: ca.Function, operands: list[str], arrays: dict[tuple[str, ...], str], kind: str
+    k: int,
+    name: str,
+    called: ca.Function,
+    operands: list[str],
+    arrays: dict[tuple[str, ...], str],
+    kind: str,
 ) -> list[str]:
-    """Write a call; operands are gathered in arrays, which stay for later calls with the same ones."""
+    """Write a call; operands are gathered in arrays, which stay for later calls with the same
+    ones.
+    """
     lines, addresses, first = list[str](), list[str](), 0
     for i in range(called.n_in()):
         gathered = tuple(operands[first : first + called.nnz_in(i)])
@@ -84,7 +109,9 @@ def _call(
 
 
 def _sines_and_cosines(function: ca.Function) -> dict[int, tuple[int, int]]:
-    """Return for each sine and cosine of the same angle the instructions of both: C has one function for the pair."""
+    """Return for each sine and cosine of the same angle the instructions of both: C has one
+    function for the pair.
+    """
     slots: dict[int, tuple[int, int]] = {}
     by_angle: dict[tuple[int, int], dict[int, int]] = {}
     for k in range(function.n_instructions()):

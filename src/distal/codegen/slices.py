@@ -1,4 +1,5 @@
-"""C of what moves numbers without changing them: inputs, constants, shapes, slices, pieces put together.
+"""C of what moves numbers without changing them: inputs, constants, shapes, slices, pieces put
+together.
 
 Whatever is a run of neighbours is a view and needs no C at all; only scattered numbers are copied.
 """
@@ -67,7 +68,9 @@ def put(work: Workspace, step: Step) -> list[str]:
     work.cost.operations += len(at) if adds else 0
     to, lines = work.placement.over_the_first(step.k)
     target = _index(work, at)
-    return lines + for_each(len(at), lambda i: f"{memory.at(to, target(i))} {sign} {memory.at(values, i)};")
+    return lines + for_each(
+        len(at), lambda i: f"{memory.at(to, target(i))} {sign} {memory.at(values, i)};"
+    )
 
 
 def join(work: Workspace, step: Step) -> list[str]:
@@ -109,13 +112,19 @@ def _mapping(step: Step) -> list[int]:
 
 
 def _index(work: Workspace, at: list[int]) -> Callable[[str | int], str | int]:
-    """Return the function from a number's place in a slice to its index in the sliced value, an integer or C."""
+    """Return the function from a number's place in a slice to its index in the sliced value, an
+    integer or C.
+    """
     step = _even(at)
 
     def index(i: str | int) -> str | int:
         if isinstance(i, int):
             return at[i]
-        return f"{at[0]} + {step} * {i}" if step is not None else f"{work.memory.tables.indices(at)}[{i}]"
+        return (
+            f"{at[0]} + {step} * {i}"
+            if step is not None
+            else f"{work.memory.tables.indices(at)}[{i}]"
+        )
 
     return index
 

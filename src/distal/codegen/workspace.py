@@ -16,7 +16,9 @@ from distal.expressions import MatrixNode
 
 @dataclass
 class Cost:
-    """Arithmetic operations of a function, those of called ones included, and calls of the mathematics library by name."""
+    """Arithmetic operations of a function, those of called ones included, and calls of the
+    mathematics library by name.
+    """
 
     operations: int = 0
     library: Counter[str] = field(default_factory=Counter)
@@ -29,7 +31,9 @@ class Cost:
 
 @dataclass(frozen=True)
 class Written:
-    """A function as C: its definition as text, and what a call takes, with `scratch` numbers for intermediates."""
+    """A function as C: its definition as text, and what a call takes, with `scratch` numbers for
+    intermediates.
+    """
 
     name: str
     text: str
@@ -61,7 +65,9 @@ class Step:
 
 @dataclass(frozen=True)
 class Workspace:
-    """One function of matrices on its way to C; `written` writes those that it calls, `in_place` is as for `Dataflow`."""
+    """One function of matrices on its way to C; `written` writes those that it calls, `in_place` is
+    as for `Dataflow`.
+    """
 
     flow: Dataflow
     memory: Memory

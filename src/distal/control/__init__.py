@@ -1,8 +1,19 @@
-"""A controller in the loop with a simulated rig and an estimator, and how well it keeps to its reference."""
+"""A controller in the loop with a simulated rig and an estimator, and how well it keeps to its
+reference.
+"""
 
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.figures import plot_control
-from distal.control.loop import COMMAND, ENCODER, RATIO, ClosedLoop, Controller, closed_loop, run_controller, simulate
+from distal.control.loop import (
+    COMMAND,
+    ENCODER,
+    RATIO,
+    ClosedLoop,
+    Controller,
+    closed_loop,
+    run_controller,
+    simulate,
+)
 from distal.control.pid import PID, Held
 from distal.control.tracking import Hunting, Tracking, track
 

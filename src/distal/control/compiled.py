@@ -1,6 +1,8 @@
-"""The loop of plant, sensors, filter and PID as one kernel: a closed loop is then one call of a scan.
+"""The loop of plant, sensors, filter and PID as one kernel: a closed loop is then one call of a
+scan.
 
-The same equations as `ControlledPlant`, `SensorErrors` and `PID`, for rigs whose sensors are all read once a period.
+The same equations as `ControlledPlant`, `SensorErrors` and `PID`, for rigs whose sensors are all
+read once a period.
 """
 
 from __future__ import annotations
@@ -19,7 +21,13 @@ from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
 from distal.rig import Rig
 from distal.run import LOST
-from distal.sensor_errors import SENSOR, SensorErrors, quantisation_variance, quantised, quantised_values
+from distal.sensor_errors import (
+    SENSOR,
+    SensorErrors,
+    quantisation_variance,
+    quantised,
+    quantised_values,
+)
 from distal.simulation.plant import Motion, plant_function, rows_of
 from distal.simulation.readings import Readings, reading_function
 
@@ -52,13 +60,21 @@ class LoopShape:
         plant = plant_function(self.plant, self.count).numel_in(0)
         belief = 1 if self.filter is None else int(self.filter.numel_in(0))
         assert self.plant.n_bodies == nj + nd
-        return Layout(plant=plant, efforts=nd, waiting=nd, filter=belief, angles=nj, stds=nj, pid=pid)
+        return Layout(
+            plant=plant, efforts=nd, waiting=nd, filter=belief, angles=nj, stds=nj, pid=pid
+        )
 
     @property
     def x(self) -> Layout:
-        """Layout of a sample: what the scenario does in each interval, the draws of the noise, the references."""
+        """Layout of a sample: what the scenario does in each interval, the draws of the noise, the
+        references.
+        """
         ns = len(self.plant.rig.sensors)
-        return Layout(rows=(5 * self.plant.n_bodies + 1, self.intervals), draws=ns, reference=len(self.controlled))
+        return Layout(
+            rows=(5 * self.plant.n_bodies + 1, self.intervals),
+            draws=ns,
+            reference=len(self.controlled),
+        )
 
     @property
     def p(self) -> Layout:
@@ -76,17 +92,25 @@ class LoopShape:
 
     @property
     def y(self) -> Layout:
-        """Layout of the output: the plant's, the readings, the commands that were asked for, the angles told after."""
+        """Layout of the output: the plant's, the readings, the commands that were asked for, the
+        angles told after.
+        """
         n, nj, nd = self.plant.n_bodies, len(self.rig.joints), len(self.rig.drives)
         of_plant = 3 * n + self.plant.n_tendons
-        return Layout(plant=of_plant, read=len(self.plant.rig.sensors), asked=nd, angles=nj, stds=nj)
+        return Layout(
+            plant=of_plant, read=len(self.plant.rig.sensors), asked=nd, angles=nj, stds=nj
+        )
 
 
 @lru_cache(maxsize=8)
 def loop_kernel(shape: LoopShape) -> Kernel:
     """Return the kernel of a loop, one sample for each period."""
     carry_of, x_of, p_of, nj = shape.carry, shape.x, shape.p, len(shape.rig.joints)
-    carry, x, p = ca.MX.sym("carry", carry_of.size), ca.MX.sym("x", x_of.size), ca.MX.sym("p", p_of.size)
+    carry, x, p = (
+        ca.MX.sym("carry", carry_of.size),
+        ca.MX.sym("x", x_of.size),
+        ca.MX.sym("p", p_of.size),
+    )
     before, numbers, sample = carry_of.parts(carry), p_of.parts(p), x_of.parts(x)
     period, tension, encoder = (numbers["general"][i] for i in range(3))
     state = (before[name] for name in ("angles", "stds", "pid"))
@@ -112,18 +136,26 @@ def loop_kernel(shape: LoopShape) -> Kernel:
         angles, n = belief[:nj], shape.states
         stds = ca.sqrt(ca.fmax(belief[[n + j * (n + 1) for j in range(nj)]], 0))
     after = carry_of.joined(
-        plant=moving, efforts=efforts, waiting=asked, filter=belief, angles=angles, stds=stds, pid=memory
+        plant=moving,
+        efforts=efforts,
+        waiting=asked,
+        filter=belief,
+        angles=angles,
+        stds=stds,
+        pid=memory,
     )
     out = shape.y.joined(plant=y, read=read, asked=asked, angles=angles, stds=stds)
-    return Kernel(ca.Function("loop", [carry, x, p], [after, out], ["carry", "x", "p"], ["next", "y"]))
+    return Kernel(
+        ca.Function("loop", [carry, x, p], [after, out], ["carry", "x", "p"], ["next", "y"])
+    )
 
 
 @dataclass(frozen=True)
 class Scanned:
     """A closed loop from one scan; rows are periods.
 
-    There are the plant's motion at their beginnings, and all sensors' readings then [SI]. Estimates and their stds are
-    what the controller was told [rad], commands what it asked for [N or N m].
+    There are the plant's motion at their beginnings, and all sensors' readings then [SI]. Estimates
+    and their stds are what the controller was told [rad], commands what it asked for [N or N m].
     """
 
     motion: Motion
@@ -133,10 +165,14 @@ class Scanned:
     commands: Floats
 
 
-def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelEstimator | None) -> Scanned | None:
-    """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was not always known.
+def scan_loop(
+    controlled: ControlledPlant, errors: SensorErrors, runner: KernelEstimator | None
+) -> Scanned | None:
+    """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was
+    not always known.
 
-    All sensors are read once a period, with `errors`; the filter is `runner`, None for encoders in the joints.
+    All sensors are read once a period, with `errors`; the filter is `runner`, None for encoders in
+    the joints.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -150,7 +186,9 @@ def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelE
     count, nj = len(prepared.inputs.effort) // intervals, len(joints)
     read = () if runner is None else tuple(sensors.index(name) for name in runner.channels)
     indices = tuple(joints.index(name) for name in control.joints)
-    function, states = (None, 0) if runner is None else (runner.kernel.function, len(runner.state_names))
+    function, states = (
+        (None, 0) if runner is None else (runner.kernel.function, len(runner.state_names))
+    )
     shape = LoopShape(plant, rig, prepared.count, intervals, indices, function, states, read)
     draws = errors.draws(count + 1).copy()
     first = errors.read(Readings(plant).at(begin))[0]
@@ -161,7 +199,9 @@ def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelE
     else:
         sample = first[list(read)]
         row = np.concatenate([[0.0], sample, np.ones(len(read))])
-        belief = advance(runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)).carries[0]
+        belief = advance(
+            runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)
+        ).carries[0]
         angles, stds = belief[:nj], np.sqrt(np.maximum(variances_of(belief, states)[:nj], 0.0))
     efforts, memory = np.zeros(2 * len(rig.drives)), np.zeros(memory_layout(rig).size)
     start = np.concatenate([carry, efforts, belief, angles, stds, memory])
@@ -169,9 +209,18 @@ def scan_loop(controlled: ControlledPlant, errors: SensorErrors, runner: KernelE
     wanted = np.column_stack([joint.reference.at(time) for joint in control.joints.values()])
     rows = rows_of(prepared.inputs, prepared.dt)[: count * intervals].reshape(count, -1)
     parts = [plant.parameters.values, np.zeros(1) if runner is None else runner.numbers]
-    parts += [Mechanism(rig).parameters.values, errors.numbers.ravel(), gains_of(control.joints).T.ravel()]
-    parts += [drive_numbers(plant.rig, prepared.dt).T.ravel(), np.array([period, control.co_contraction, encoder])]
-    ys = advance(loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(parts))).ys
+    parts += [
+        Mechanism(rig).parameters.values,
+        errors.numbers.ravel(),
+        gains_of(control.joints).T.ravel(),
+    ]
+    parts += [
+        drive_numbers(plant.rig, prepared.dt).T.ravel(),
+        np.array([period, control.co_contraction, encoder]),
+    ]
+    ys = advance(
+        loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(parts))
+    ).ys
     out = {name: shape.y.view(ys, name) for name in ("plant", "read", "asked", "angles", "stds")}
     motion = Motion(plant, np.vstack([begin, out["plant"]]))
     motion.check()

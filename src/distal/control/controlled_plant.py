@@ -1,4 +1,6 @@
-"""A simulated plant that a controller drives: it goes on by one period at a time and says what its sensors read."""
+"""A simulated plant that a controller drives: it goes on by one period at a time and says what its
+sensors read.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,14 @@ from distal.rig import Rig
 from distal.sensor_errors import SensorErrors
 from distal.simulation import Scenario
 from distal.simulation.inputs import initial_angles
-from distal.simulation.plant import Motion, at_rest, equilibrium, plant_function, resting_force, rows_of
+from distal.simulation.plant import (
+    Motion,
+    at_rest,
+    equilibrium,
+    plant_function,
+    resting_force,
+    rows_of,
+)
 from distal.simulation.readings import Readings, errors_by_rate
 from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
 from distal.suggestions import did_you_mean
@@ -53,42 +62,58 @@ class SteppedPlant(Protocol):
         """Go back to the start and return the samples at time zero."""
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
-        """Go on by one period and return the samples in it: stamps [s], values in the order of the rig's sensors [SI]."""
+        """Go on by one period and return the samples in it: stamps [s], values in the order of the
+        rig's sensors [SI].
+        """
 
     def log(self) -> Log:
         """Return what the sensors have read so far, with the truth beside it."""
 
 
 class ControlledPlant:
-    """A scenario on a rig whose drives a controller commands: `reset`, then `step` period after period [s].
+    """A scenario on a rig whose drives a controller commands: `reset`, then `step` period after
+    period [s].
 
-    A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the scenario does. It is
-    cut at the drive's `limit`, follows with its `lag`, and no slider pushes its tendons.
+    A command is a force of a slider [N] or a torque of a capstan [N m]; it is added to what the
+    scenario does. It is cut at the drive's `limit`, follows with its `lag`, and no slider pushes
+    its tendons.
 
     Raises:
         ControlError: the period is too short, or longer than the scenario.
         ScenarioError: the scenario does not fit the rig.
     """
 
-    def __init__(self, rig: Rig | str | Path, scenario: Scenario | str | Path, period: float) -> None:
+    def __init__(
+        self, rig: Rig | str | Path, scenario: Scenario | str | Path, period: float
+    ) -> None:
         if not period >= SHORTEST_PERIOD:
             raise ControlError(f"period: at least {SHORTEST_PERIOD:g} s, {period:g} s came")
         prepared = prepare(rig, scenario, period=period)
         if prepared.scenario.schedule or prepared.scenario.rezero is not None:
-            raise ControlError("the scenario has a [schedule] or [rezero], which are for distal drift; take them out")
+            raise ControlError(
+                "the scenario has a [schedule] or [rezero], which are for distal drift; take them "
+                "out"
+            )
         if period > prepared.scenario.duration:
-            raise ControlError(f"period: {period:g} s is longer than the scenario, {prepared.scenario.duration:g} s")
+            raise ControlError(
+                f"period: {period:g} s is longer than the scenario, "
+                f"{prepared.scenario.duration:g} s"
+            )
         self.prepared, self.rig, self.period = prepared, prepared.rig, period
         self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
         self._kernel = Kernel(plant_function(prepared.plant, prepared.count))
         self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
-        self._per_period, self._all_rows = round(period / prepared.dt), rows_of(prepared.inputs, prepared.dt)
+        self._per_period, self._all_rows = (
+            round(period / prepared.dt),
+            rows_of(prepared.inputs, prepared.dt),
+        )
         self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
         self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
         self.reset()
 
     def of_plant(self, values: Mapping[str, object]) -> ControlledPlant:
-        """Return the same scenario with another plant that differs in its numbers alone: kernel and interval are shared.
+        """Return the same scenario with another plant that differs in its numbers alone: kernel and
+        interval are shared.
 
         It begins with its `reset`.
 
@@ -103,14 +128,22 @@ class ControlledPlant:
         other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
         inputs, numbers = self.prepared.inputs, plant.parameters.values
         start = equilibrium(plant, initial_angles(scenario, plant), inputs, resting_force(alike))
-        other.prepared, other._drives = replace(self.prepared, plant=plant, start=start), plant.rig.drives
+        other.prepared, other._drives = (
+            replace(self.prepared, plant=plant, start=start),
+            plant.rig.drives,
+        )
         other.begin = at_rest(alike, inputs, start, self._kernel, numbers)
         other._shares, other._lowest, other._highest = drive_numbers(plant.rig, self.prepared.dt)
         return other
 
     def errors(self, seed: int) -> SensorErrors | None:
-        """Return the errors of all sensors in a run; None where they are not all read once a period, at once."""
-        fits, groups = len(self._all_rows) % self._per_period == 0, errors_by_rate(self.plant.rig, seed)
+        """Return the errors of all sensors in a run; None where they are not all read once a
+        period, at once.
+        """
+        fits, groups = (
+            len(self._all_rows) % self._per_period == 0,
+            errors_by_rate(self.plant.rig, seed),
+        )
         once = len(groups) == 1 and abs(next(iter(groups)) * self.period - 1.0) < 1e-9
         at_once = all(sensor.delay == sensor.lag == 0.0 for sensor in self.plant.rig.sensors)
         return next(iter(groups.values()))[1] if fits and once and at_once else None
@@ -143,7 +176,8 @@ class ControlledPlant:
         return self._read()
 
     def step(self, commands: Mapping[str, float]) -> list[tuple[float, Floats]]:
-        """Go on by one period and return the samples in it: their stamps [s] and the sensors' values [SI], NaN where none.
+        """Go on by one period and return the samples in it: their stamps [s] and the sensors'
+        values [SI], NaN where none.
 
         Args:
             commands: by drive; one that is missing stays without a command.
@@ -166,7 +200,9 @@ class ControlledPlant:
         try:
             Motion(self.plant, ys).check()
         except ScenarioError as problem:
-            pulls = ", ".join(f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts))
+            pulls = ", ".join(
+                f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts)
+            )
             raise ScenarioError(f"at {self.time:g} s, commands {pulls}: {problem}") from None
         self._done = end
         return self._read()
@@ -185,11 +221,15 @@ class ControlledPlant:
         for name, command in commands.items():
             if name not in names:
                 raise ControlError(
-                    f"the controller commands '{name}', the rig has no such drive{did_you_mean(name, names)}"
+                    f"the controller commands '{name}', the rig has no such "
+                    f"drive{did_you_mean(name, names)}"
                 )
-            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(command):
+            if not isinstance(command, (int, float, np.floating, np.integer)) or not isfinite(
+                command
+            ):
                 raise ControlError(
-                    f"the controller's command for '{name}' at {self.time:g} s is no number: {command!r}"
+                    f"the controller's command for '{name}' at {self.time:g} s is no number: "
+                    f"{command!r}"
                 )
             wanted[names.index(name)] = command
         return wanted
@@ -210,9 +250,13 @@ class ControlledPlant:
 
 
 class _Rate:
-    """The sensors of one rate: which they are, when they are due, what they measure, and their errors."""
+    """The sensors of one rate: which they are, when they are due, what they measure, and their
+    errors.
+    """
 
-    def __init__(self, plant: Mechanism, rate: float, stamps: Floats, at: list[int], errors: SensorErrors) -> None:
+    def __init__(
+        self, plant: Mechanism, rate: float, stamps: Floats, at: list[int], errors: SensorErrors
+    ) -> None:
         self.at, self.errors, sensors = at, errors, [plant.rig.sensors[k] for k in at]
         self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
         self._readings = Readings(plant, sensors)
@@ -231,7 +275,9 @@ class _Rate:
 
 
 def drive_numbers(rig: Rig, dt: float) -> Floats:
-    """Return of each drive the share of a command that an interval `dt` [s] brings, and its bounds, (3, n_drives)."""
+    """Return of each drive the share of a command that an interval `dt` [s] brings, and its bounds,
+    (3, n_drives).
+    """
     shares = [1.0 - exp(-dt / drive.lag) if drive.lag > 0.0 else 1.0 for drive in rig.drives]
     high = [min(inf if drive.limit is None else drive.limit, UNBOUNDED) for drive in rig.drives]
     low = [0.0 if drive.kind == "slider" else -bound for drive, bound in zip(rig.drives, high)]

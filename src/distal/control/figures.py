@@ -10,19 +10,33 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.control.loop import ClosedLoop
-from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, figure, legend_above, save_figure
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    DASHES,
+    SOFT,
+    figure,
+    legend_above,
+    save_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_LIMIT = 3.0
-"""The axis of deviations ends at this many times those of the best run: one that is lost leaves it."""
+"""The axis of deviations ends at this many times those of the best run: one that is lost leaves it.
+"""
 
 
-def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joint: str | None = None) -> Figure:
-    """Draw reference and true angle for each feedback, what the first estimate told and its band, and the commands.
+def plot_control(
+    runs: Sequence[ClosedLoop], path: str | Path | None = None, joint: str | None = None
+) -> Figure:
+    """Draw reference and true angle for each feedback, what the first estimate told and its band,
+    and the commands.
 
-    The `runs` are of one scenario with different feedbacks; `joint` is by default the first that is controlled.
+    The `runs` are of one scenario with different feedbacks; `joint` is by default the first that is
+    controlled.
     """
     first = runs[0]
     name = joint or next(iter(first.references))
@@ -44,8 +58,16 @@ def plot_control(runs: Sequence[ClosedLoop], path: str | Path | None = None, joi
         if estimated is not None:
             error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
             half = BAND * np.rad2deg(estimated.stds[:, j])
-            axes[1].plot(time, error, color=SOFT, lw=0.8, label=f"error of {estimated.feedback} and its 95 % band")
-            axes[1].fill_between(time, error - half, error + half, color=SOFT, alpha=BAND_ALPHA, lw=0)
+            axes[1].plot(
+                time,
+                error,
+                color=SOFT,
+                lw=0.8,
+                label=f"error of {estimated.feedback} and its 95 % band",
+            )
+            axes[1].fill_between(
+                time, error - half, error + half, color=SOFT, alpha=BAND_ALPHA, lw=0
+            )
             legend_above(axes[1])
         limit = MOST_LIMIT * min(worst)
         span = float(np.ptp(reference)) or 1.0

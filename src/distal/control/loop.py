@@ -1,4 +1,6 @@
-"""A controller in the loop: plant, sensors, estimator and controller, one period after the other."""
+"""A controller in the loop: plant, sensors, estimator and controller, one period after the
+other.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ ENCODER, RATIO = "encoder", "ratio"
 """Feedback by an encoder in the joint, and by the displacements alone over the radii."""
 
 COMMAND = "command"
-"""Feedback by `adaptive`, with the forces that the rig's inverse says for the reference beside those of the gains."""
+"""Feedback by `adaptive`, with the forces that the rig's inverse says for the reference beside
+those of the gains.
+"""
 
 ENCODER_STEP = np.pi / 180.0
 
@@ -84,22 +88,24 @@ def simulate(
 ) -> Log:
     """Simulate a scenario on a rig and return what its sensors read, with the truth beside it.
 
-    The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in equilibrium. All sensors
-    of the rig are sampled at their own rates; where one has no value at a stamp of another, it is NaN. A controller is
-    called every period with what has been read and estimated by then; its commands act one period later.
+    The plant is `rig` with the scenario's ``[plant]`` values. It starts at rest, its drives in
+    equilibrium. All sensors of the rig are sampled at their own rates; where one has no value at a
+    stamp of another, it is NaN. A controller is called every period with what has been read and
+    estimated by then; its commands act one period later.
 
     Args:
         rig: as filters know it; or a shipped rig's name, or a path.
-        scenario: what is done to it; or a shipped scenario's name, or a path. Its ``[control]`` is used where there is no
-            `controller`.
+        scenario: what is done to it; or a shipped scenario's name, or a path. Its ``[control]`` is
+            used where there is no `controller`.
         seed: of the sensors' errors; the same seed gives the same log.
         controller: (time, measured, estimate) → commands by drive.
         period: between its calls, seconds or a text with a unit.
-        estimator: whose reading it gets: a name, "encoder" or "ratio"; default that of ``[control]``, else adaptive.
+        estimator: whose reading it gets: a name, "encoder" or "ratio"; default that of
+            ``[control]``, else adaptive.
 
     Returns:
-        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by drive or tendon name,
-            ``position_…``, ``force_…`` and ``tension_…``.
+        log: channels by sensor name; truth holds ``theta`` [rad], ``external_torque`` [N m] and, by
+            drive or tendon name, ``position_…``, ``force_…`` and ``tension_…``.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -109,7 +115,9 @@ def simulate(
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     if controller is None and scenario.control is None:
         return simulate_alone(rig, scenario, seed)
-    return closed_loop(rig, scenario, seed, controller=controller, period=period, feedback=estimator).log
+    return closed_loop(
+        rig, scenario, seed, controller=controller, period=period, feedback=estimator
+    ).log
 
 
 def closed_loop(
@@ -121,9 +129,11 @@ def closed_loop(
     period: float | str | None = None,
     feedback: str | None = None,
 ) -> ClosedLoop:
-    """Run a controller on a simulated rig; see `simulate`. What is not given is that of the scenario's ``[control]``.
+    """Run a controller on a simulated rig; see `simulate`. What is not given is that of the
+    scenario's ``[control]``.
 
-    A feedback is "encoder", "ratio", "command" or an estimator's name, a period seconds or a text with a unit.
+    A feedback is "encoder", "ratio", "command" or an estimator's name, a period seconds or a text
+    with a unit.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -135,14 +145,19 @@ def closed_loop(
     feedback = feedback or (DEFAULT if control is None else control.feedback)
     if controller is not None:
         step = ENCODER_STEP if control is None else control.encoder_resolution
-        return run_controller(ControlledPlant(rig, scenario, length), controller, feedback, seed, encoder_step=step)
+        return run_controller(
+            ControlledPlant(rig, scenario, length), controller, feedback, seed, encoder_step=step
+        )
     if control is None:
         raise ControlError("no controller: give one, or a [control] table in the scenario")
     _check_joints(rig, control.joints)
     plant = ControlledPlant(rig, scenario, length)
     run = None if feedback == COMMAND else _by_scan(plant, feedback, seed)
     run = run or _by_calls(plant, feedback, seed)
-    return replace(run, references={name: joint.reference.at(run.time) for name, joint in control.joints.items()})
+    return replace(
+        run,
+        references={name: joint.reference.at(run.time) for name, joint in control.joints.items()},
+    )
 
 
 def _by_calls(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop:
@@ -158,34 +173,51 @@ def _by_calls(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop:
 
 
 def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | None:
-    """Return the same from one scan; None where sensors are not all read once a period, or an angle was not known."""
+    """Return the same from one scan; None where sensors are not all read once a period, or an angle
+    was not known.
+    """
     rig, period, errors = plant.rig, plant.period, plant.errors(seed)
     runner = None if feedback == ENCODER else make_estimator(_estimator_name(feedback), rig)
-    if errors is None or not (runner is None or (isinstance(runner, KernelEstimator) and _is_plain(runner, period))):
+    if errors is None or not (
+        runner is None or (isinstance(runner, KernelEstimator) and _is_plain(runner, period))
+    ):
         return None
     scanned = scan_loop(plant, errors, runner)
     if scanned is None:
         return None
     time = np.round(period * np.arange(len(scanned.readings), dtype=np.float64), 9)
-    channels = {sensor.name: scanned.readings[:, k] for k, sensor in enumerate(plant.plant.rig.sensors)}
+    channels = {
+        sensor.name: scanned.readings[:, k] for k, sensor in enumerate(plant.plant.rig.sensors)
+    }
     source = plant.prepared.scenario.name or "simulation"
     log = Log(time, channels, true_motion(scanned.motion, time, time), source, SIMULATED)
     commands = {drive.name: scanned.commands[:, i] for i, drive in enumerate(rig.drives)}
     angles = scanned.motion.q[:, : len(rig.joints)]
-    return ClosedLoop(rig, log, feedback, time, angles, scanned.estimates, scanned.stds, commands, {})
+    return ClosedLoop(
+        rig, log, feedback, time, angles, scanned.estimates, scanned.stds, commands, {}
+    )
 
 
 def _is_plain(runner: KernelEstimator, period: float) -> bool:
-    """Return whether an estimator's angles are those of its filter, and a period is one of its intervals."""
+    """Return whether an estimator's angles are those of its filter, and a period is one of its
+    intervals.
+    """
     return runner.has_kernel and not runner.report.states and abs(runner.interval - period) < 1e-9
 
 
 def run_controller(
-    plant: SteppedPlant, controller: Controller, feedback: str, seed: int = 0, *, encoder_step: float = ENCODER_STEP
+    plant: SteppedPlant,
+    controller: Controller,
+    feedback: str,
+    seed: int = 0,
+    *,
+    encoder_step: float = ENCODER_STEP,
 ) -> ClosedLoop:
-    """Run a controller on a plant that steps, this package's or another simulator's, until that has finished.
+    """Run a controller on a plant that steps, this package's or another simulator's, until that has
+    finished.
 
-    Feedback "encoder" is by an encoder in the joint with `encoder_step` [rad]; others are as for `closed_loop`.
+    Feedback "encoder" is by an encoder in the joint with `encoder_step` [rad]; others are as for
+    `closed_loop`.
 
     Raises:
         ControlError: the controller failed, or asked for what is not possible.
@@ -194,7 +226,9 @@ def run_controller(
     return _run(plant, controller, tell, feedback, seed)
 
 
-def _run(plant: SteppedPlant, controller: Controller, tell: Teller, feedback: str, seed: int) -> ClosedLoop:
+def _run(
+    plant: SteppedPlant, controller: Controller, tell: Teller, feedback: str, seed: int
+) -> ClosedLoop:
     """Return the loop of a controller with what tells it the angles."""
     rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
     measured, reading, waiting = dict[str, float](), None, dict[str, float]()
@@ -203,7 +237,9 @@ def _run(plant: SteppedPlant, controller: Controller, tell: Teller, feedback: st
     while True:
         for stamp, values in samples:
             reading = tell(stamp, values)
-            measured |= {name: number for name, number in zip(names, values.tolist()) if number == number}
+            measured |= {
+                name: number for name, number in zip(names, values.tolist()) if number == number
+            }
         assert reading is not None
         asked = _called(controller, plant.time, dict(measured), reading)
         rows.append((plant.time, plant.angles, reading, asked))
@@ -212,10 +248,15 @@ def _run(plant: SteppedPlant, controller: Controller, tell: Teller, feedback: st
         if plant.finished:
             break
     times, angles, readings, requests = zip(*rows)
-    estimates, stds = [reading.angles for reading in readings], [reading.angle_stds for reading in readings]
+    estimates, stds = (
+        [reading.angles for reading in readings],
+        [reading.angle_stds for reading in readings],
+    )
     arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
     drives = [drive.name for drive in plant.rig.drives]
-    commands = {name: np.array([float(request.get(name, 0.0)) for request in requests]) for name in drives}
+    commands = {
+        name: np.array([float(request.get(name, 0.0)) for request in requests]) for name in drives
+    }
     return ClosedLoop(plant.rig, plant.log(), feedback, *arrays, commands, {})
 
 
@@ -228,7 +269,9 @@ def _called(
         reason = f"{type(problem).__name__}: {problem}" if str(problem) else type(problem).__name__
         raise ControlError(f"the controller failed at {time:g} s: {reason}") from problem
     if not isinstance(asked, Mapping):
-        raise ControlError(f"the controller returns commands by drive, {asked!r:.60} came at {time:g} s")
+        raise ControlError(
+            f"the controller returns commands by drive, {asked!r:.60} came at {time:g} s"
+        )
     return asked
 
 
@@ -245,7 +288,9 @@ def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
     names = [joint.name for joint in rig.joints]
     for name in controlled:
         if name not in names:
-            raise ControlError(f"control.joints: the rig has no joint '{name}'{did_you_mean(name, names)}")
+            raise ControlError(
+                f"control.joints: the rig has no joint '{name}'{did_you_mean(name, names)}"
+            )
 
 
 def _encoder(plant: SteppedPlant, step: float) -> Teller:
@@ -253,7 +298,12 @@ def _encoder(plant: SteppedPlant, step: float) -> Teller:
 
     def tell(stamp: float, values: Floats) -> Reading:
         angles = quantised_values(plant.angles, step)
-        return Reading(stamp, tuple(angles.tolist()), (step * quantisation_variance(1.0) ** 0.5,) * len(angles), "ok")
+        return Reading(
+            stamp,
+            tuple(angles.tolist()),
+            (step * quantisation_variance(1.0) ** 0.5,) * len(angles),
+            "ok",
+        )
 
     return tell
 
@@ -269,5 +319,7 @@ def _estimator_name(feedback: str) -> str:
     name = "inextensible" if feedback == RATIO else feedback
     if name not in ESTIMATORS:
         allowed = [ENCODER, RATIO, COMMAND, *ESTIMATORS]
-        raise ControlError(f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}")
+        raise ControlError(
+            f"feedback: '{name}' is none of {', '.join(allowed)}{did_you_mean(name, allowed)}"
+        )
     return name

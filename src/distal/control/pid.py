@@ -1,4 +1,6 @@
-"""A PID controller of joints' angles, whose torques become commands of the drives by the moment arms."""
+"""A PID controller of joints' angles, whose torques become commands of the drives by the moment
+arms.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from distal.run import LOST, Reading
 from distal.simulation import JointControl
 
 SMOOTHED = 0.3
-"""Share of a new difference in the speed that damps: an encoder's steps are spread over about three periods."""
+"""Share of a new difference in the speed that damps: an encoder's steps are spread over about three
+periods.
+"""
 
 LEAVES = 2.0
 """A joint that rests within its dead band rests until its error is so many times as large."""
@@ -34,7 +38,9 @@ UNBOUNDED = 1e300
 
 @dataclass(frozen=True)
 class Held:
-    """A time [s] in which the last commands were held since the angle was not known, and what the estimate said of it."""
+    """A time [s] in which the last commands were held since the angle was not known, and what the
+    estimate said of it.
+    """
 
     begin: float
     end: float
@@ -46,16 +52,19 @@ class Held:
 
 
 def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Vector) -> Vector:
-    """Return drives' commands for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms A, U = (∂ℓ/∂s)ᵀ T.
+    """Return drives' commands for torques on joints: T = c + (Aᵀ)⁺ τ with the joints' moment arms
+    A, U = (∂ℓ/∂s)ᵀ T.
 
-    c is a constant tension without any torque, raised together where a slider's tendon would otherwise have to push:
-    that of all tendons is `tension` [N] as far as it makes none. Joints are at `angles` [rad], (n_joints,), with
-    `torques` τ [N m].
+    c is a constant tension without any torque, raised together where a slider's tendon would
+    otherwise have to push: that of all tendons is `tension` [N] as far as it makes none. Joints are
+    at `angles` [rad], (n_joints,), with `torques` τ [N m].
     """
     rig, nj = mechanism.rig, mechanism.n_joints
     slopes = mechanism.length_jacobian(ca.vertcat(angles, ca.SX.zeros(mechanism.n_drives)))
     arms = -ca.mtimes(slopes[:, :nj], mechanism.spread).T
-    square = ca.mtimes(arms, arms.T) + RIDGE * ca.sum1(ca.sum2(arms * arms)) * ca.SX.eye(arms.size1())
+    square = ca.mtimes(arms, arms.T) + RIDGE * ca.sum1(ca.sum2(arms * arms)) * ca.SX.eye(
+        arms.size1()
+    )
     inverse = ca.mtimes(arms.T, ca.inv(square))
     constant = tension * (1 - ca.mtimes(inverse, ca.sum2(arms)))
     needed, share = ca.mtimes(inverse, ca.mtimes(mechanism.spread.T, torques)), ca.SX(1)
@@ -63,7 +72,9 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Ve
     for i, tendon in enumerate(rig.tendons):
         if tendon.drive in sliders:
             lifts = constant[i] > 1e-6 * tension
-            share = ca.fmax(share, ca.if_else(lifts, -needed[i] / ca.if_else(lifts, constant[i], 1), 1))
+            share = ca.fmax(
+                share, ca.if_else(lifts, -needed[i] / ca.if_else(lifts, constant[i], 1), 1)
+            )
     return ca.mtimes(slopes[:, nj:].T, share * constant + needed)
 
 
@@ -74,15 +85,24 @@ def memory_layout(rig: Rig) -> Layout:
 
 
 def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
-    """Return (angles, stds, memory, reference, gains, period, tension, p) → memory⁺ of a PID, its commands among it.
+    """Return (angles, stds, memory, reference, gains, period, tension, p) → memory⁺ of a PID, its
+    commands among it.
 
-    τ = k_p e + k_i ∫ e dt − k_d ω with e = 0 in the dead band, which ends stick–slip (Armstrong-Hélouvry, Dupont and
-    Canudas de Wit, Automatica 30, 1994), cut at the joint's `torque_limit`; the integral stands while it is cut. Nothing
-    changes while an angle is not known.
+    τ = k_p e + k_i ∫ e dt − k_d ω with e = 0 in the dead band, which ends stick–slip
+    (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994), cut at the joint's
+    `torque_limit`; the integral stands while it is cut. Nothing changes while an angle is not
+    known.
     """
     mechanism, nj, layout = Mechanism(rig), len(rig.joints), memory_layout(rig)
-    angles, stds, memory = ca.SX.sym("angles", nj), ca.SX.sym("stds", nj), ca.SX.sym("memory", layout.size)
-    reference, gains = ca.SX.sym("reference", len(controlled)), ca.SX.sym("gains", len(GAINS), len(controlled))
+    angles, stds, memory = (
+        ca.SX.sym("angles", nj),
+        ca.SX.sym("stds", nj),
+        ca.SX.sym("memory", layout.size),
+    )
+    reference, gains = (
+        ca.SX.sym("reference", len(controlled)),
+        ca.SX.sym("gains", len(GAINS), len(controlled)),
+    )
     period, tension, p = ca.SX.sym("period"), ca.SX.sym("tension"), mechanism.parameters.symbols
     before = layout.parts(memory)
     difference = (angles - before["last"]) / period
@@ -97,7 +117,9 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
         torques[j] = ca.fmin(ca.fmax(wanted, -limit), limit)
         integral[j] += ca.if_else(torques[j] == wanted, ki * error * period, 0)
     commands = allocated(mechanism, angles, torques, tension)
-    after = layout.joined(integral=integral, speed=speed, last=angles, rests=rests, begun=ca.SX(1), commands=commands)
+    after = layout.joined(
+        integral=integral, speed=speed, last=angles, rests=rests, begun=ca.SX(1), commands=commands
+    )
     memory_after = ca.if_else(ca.mmax(stds) <= LOST, after, memory)
     arguments = [angles, stds, memory, reference, gains, period, tension, p]
     return ca.Function("pid", arguments, [ca.densify(memory_after)])
@@ -106,17 +128,23 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
 def gains_of(joints: Mapping[str, JointControl]) -> Floats:
     """Return the gains of some joints, (5, n), in the order of `GAINS`."""
     columns = [[getattr(joint, name) for name in GAINS] for joint in joints.values()]
-    return np.array([[UNBOUNDED if gain is None else gain for gain in column] for column in columns]).T
+    return np.array(
+        [[UNBOUNDED if gain is None else gain for gain in column] for column in columns]
+    ).T
 
 
 class PID:
-    """A PID controller of the angles of some joints (`pid_function`); a callable for `simulate` and `closed_loop`.
+    """A PID controller of the angles of some joints (`pid_function`); a callable for `simulate` and
+    `closed_loop`.
 
-    It has reference and gains of joints by their names, is called every `period` [s], and adds `co_contraction` [N],
-    see `allocated`. Without an angle, or with one that is not known, it holds its last commands and says so in `held`.
+    It has reference and gains of joints by their names, is called every `period` [s], and adds
+    `co_contraction` [N], see `allocated`. Without an angle, or with one that is not known, it holds
+    its last commands and says so in `held`.
     """
 
-    def __init__(self, rig: Rig, joints: Mapping[str, JointControl], period: float, co_contraction: float) -> None:
+    def __init__(
+        self, rig: Rig, joints: Mapping[str, JointControl], period: float, co_contraction: float
+    ) -> None:
         names = [joint.name for joint in rig.joints]
         self._drives, self._layout = [drive.name for drive in rig.drives], memory_layout(rig)
         self._law = Evaluation(pid_function(rig, tuple(names.index(name) for name in joints)))
@@ -127,16 +155,22 @@ class PID:
         self.held: tuple[Held, ...] = ()
 
     def part(self, name: str) -> Floats:
-        """Return a part of what it remembers: "integral" [N m], "speed" [rad/s], "rests", "commands"."""
+        """Return a part of what it remembers: "integral" [N m], "speed" [rad/s], "rests",
+        "commands".
+        """
         return self._layout.view(self.memory, name)
 
-    def __call__(self, time: float, measured: Mapping[str, float], estimate: Reading) -> dict[str, float]:
+    def __call__(
+        self, time: float, measured: Mapping[str, float], estimate: Reading
+    ) -> dict[str, float]:
         """Return the drives' commands at a time [s]; what is measured is not used."""
         if estimate.unusable:
             self._hold(time, estimate.unusable)
         else:
             wanted = [reference.at(np.array([time]))[0] for reference in self._references]
-            (self.memory,) = self._law(estimate.angles, estimate.angle_stds, self.memory, wanted, *self._fixed)
+            (self.memory,) = self._law(
+                estimate.angles, estimate.angle_stds, self.memory, wanted, *self._fixed
+            )
         return dict(zip(self._drives, self.part("commands").tolist()))
 
     def _hold(self, time: float, why: str) -> None:

@@ -15,7 +15,9 @@ SETTLED = float(np.deg2rad(2.0))
 """A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""
 
 HUNTS, FOR = float(np.deg2rad(0.3)), 2.0
-"""A joint that moves by more than this [rad] in the last seconds of a reference that is constant for so long [s] hunts."""
+"""A joint that moves by more than this [rad] in the last seconds of a reference that is constant
+for so long [s] hunts.
+"""
 
 LONG_ENOUGH = 1.0
 """A reference that is constant for less than this says nothing of settling [s]."""
@@ -23,7 +25,9 @@ LONG_ENOUGH = 1.0
 
 @dataclass(frozen=True)
 class Hunting:
-    """A limit cycle: a joint that moves so far [rad] between two times [s] although its reference is constant."""
+    """A limit cycle: a joint that moves so far [rad] between two times [s] although its reference
+    is constant.
+    """
 
     joint: str
     begin: float
@@ -37,10 +41,10 @@ class Tracking:
 
     Args:
         rms: of the true angle's distance from the reference [rad].
-        overshoot: largest motion beyond a reference that has become constant, in the direction in which it came [rad];
-            NaN where none has.
-        settling: longest time until the angle stays within 2° of a constant reference [s]; infinite where one is never
-            reached, NaN where none is constant.
+        overshoot: largest motion beyond a reference that has become constant, in the direction in
+            which it came [rad]; NaN where none has.
+        settling: longest time until the angle stays within 2° of a constant reference [s]; infinite
+            where one is never reached, NaN where none is constant.
         effort: RMS of all commands [N or N m].
         estimate_rms: of the error of the angle that the controller was told [rad].
         hunting: limit cycles.
@@ -65,7 +69,9 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
     for name, reference in run.references.items():
         j = names.index(name)
         angle, errors = run.angles[:, j], run.estimates[:, j] - run.angles[:, j]
-        steps = [_step(run.time, reference, angle, *part) for part in constant_parts(run.time, reference)]
+        steps = [
+            _step(run.time, reference, angle, *part) for part in constant_parts(run.time, reference)
+        ]
         errors = errors[np.isfinite(errors)]
         tracking = Tracking(
             name,
@@ -81,15 +87,21 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
 
 
 def constant_parts(time: Floats, *references: Floats) -> list[tuple[int, int]]:
-    """Return begins and ends (indices, the end excluded) of the parts of `time` in which references rest for a second."""
+    """Return begins and ends (indices, the end excluded) of the parts of `time` in which references
+    rest for a second.
+    """
     moves = [np.abs(np.diff(reference)) > 1e-9 for reference in references]
     changes = np.flatnonzero(np.any(moves, axis=0)) + 1
     edges = [0, *changes.tolist(), len(time)]
     return [(a, b) for a, b in pairwise(edges) if b > a and time[b - 1] - time[a] >= LONG_ENOUGH]
 
 
-def _step(time: Floats, reference: Floats, angle: Floats, begin: int, end: int) -> tuple[float, float]:
-    """Return overshoot [rad] and settling time [s] at a constant reference; infinite where it is not reached."""
+def _step(
+    time: Floats, reference: Floats, angle: Floats, begin: int, end: int
+) -> tuple[float, float]:
+    """Return overshoot [rad] and settling time [s] at a constant reference; infinite where it is
+    not reached.
+    """
     error = angle[begin:end] - reference[begin]
     way = np.sign(reference[begin] - (reference[begin - 1] if begin else angle[0]))
     away = np.flatnonzero(np.abs(error) > SETTLED)
@@ -106,7 +118,10 @@ def _hunts(name: str, time: Floats, angle: Floats, rests: list[tuple[int, int]])
         if time[end - 1] - time[begin] < FOR - 1.5 * (time[begin + 1] - time[begin]):
             continue
         # the first second belongs to the motion before
-        late = np.flatnonzero(time[begin:end] >= max(time[end - 1] - FOR, time[begin] + LONG_ENOUGH)) + begin
+        late = (
+            np.flatnonzero(time[begin:end] >= max(time[end - 1] - FOR, time[begin] + LONG_ENOUGH))
+            + begin
+        )
         motion = float(np.ptp(angle[late]))
         if motion > HUNTS:
             cycles.append(Hunting(name, float(time[late[0]]), float(time[end - 1]), motion))

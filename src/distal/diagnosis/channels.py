@@ -1,4 +1,6 @@
-"""What the innovations of each channel are like: how large, how correlated, from when on, and how often compared."""
+"""What the innovations of each channel are like: how large, how correlated, from when on, and how
+often compared.
+"""
 
 from __future__ import annotations
 
@@ -29,18 +31,23 @@ MOST_WINDOWS = 0.5
 """Share of the windows since then in which a channel that disagrees is larger than expected."""
 
 WHITE = 0.5
-"""Correlation of neighbouring innovations of all channels from which on something acts that the rig does not have."""
+"""Correlation of neighbouring innovations of all channels from which on something acts that the rig
+does not have.
+"""
 
 COLOURED = 0.3
-"""Correlation of a channel's neighbouring innovations from which on its rig or its sensor is doubted.
+"""Correlation of a channel's neighbouring innovations from which on its rig or its sensor is
+doubted.
 
-On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of two gives 0.3 to 0.7.
+On right rigs it is below 0.13 where ν²/S is above `WHOLE`; a moment arm 20 % wrong on one side of
+two gives 0.3 to 0.7.
 """
 
 WHOLE = 0.5
 """Mean of ν²/S above which a channel's innovations are mostly noise.
 
-Below it S is mostly what is not known of the rig's numbers, whose errors last: correlation is then expected.
+Below it S is mostly what is not known of the rig's numbers, whose errors last: correlation is then
+expected.
 """
 
 
@@ -48,8 +55,8 @@ Below it S is mostly what is not known of the rig's numbers, whose errors last: 
 class Channels:
     """What the innovations of each channel are like, and what share of its samples was compared.
 
-    Ratios are means of ν²/S, NaN where nothing was compared, correlations of neighbouring normalised innovations;
-    `since` is the time from which on it disagrees to the end [s], or NaN.
+    Ratios are means of ν²/S, NaN where nothing was compared, correlations of neighbouring
+    normalised innovations; `since` is the time from which on it disagrees to the end [s], or NaN.
     """
 
     names: tuple[str, ...]
@@ -62,7 +69,9 @@ class Channels:
     def tested(self) -> tuple[str, ...]:
         """Names of the channels that could have disagreed."""
         statistics = zip(self.names, self.ratios, self.shares)
-        return tuple(name for name, ratio, share in statistics if ratio >= SMALL and share >= NEVER_COMPARED)
+        return tuple(
+            name for name, ratio, share in statistics if ratio >= SMALL and share >= NEVER_COMPARED
+        )
 
     def findings(self) -> list[Finding]:
         """Return what the innovations say."""
@@ -71,7 +80,9 @@ class Channels:
     def _disagreeing(self) -> list[Finding]:
         names, ratios = self.names, self.ratios
         large = [i for i, ratio in enumerate(ratios) if ratio > LARGE_RATIO]
-        drifting = [names[i] for i, rho in enumerate(self.correlations) if rho > WHITE and ratios[i] > WHOLE]
+        drifting = [
+            names[i] for i, rho in enumerate(self.correlations) if rho > WHITE and ratios[i] > WHOLE
+        ]
         if drifting and len(drifting) == len(names) and not large:
             return [sentences.all_drift(drifting)]
         late = [i for i, start in enumerate(self.since) if np.isfinite(start)]
@@ -83,8 +94,14 @@ class Channels:
         if len(large) == 1 and len(names) > 1:
             return [sentences.one_too_large(names[large[0]], ratios[large[0]])]
         if large:
-            return [sentences.several_too_large([names[i] for i in large], float(np.mean([ratios[i] for i in large])))]
-        coloured = [i for i, rho in enumerate(self.correlations) if rho > COLOURED and ratios[i] > WHOLE]
+            return [
+                sentences.several_too_large(
+                    [names[i] for i in large], float(np.mean([ratios[i] for i in large]))
+                )
+            ]
+        coloured = [
+            i for i, rho in enumerate(self.correlations) if rho > COLOURED and ratios[i] > WHOLE
+        ]
         if coloured:
             largest = max(self.correlations[i] for i in coloured)
             return [sentences.some_drift([names[i] for i in coloured], largest)]
@@ -128,7 +145,9 @@ def _neighbours(values: Floats) -> float:
 
 
 def _since(time: Floats, scaled: Floats) -> float:
-    """Return from when on a channel is large to the end: in the last window, and in most of all since then."""
+    """Return from when on a channel is large to the end: in the last window, and in most of all
+    since then.
+    """
     edges = np.arange(time[0], time[-1] + CHANNEL_WINDOW, CHANNEL_WINDOW)
     starts, large = [], []
     for start, end in itertools.pairwise(edges):
@@ -136,10 +155,14 @@ def _since(time: Floats, scaled: Floats) -> float:
         inside = inside[np.isfinite(inside)]
         if len(inside) >= 5:
             starts.append(float(start))
-            large.append(bool(np.median(np.abs(inside)) > 1.35))  # twice the median of a normal distribution
+            large.append(
+                bool(np.median(np.abs(inside)) > 1.35)
+            )  # twice the median of a normal distribution
     if not large or not large[-1]:
         return float("nan")
-    first = next(start for k, start in enumerate(starts) if large[k] and np.mean(large[k:]) >= MOST_WINDOWS)
+    first = next(
+        start for k, start in enumerate(starts) if large[k] and np.mean(large[k:]) >= MOST_WINDOWS
+    )
     if first == time[0]:
         return float("nan")
     inside = np.flatnonzero((time >= first - CHANNEL_WINDOW) & (np.abs(scaled) > 3.0))

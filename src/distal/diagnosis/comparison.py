@@ -21,12 +21,15 @@ On 35 right rigs whose truth is inside, `elastic` reached 8 %, `inextensible` wi
 """
 
 
-def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
-    """Return where `elastic` (without forces `inextensible`) lies outside both bands for a good share of the time.
+def disagreement(
+    result: Estimate, log: Log, rig: Rig, homing: float | None = None
+) -> list[Finding]:
+    """Return where `elastic` (without forces `inextensible`) lies outside both bands for a good
+    share of the time.
 
-    The kinematic band knows sensors and start only; what friction and an unknown stiffness may stretch is added, at the
-    first sample and now: δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction f up to the limits that the rig declares. The
-    truth is used for `homing` [s].
+    The kinematic band knows sensors and start only; what friction and an unknown stiffness may
+    stretch is added, at the first sample and now: δθ = (2 f + |F − F_0| σ_k/k)/(k r), with friction
+    f up to the limits that the rig declares. The truth is used for `homing` [s].
     """
     forces = any(sensor.name in log.channels for sensor in rig.sensors_of("force"))
     name = "elastic" if forces else "inextensible"
@@ -35,14 +38,20 @@ def disagreement(result: Estimate, log: Log, rig: Rig, homing: float | None = No
         return []
     outside = np.zeros(len(log), dtype=bool)
     for j, joint in enumerate(rig.joints):
-        band = BAND * (result.angle_stds[:, j] + kinematic.angle_stds[:, j]) + stretch(log, rig, joint.name)
+        band = BAND * (result.angle_stds[:, j] + kinematic.angle_stds[:, j]) + stretch(
+            log, rig, joint.name
+        )
         outside |= np.abs(result.angles[:, j] - kinematic.angles[:, j]) > band
     share = float(np.mean(outside))
     return [] if share <= OFTEN else [sentences.kinematics_disagree(name, share)]
 
 
-def disagreement_with_map(result: Estimate, log: Log, rig: Rig, homing: float | None = None) -> list[Finding]:
-    """Return where `affine`, whose map the rig file has, lies outside both bands for long; `homing` as above [s]."""
+def disagreement_with_map(
+    result: Estimate, log: Log, rig: Rig, homing: float | None = None
+) -> list[Finding]:
+    """Return where `affine`, whose map the rig file has, lies outside both bands for long; `homing`
+    as above [s].
+    """
     affine = None if rig.affine is None else _estimate(log, rig, "affine", homing)
     if affine is None:
         return []
@@ -59,7 +68,9 @@ def _estimate(log: Log, rig: Rig, name: str, homing: float | None) -> Estimate |
 
 
 def stretch(log: Log, rig: Rig, joint: str) -> Floats:
-    """Return by how much friction and an unknown stiffness may turn a joint for a kinematic estimate [rad], (k,)."""
+    """Return by how much friction and an unknown stiffness may turn a joint for a kinematic
+    estimate [rad], (k,).
+    """
     parts = []
     drives = {drive.name: drive for drive in rig.drives}
     for tendon in rig.tendons:
@@ -68,7 +79,10 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
         drive = drives[tendon.drive]
         mates = [mate for mate in rig.tendons if mate.drive == tendon.drive]
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
-        sensor = next((s for s in rig.sensors_of("force") if s.of == drive.name and s.name in log.channels), None)
+        sensor = next(
+            (s for s in rig.sensors_of("force") if s.of == drive.name and s.name in log.channels),
+            None,
+        )
         pull, limit = np.zeros(len(log)), 0.0
         if sensor is None:
             unknown = 2 * BAND * drive.nominal_force.total_std / lever
@@ -80,9 +94,13 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
             tension = float(np.nanmax(np.abs(read))) + tendon.pretension.value
             limit = _high(drive.friction.constant) / lever + _high(drive.friction.load) * tension
         if drive.hysteresis is not None:
-            limit += _high(drive.hysteresis.constant) / lever + _high(drive.hysteresis.load) * tension
+            limit += (
+                _high(drive.hysteresis.constant) / lever + _high(drive.hysteresis.load) * tension
+            )
         if tendon.path is not None:
-            limit += tension * float(np.expm1(_high(tendon.path.friction) * abs(_high(tendon.path.wrap))))
+            limit += tension * float(
+                np.expm1(_high(tendon.path.friction) * abs(_high(tendon.path.wrap)))
+            )
         stiffness = tendon.stiffness
         relative = BAND * stiffness.total_std / stiffness.value
         soft = stiffness.value * max(1 - relative, 0.2)

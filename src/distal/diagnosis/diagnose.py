@@ -1,4 +1,6 @@
-"""The whole diagnosis of an estimate: what it says itself, and what its log and its rig say when they are asked again."""
+"""The whole diagnosis of an estimate: what it says itself, and what its log and its rig say when
+they are asked again.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ from distal.run.drive_range import place_range
 from distal.run.offline import runner_for
 
 OUTSIDE_SHARE = 0.05
-"""Share of a log outside of where it can be, or of what a fit has seen, from which on that is said."""
+"""Share of a log outside of where it can be, or of what a fit has seen, from which on that is said.
+"""
 
 
 def diagnose(
@@ -43,21 +46,26 @@ def diagnose(
 ) -> Diagnosis:
     """Return what was tested, what disagrees, and what no sensor there can test.
 
-    From the result alone: its innovations, and states that left their priors. With log and rig also: a truth outside of the
-    band with its likeliest cause, displacements where no drive can be, a kinematic estimate that excludes this one, a band
-    that hangs on the start, and, by running `adaptive` again with one thing changed, what would explain a disagreement, or
-    else what cannot be tested.
+    From the result alone: its innovations, and states that left their priors. With log and rig
+    also: a truth outside of the band with its likeliest cause, displacements where no drive can be,
+    a kinematic estimate that excludes this one, a band that hangs on the start, and, by running
+    `adaptive` again with one thing changed, what would explain a disagreement, or else what cannot
+    be tested.
 
     Args:
         homing: for how long the truth was used [s], or None.
-        ranges: channel → lowest and highest value that a fit has seen, SI; default those of the rig's `[affine]`, if any.
-        what_if: run the filter again with one thing changed; it costs 20 to 80 runs of the log's first 2000 samples.
+        ranges: channel → lowest and highest value that a fit has seen, SI; default those of the
+            rig's `[affine]`, if any.
+        what_if: run the filter again with one thing changed; it costs 20 to 80 runs of the log's
+            first 2000 samples.
 
     Raises:
         EstimationError: only one of log and rig is given.
     """
     if (log is None) != (rig is None):
-        raise EstimationError("diagnose needs both the log and the rig, or neither; one of them came")
+        raise EstimationError(
+            "diagnose needs both the log and the rig, or neither; one of them came"
+        )
     if log is None or rig is None:
         return diagnose_estimate(result)
 
@@ -67,7 +75,9 @@ def diagnose(
         assert isinstance(runner, AdaptiveFilter)
         return Rerun(log, runner, homing)
 
-    truth = against_truth(result, log, rig, rerun if what_if and result.estimator == "adaptive" else None)
+    truth = against_truth(
+        result, log, rig, rerun if what_if and result.estimator == "adaptive" else None
+    )
     further = [
         *truth,
         *elsewhere(log, rig),
@@ -75,7 +85,9 @@ def diagnose(
     ]
     if result.estimator != "adaptive":
         return diagnose_estimate(result, further)
-    further += disagreement(result, log, rig, homing) + disagreement_with_map(result, log, rig, homing)
+    further += disagreement(result, log, rig, homing) + disagreement_with_map(
+        result, log, rig, homing
+    )
     channels = channels_of(result)
     if what_if and any(finding.contradicts for finding in channels.findings()):
         channels = channels_of(with_learned_numbers(result, rerun()))
@@ -96,8 +108,11 @@ def diagnose(
     return diagnose_estimate(result, [*further, *untestable(rerun())], channels)
 
 
-def why_diverged(log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True) -> list[Finding]:
-    """Return what would explain that `adaptive` left all bounds on a log: by its truth, else by running it with changes.
+def why_diverged(
+    log: Log, rig: Rig, homing: float | None = None, *, compiled: bool = True
+) -> list[Finding]:
+    """Return what would explain that `adaptive` left all bounds on a log: by its truth, else by
+    running it with changes.
 
     The truth is used for `homing` [s], or not at all.
     """
@@ -110,7 +125,9 @@ def why_diverged(log: Log, rig: Rig, homing: float | None = None, *, compiled: b
 
 
 def _learned_range(rig: Rig) -> dict[str, tuple[float, float]]:
-    """Return what the logs that taught a rig's map have seen, each channel by a tenth of its range more."""
+    """Return what the logs that taught a rig's map have seen, each channel by a tenth of its range
+    more.
+    """
     learned = rig.affine
     if learned is None:
         return {}
@@ -123,13 +140,18 @@ def elsewhere(log: Log, rig: Rig) -> list[Finding]:
     findings = []
     for sensor in rig.sensors_of("position"):
         readings = log.channels.get(sensor.name)
-        if readings is not None and _share_outside(readings, *place_range(rig, sensor)) > OUTSIDE_SHARE:
+        if (
+            readings is not None
+            and _share_outside(readings, *place_range(rig, sensor)) > OUTSIDE_SHARE
+        ):
             findings.append(sentences.drive_elsewhere(sensor.name))
     return findings
 
 
 def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Finding]:
-    """Return the channels that left `ranges`: the lowest and highest value of each that a fit has seen, SI."""
+    """Return the channels that left `ranges`: the lowest and highest value of each that a fit has
+    seen, SI.
+    """
     findings = []
     for name, (low, high) in ranges.items():
         share = _share_outside(log.channels.get(name, np.zeros(0)), low, high)

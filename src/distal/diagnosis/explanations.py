@@ -1,4 +1,6 @@
-"""Signs, units and gears that would explain what is seen: tried one at a time on a log that disagrees with its rig."""
+"""Signs, units and gears that would explain what is seen: tried one at a time on a log that
+disagrees with its rig.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,19 @@ UNIT_FACTORS: dict[float, dict[str, str]] = {
     -1.0: {"": "as if its sign were wrong"},
     1 / 57.295779513: {"rad": "like degrees", "": "57.3 times too large (degrees?)"},
     57.295779513: {"": "57.3 times too small (converted from degrees twice?)"},
-    1e-3: {"m": "like millimetres", "N": "like millinewtons", "N m": "like N mm", "": "1000 times too large"},
+    1e-3: {
+        "m": "like millimetres",
+        "N": "like millinewtons",
+        "N m": "like N mm",
+        "": "1000 times too large",
+    },
     1e3: {"": "1000 times too small"},
     4.4482216: {"N": "like pounds"},
     1 / 4.4482216: {"N": "4.45 times too large (pounds converted twice?)"},
 }
-"""Factor on a channel → in words by the sensor's unit, what the channel looks like if the factor mends it."""
+"""Factor on a channel → in words by the sensor's unit, what the channel looks like if the factor
+mends it.
+"""
 
 GEARS = tuple(float(n) for n in np.geomspace(2.0, 200.0, 14))
 """Ratios of a gear that are tried, and their inverses."""
@@ -30,23 +39,30 @@ GAIN = 0.5
 """Gain in ln p per compared value that a change must bring to explain something."""
 
 LARGE = 2.5
-"""A sign that brings so much explains what it leaves less of, even where something else is wrong as well."""
+"""A sign that brings so much explains what it leaves less of, even where something else is wrong as
+well.
+"""
 
 LOSS = -1.0
-"""A sign that contradicts nothing may lose so much: where drives stick, what is compared is worth less."""
+"""A sign that contradicts nothing may lose so much: where drives stick, what is compared is worth
+less.
+"""
 
 LEAST_TURN = float(np.deg2rad(3.0))
-"""A change after which the joints turn by less explains nothing [rad]: what stands still agrees with most forces."""
+"""A change after which the joints turn by less explains nothing [rad]: what stands still agrees
+with most forces.
+"""
 
 ALIKE = 0.05
 """Gains that differ by less are alike: nothing tells which of two signs is wrong."""
 
 
 def explanations(rerun: Rerun) -> list[Finding]:
-    """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there is one.
+    """Return the change of a sign, a unit or a gear that makes the log agree with the rig, if there
+    is one.
 
-    Where a change of another sensor does so as well, both are named. A sign comes first that contradicts nothing: a reading
-    that a unit makes small agrees with much.
+    Where a change of another sensor does so as well, both are named. A sign comes first that
+    contradicts nothing: a reading that a unit makes small agrees with much.
     """
     base, before = _likelihood(rerun.base), len(contradictions(rerun, rerun.base))
     explain: list[tuple[bool, float, Finding]] = []
@@ -54,16 +70,26 @@ def explanations(rerun: Rerun) -> list[Finding]:
     for (finding, change), outcome in zip(tried, rerun.each(change for _, change in tried)):
         gain, is_sign = _likelihood(outcome) - base, set(change.channels.values()) == {-1.0}
         near = max((earlier for _, earlier, _ in explain), default=GAIN) - ALIKE
-        if not outcome.bounded or gain <= (LOSS if is_sign else max(GAIN, near)) or not _moves(rerun, outcome):
+        if (
+            not outcome.bounded
+            or gain <= (LOSS if is_sign else max(GAIN, near))
+            or not _moves(rerun, outcome)
+        ):
             continue
         against = len(contradictions(rerun, outcome))
-        if (against == 0 and (gain > 0.0 or before > 0)) or (is_sign and gain > LARGE and against < before):
+        if (against == 0 and (gain > 0.0 or before > 0)) or (
+            is_sign and gain > LARGE and against < before
+        ):
             explain.append((is_sign, gain, finding))
     if not explain:
         return []
     explain.sort(key=lambda explanation: (not explanation[0], -explanation[1]))
     likeliest = max(gain for _, gain, _ in explain)
-    alike = {finding.subject: finding.text for is_sign, gain, finding in explain if is_sign or gain > likeliest - ALIKE}
+    alike = {
+        finding.subject: finding.text
+        for is_sign, gain, finding in explain
+        if is_sign or gain > likeliest - ALIKE
+    }
     return [Finding("looks like", explain[0][2].subject, ", or ".join(list(alike.values())[:2]))]
 
 
@@ -80,9 +106,13 @@ def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
     """Yield for each capstan the ratio of a gear that fits best, on its angle and its torque."""
     rig, channels = rerun.runner.rig, rerun.runner.channels
     for drive in rig.drives:
-        sensors: dict[str, str] = {sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name}
+        sensors: dict[str, str] = {
+            sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name
+        }
         kinds = {"position": -1, "force": 1}
-        powers = {sensors[kind]: power for kind, power in kinds.items() if sensors.get(kind) in channels}
+        powers = {
+            sensors[kind]: power for kind, power in kinds.items() if sensors.get(kind) in channels
+        }
         if drive.kind == "capstan" and sensors.get("position") in channels:
             ratio = _best_ratio(rerun, powers)
             yield sentences.looks(drive.name, sentences.like_a_gear(ratio)), _geared(powers, ratio)
@@ -93,11 +123,16 @@ def _geared(powers: dict[str, int], ratio: float) -> Change:
 
 
 def _best_ratio(rerun: Rerun, powers: dict[str, int]) -> float:
-    """Return the ratio with the largest likelihood: of `GEARS` and their inverses, then between the neighbours of that."""
+    """Return the ratio with the largest likelihood: of `GEARS` and their inverses, then between the
+    neighbours of that.
+    """
 
     def best_of(ratios: Iterable[float]) -> float:
         tried = [float(ratio) for ratio in ratios]
-        found = [_likelihood(outcome) for outcome in rerun.each(_geared(powers, ratio) for ratio in tried)]
+        found = [
+            _likelihood(outcome)
+            for outcome in rerun.each(_geared(powers, ratio) for ratio in tried)
+        ]
         return tried[int(np.argmax(found))]
 
     best = best_of((*GEARS, *(1 / gear for gear in GEARS)))
@@ -113,5 +148,9 @@ def _likelihood(outcome: Outcome) -> float:
 
 
 def _moves(rerun: Rerun, outcome: Outcome) -> bool:
-    """Return whether a joint turns at all: a change after which none does agrees with everything."""
-    return float(np.ptp(outcome.means[:, : len(rerun.runner.rig.joints)], axis=0).max()) > LEAST_TURN
+    """Return whether a joint turns at all: a change after which none does agrees with
+    everything.
+    """
+    return (
+        float(np.ptp(outcome.means[:, : len(rerun.runner.rig.joints)], axis=0).max()) > LEAST_TURN
+    )

@@ -23,15 +23,21 @@ Kind = Literal[
     "errs inside",
     "would explain",
 ]
-"""What is found. The last five are no contradiction: what the log does not tell, and an error that the band allows."""
+"""What is found. The last five are no contradiction: what the log does not tell, and an error that
+the band allows.
+"""
 
-SILENT: frozenset[Kind] = frozenset({"hardly compared", "not tested", "cannot test", "errs inside", "would explain"})
+SILENT: frozenset[Kind] = frozenset(
+    {"hardly compared", "not tested", "cannot test", "errs inside", "would explain"}
+)
 """Kinds that do not speak against the rig; they say that nothing speaks for it either."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence on what a log contradicts, or leaves untested, about a sensor, a state, or a number of the rig."""
+    """A sentence on what a log contradicts, or leaves untested, about a sensor, a state, or a
+    number of the rig.
+    """
 
     kind: Kind
     subject: str

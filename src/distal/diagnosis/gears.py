@@ -1,4 +1,6 @@
-"""Gears between motor and capstan that the rig file lacks: without a truth, how far the joint would turn says so."""
+"""Gears between motor and capstan that the rig file lacks: without a truth, how far the joint would
+turn says so.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ def out_of_reach(log: Log, rig: Rig) -> list[Finding]:
     """Return the capstans whose angle would turn their joint much further than it can turn."""
     findings = []
     for sensor, joint, expected in _expected(log, rig):
-        span = float(np.nanmax(expected) - np.nanmin(expected)) if np.isfinite(expected).any() else 0.0
+        span = (
+            float(np.nanmax(expected) - np.nanmin(expected)) if np.isfinite(expected).any() else 0.0
+        )
         stops = rig.joints[joint].stops
         least = span / (LARGEST_TRAVEL if stops is None else stops[1] - stops[0])
         if least > sentences.SMALLEST_GEAR:
@@ -27,10 +31,18 @@ def out_of_reach(log: Log, rig: Rig) -> list[Finding]:
 
 
 def _expected(log: Log, rig: Rig) -> Iterator[tuple[Sensor, int, Floats]]:
-    """Yield for each capstan of one joint the sensor of its angle, the joint, and how that turns without stretch [rad]."""
-    joints, drives = [joint.name for joint in rig.joints], {drive.name: drive for drive in rig.drives}
+    """Yield for each capstan of one joint the sensor of its angle, the joint, and how that turns
+    without stretch [rad].
+    """
+    joints, drives = (
+        [joint.name for joint in rig.joints],
+        {drive.name: drive for drive in rig.drives},
+    )
     for sensor in rig.sensors_of("position"):
-        drive, pulled = drives[sensor.of], [tendon for tendon in rig.tendons if tendon.drive == sensor.of]
+        drive, pulled = (
+            drives[sensor.of],
+            [tendon for tendon in rig.tendons if tendon.drive == sensor.of],
+        )
         alone = {name for tendon in pulled for name in tendon.joints}
         if drive.kind == "capstan" and sensor.name in log.channels and len(alone) == 1:
             arm = float(np.mean([tendon.total_arm for tendon in pulled]))

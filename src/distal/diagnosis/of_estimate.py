@@ -13,7 +13,10 @@ from distal.results.estimate import Estimate
 LONGEST = 200
 """Characters of the line, about."""
 
-NOTHING = "not checked: no sensor is compared (this estimator has no innovations, or the rig no force sensor)"
+NOTHING = (
+    "not checked: no sensor is compared (this estimator has no innovations, or the rig no "
+    "force sensor)"
+)
 
 
 @dataclass(frozen=True)
@@ -60,16 +63,24 @@ class Diagnosis:
 def diagnose_estimate(
     estimate: Estimate, further: Sequence[Finding] = (), channels: Channels | None = None
 ) -> Diagnosis:
-    """Return what an estimate's innovations and states say, and what was found by other means, see `distal.diagnose`.
+    """Return what an estimate's innovations and states say, and what was found by other means, see
+    `distal.diagnose`.
 
-    The `channels` are those of the estimate itself, or of one that began better (`with_learned_numbers`).
+    The `channels` are those of the estimate itself, or of one that began better
+    (`with_learned_numbers`).
     """
     channels = channels_of(estimate) if channels is None else channels
-    states = [*left_their_priors(estimate), *turning_too_far(estimate), *undeclared_friction(estimate)]
+    states = [
+        *left_their_priors(estimate),
+        *turning_too_far(estimate),
+        *undeclared_friction(estimate),
+    ]
     # what would explain it comes right after what disagrees, before what follows from it
     looks = [finding for finding in further if finding.kind == "looks like"]
     truth = [finding for finding in further if finding.kind == "against the truth"]
-    consequences = [finding for finding in further if finding.kind not in ("looks like", "against the truth")]
+    consequences = [
+        finding for finding in further if finding.kind not in ("looks like", "against the truth")
+    ]
     # the truth has the last word, so it is said first
     findings = [
         *truth,
@@ -87,28 +98,46 @@ def diagnose_estimate(
 
 
 def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels: Channels) -> str:
-    tested, not_tested = channels.tested, [finding for finding in silent if finding.kind == "not tested"]
+    tested, not_tested = (
+        channels.tested,
+        [finding for finding in silent if finding.kind == "not tested"],
+    )
     hardly = [finding.text for finding in silent if finding.kind == "hardly compared"]
     if contradicting:
         return _joined([finding.text for finding in contradicting] + hardly)
     beyond = [finding.subject for finding in silent if finding.kind == "cannot test"]
     explained = [finding.text for finding in silent if finding.kind == "would explain"]
     # an error that the band allows is said first, with its likeliest cause
-    held = [": ".join([finding.text, *explained[:1]]) for finding in silent if finding.kind == "errs inside"]
+    held = [
+        ": ".join([finding.text, *explained[:1]])
+        for finding in silent
+        if finding.kind == "errs inside"
+    ]
     held += explained[1:]
     if not channels.names:
         return _joined([*held, NOTHING], beyond)
     if not tested:
-        small = [finding.text for finding in not_tested] or ["not tested: hardly anything could be compared"]
+        small = [finding.text for finding in not_tested] or [
+            "not tested: hardly anything could be compared"
+        ]
         return _joined([*held, *small, *hardly], beyond)
     least = min(share for name, share in zip(channels.names, channels.shares) if name in tested)
-    agree = f"{', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} % compared"
-    silence = [f"not tested by {', '.join(finding.subject for finding in not_tested)}"] if not_tested else []
+    agree = (
+        f"{', '.join(tested)} agree{'s' * (len(tested) == 1)} with the rig, {100 * least:.0f} "
+        "% compared"
+    )
+    silence = (
+        [f"not tested by {', '.join(finding.subject for finding in not_tested)}"]
+        if not_tested
+        else []
+    )
     return _joined([*held, agree if held else f"consistent: {agree}", *hardly, *silence], beyond)
 
 
 def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
-    """Return the parts as one line, and what cannot be tested; what does not fit is left out and counted, a list is cut."""
+    """Return the parts as one line, and what cannot be tested; what does not fit is left out and
+    counted, a list is cut.
+    """
     line, cannot = parts[0], f"cannot test: {'; '.join(beyond)}"
     more = [*parts[1:], cannot] if beyond else parts[1:]
     for k, part in enumerate(more):

@@ -1,4 +1,6 @@
-"""The filter over the same log again, with one thing changed: a channel, a number of the rig, or where a state begins."""
+"""The filter over the same log again, with one thing changed: a channel, a number of the rig, or
+where a state begins.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from distal.logs import Log
 from distal.run.offline import out_of_bounds, prepared
 
 MOST_RERUN = 2000
-"""So many samples of a log are run again, the first ones: 60 compiled runs of them take about a second."""
+"""So many samples of a log are run again, the first ones: 60 compiled runs of them take about a
+second.
+"""
 
 OUTLIER = Robustness().wild_force
 """ν²/S beyond which an innovation is an outlier."""
@@ -21,7 +25,8 @@ OUTLIER = Robustness().wild_force
 
 @dataclass(frozen=True)
 class Change:
-    """What is changed in a run: factors on channels, and on numbers of the rig that are not estimated, by their paths.
+    """What is changed in a run: factors on channels, and on numbers of the rig that are not
+    estimated, by their paths.
 
     To channels `added` is added, in their SI units, and to where states begin `shifts`.
     """
@@ -34,7 +39,9 @@ class Change:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Means and variances of all states, (k, n), and innovations and their variances, (k, m), NaN where not compared."""
+    """Means and variances of all states, (k, n), and innovations and their variances, (k, m), NaN
+    where not compared.
+    """
 
     means: Floats
     variances: Floats
@@ -50,7 +57,9 @@ class Outcome:
 
     @property
     def log_likelihood(self) -> float:
-        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in the filter."""
+        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in
+        the filter.
+        """
         compared = np.isfinite(self.innovations)
         squares, variances = self.squares[compared], self.innovation_variances[compared]
         inflation = np.maximum(1.0, squares / OUTLIER)
@@ -60,8 +69,8 @@ class Outcome:
 class Rerun:
     """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
 
-    The log is as it was estimated, and of a long one the first `MOST_RERUN` samples are used, the filter from
-    `runner_for`; the truth is used for `homing` [s], or None.
+    The log is as it was estimated, and of a long one the first `MOST_RERUN` samples are used, the
+    filter from `runner_for`; the truth is used for `homing` [s], or None.
     """
 
     def __init__(self, log: Log, runner: AdaptiveFilter, homing: float | None = None) -> None:
@@ -76,14 +85,18 @@ class Rerun:
     def covered(self, channel: str) -> float:
         """Return the range of a channel's samples, in its SI unit."""
         readings = self._run.samples[:, self.runner.channels.index(channel)]
-        return float(np.nanmax(readings) - np.nanmin(readings)) if np.isfinite(readings).any() else 0.0
+        return (
+            float(np.nanmax(readings) - np.nanmin(readings)) if np.isfinite(readings).any() else 0.0
+        )
 
     def __call__(self, change: Change) -> Outcome:
         """Return what the filter gives with a change."""
         return next(self.each([change]))
 
     def each(self, changes: Iterable[Change]) -> Iterator[Outcome]:
-        """Yield what the filter gives with each of several changes, side by side in vector lanes."""
+        """Yield what the filter gives with each of several changes, side by side in vector
+        lanes.
+        """
         runner, changes = self.runner, list(changes)
         width = runner.kernel.side_by_side if len(changes) > 1 else 1
         for k in range(0, len(changes), width):

@@ -17,7 +17,9 @@ def all_drift(channels: Sequence[str]) -> Finding:
 
 
 def some_drift(channels: Sequence[str], correlation: float) -> Finding:
-    """Return the finding that some channels' innovations are correlated, by their largest `correlation`."""
+    """Return the finding that some channels' innovations are correlated, by their largest
+    `correlation`.
+    """
     several = ", ".join(channels)
     text = f"innovations of {several} are not white (correlation {correlation:.1f})"
     return Finding("drifts", several, f"{text}: geometry, stiffness or friction is off")
@@ -25,7 +27,10 @@ def some_drift(channels: Sequence[str], correlation: float) -> Finding:
 
 def disagrees_since(channel: str, since: float) -> Finding:
     """Return the finding that a sensor disagrees `since` some time [s] to the end."""
-    text = f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to the end"
+    text = (
+        f"sensor {channel} disagrees from {since:.1f} s on: its innovations are too large to "
+        "the end"
+    )
     return Finding("disagrees", channel, text)
 
 
@@ -36,38 +41,60 @@ def one_too_large(channel: str, ratio: float) -> Finding:
 
 
 def several_too_large(channels: Sequence[str], ratio: float) -> Finding:
-    """Return that the innovations of several channels are too large, by `ratio`, the mean of ν²/S."""
-    text = f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, friction or geometry is off"
+    """Return that the innovations of several channels are too large, by `ratio`, the mean of
+    ν²/S.
+    """
+    text = (
+        f"innovations {np.sqrt(ratio):.1f}× larger than expected: the rig's stiffness, "
+        "friction or geometry is off"
+    )
     return Finding("too large", ", ".join(channels), text)
 
 
 def hardly_compared(channel: str, share: float) -> Finding:
     """Return the finding that only a small `share` of a channel's samples is compared."""
-    text = f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a stop)"
+    text = (
+        f"only {100 * share:.0f} % of {channel} could be compared (missing, or the slider at a "
+        "stop)"
+    )
     return Finding("hardly compared", channel, text)
 
 
 def not_tested(channel: str, ratio: float) -> Finding:
-    """Return the finding that a channel tests nothing: its innovations are far too small, by `ratio`, the mean of ν²/S."""
-    text = f"not tested by {channel}: its innovations are only {np.sqrt(ratio):.2f} of the expected size"
+    """Return the finding that a channel tests nothing: its innovations are far too small, by
+    `ratio`, the mean of ν²/S.
+    """
+    text = (
+        f"not tested by {channel}: its innovations are only {np.sqrt(ratio):.2f} of the "
+        "expected size"
+    )
     return Finding("not tested", channel, text)
 
 
 def left_its_prior(state: str, value: float, std: float, prior: float, prior_std: float) -> Finding:
-    """Return the finding that a state ends far outside its prior: `value` and `std`, and `prior` and `prior_std`, SI."""
+    """Return the finding that a state ends far outside its prior: `value` and `std`, and `prior`
+    and `prior_std`, SI.
+    """
     text = f"{state} is {value:.3g} ± {std:.1g}, its prior {prior:.3g} ± {prior_std:.1g}"
     return Finding("left its prior", state, text)
 
 
 def does_not_settle(state: str, change: float) -> Finding:
-    """Return that a state still moves at the end of the log, by its `change` since the middle, SI."""
-    return Finding("left its prior", state, f"{state} does not settle: it moves by {change:.2g} late")
+    """Return that a state still moves at the end of the log, by its `change` since the middle,
+    SI.
+    """
+    return Finding(
+        "left its prior", state, f"{state} does not settle: it moves by {change:.2g} late"
+    )
 
 
 def turns_too_far(joint: str, covered: float) -> Finding:
     """Return the finding that an angle has `covered` more than a joint can [rad]."""
     degrees = np.rad2deg(covered)
-    text = f"the angle of {joint} covers {degrees:.0f}°, which no joint does: is a gear, a unit or a radius wrong?"
+    text = (
+        f"the angle of {joint} covers {degrees:.0f}°, which no joint does: is a gear, a unit "
+        "or a radius wrong?"
+    )
     return Finding("cannot be there", joint, text)
 
 
@@ -79,18 +106,30 @@ def friction_undeclared(drive: str, friction: float) -> Finding:
 
 def drive_elsewhere(sensor: str) -> Finding:
     """Return the finding that a displacement is where its drive cannot be."""
-    return Finding("cannot be there", sensor, f"{sensor} is where its drive cannot be: wrong unit, zero or side?")
+    return Finding(
+        "cannot be there",
+        sensor,
+        f"{sensor} is where its drive cannot be: wrong unit, zero or side?",
+    )
 
 
 def outside_the_fit(channel: str, share: float, low: float, high: float) -> Finding:
-    """Return the finding that a channel left the range of a fit, `low` to `high` [SI], for some `share` of the log."""
-    text = f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log ({low:.3g} to {high:.3g})"
+    """Return the finding that a channel left the range of a fit, `low` to `high` [SI], for some
+    `share` of the log.
+    """
+    text = (
+        f"{channel} is outside the range of the fit for {100 * share:.0f} % of the log "
+        f"({low:.3g} to {high:.3g})"
+    )
     return Finding("out of range", channel, text)
 
 
 def kinematics_disagree(estimator: str, share: float) -> Finding:
     """Return that a kinematic estimate lies outside both bands for some `share` of the log."""
-    text = f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, friction or a zero is off"
+    text = (
+        f"{estimator} lies outside both bands {100 * share:.0f} % of the time: stiffness, "
+        "friction or a zero is off"
+    )
     return Finding("other estimate", estimator, text)
 
 
@@ -101,16 +140,24 @@ def map_disagrees(share: float) -> Finding:
 
 
 def looks(subject: str, like: str) -> Finding:
-    """Return a possible explanation why a log disagrees with its rig: what a sensor, drive or number of it looks like."""
-    return Finding("looks like", subject, f"{subject} {'look' if ' and ' in subject else 'looks'} {like}")
+    """Return a possible explanation why a log disagrees with its rig: what a sensor, drive or
+    number of it looks like.
+    """
+    return Finding(
+        "looks like", subject, f"{subject} {'look' if ' and ' in subject else 'looks'} {like}"
+    )
 
 
 SMALLEST_GEAR = 1.7
-"""A ratio below this may be friction or stretch, 1.1 on right rigs: a motor that turns back moves its joint later."""
+"""A ratio below this may be friction or stretch, 1.1 on right rigs: a motor that turns back moves
+its joint later.
+"""
 
 
 def like_a_gear(ratio: float, gear: float = 1.0) -> str:
-    """Return what an angle looks like that turns `ratio` times as far as the rig, with its `gear`, expects."""
+    """Return what an angle looks like that turns `ratio` times as far as the rig, with its `gear`,
+    expects.
+    """
     if gear != 1.0:
         return f"like a gear of about {gear * ratio:.2g}, where the rig file has {gear:g}"
     if ratio < 1.0:
@@ -120,7 +167,9 @@ def like_a_gear(ratio: float, gear: float = 1.0) -> str:
 
 def looks_geared_at_least(subject: str, ratio: float) -> Finding:
     """Return that a motor would turn its joint further than that can turn, by some `ratio`."""
-    return looks(subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have")
+    return looks(
+        subject, f"like a gear of {ratio:.2g} or more, or a unit, that the rig file does not have"
+    )
 
 
 SCALE = "gear, spool, moment arm, unit or sign"
@@ -131,30 +180,49 @@ ZERO = "zero or pre-tension"
 
 def cannot_test(subject: str) -> Finding:
     """Return the finding that no sensor tests this sensor, drive or number of the rig."""
-    return Finding("cannot test", subject, f"{subject}: an error there changes the angle but no innovation")
+    return Finding(
+        "cannot test", subject, f"{subject}: an error there changes the angle but no innovation"
+    )
 
 
 def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
-    """Return that the angle depends on the filter's start by more than its band: by `spread` standard deviations."""
+    """Return that the angle depends on the filter's start by more than its band: by `spread`
+    standard deviations.
+    """
     place = f"{'where' if is_angle else 'what'} {state} is"
-    text = f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on {place} at first"
+    text = (
+        f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on "
+        f"{place} at first"
+    )
     return Finding("overconfident", state, text)
 
 
 def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
-    """Return that a joint's true angle is inside the band for a small share of the samples, with its error `rms` [rad]."""
-    text = f"the truth contradicts: {joint} errs by {np.rad2deg(rms):.2g}° RMS, {100 * share:.0f} % inside the band"
+    """Return that a joint's true angle is inside the band for a small share of the samples, with
+    its error `rms` [rad].
+    """
+    text = (
+        f"the truth contradicts: {joint} errs by {np.rad2deg(rms):.2g}° RMS, {100 * share:.0f} "
+        "% inside the band"
+    )
     return Finding("against the truth", joint, text)
 
 
 def errs_inside(joint: str, rms: float, share: float) -> Finding:
-    """Return that the band holds the truth for a `share` of the samples, but a joint errs by `rms` [rad]."""
-    text = f"the band holds the truth ({100 * share:.0f} %), but {joint} errs by {np.rad2deg(rms):.2g}° RMS"
+    """Return that the band holds the truth for a `share` of the samples, but a joint errs by `rms`
+    [rad].
+    """
+    text = (
+        f"the band holds the truth ({100 * share:.0f} %), but {joint} errs by "
+        f"{np.rad2deg(rms):.2g}° RMS"
+    )
     return Finding("errs inside", joint, text)
 
 
 def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
-    """Return what a drive's readings look like that are `factor` times as large as joints and `gear` ask for."""
+    """Return what a drive's readings look like that are `factor` times as large as joints and
+    `gear` ask for.
+    """
     if factor < 0:
         size = "" if abs(np.log(-factor)) < 0.1 else f" (and {-factor:.3g} times too large)"
         return f"as if its sign, or the side of its tendon, were wrong{size}"
@@ -162,16 +230,23 @@ def like_a_scale(factor: float, gear: float, *, is_capstan: bool) -> str:
         return f"{factor:.3g} times too large: unit or moment arm"
     if not 1 / SMALLEST_GEAR < factor < SMALLEST_GEAR:
         return like_a_gear(factor, gear)
-    return f"{factor:.3g} times too large: gear {gear * factor:.3g} for {gear:g}, its spool, unit or moment arm"
+    return (
+        f"{factor:.3g} times too large: gear {gear * factor:.3g} for {gear:g}, its spool, unit "
+        "or moment arm"
+    )
 
 
 def like_an_arm(factor: float) -> str:
     """Return what a moment arm looks like whose joint asks for a `factor` of it."""
-    return f"as if its moment arm were {factor:.3g} times the rig's" + (" (wrong side)" if factor < 0 else "")
+    return f"as if its moment arm were {factor:.3g} times the rig's" + (
+        " (wrong side)" if factor < 0 else ""
+    )
 
 
 def like_a_compliance(factor: float, drive: str) -> str:
-    """Return what a force looks like that stretches the tendons of a drive `factor` times as far as the rig says."""
+    """Return what a force looks like that stretches the tendons of a drive `factor` times as far as
+    the rig says.
+    """
     if factor < 0:
         return "as if its sign were wrong"
     times = f"as if it stretched the tendons of {drive} {factor:.2g} times as far"

@@ -1,4 +1,6 @@
-"""What the states say: friction that the rig does not have, and numbers that left what the rig says of them."""
+"""What the states say: friction that the rig does not have, and numbers that left what the rig says
+of them.
+"""
 
 from __future__ import annotations
 
@@ -11,20 +13,26 @@ from distal.results.estimate import Estimate
 from distal.results.thresholds import LARGE_PRIOR
 
 WALKS = 8.0
-"""Change over the second half of a log, in standard deviations that the filter allows it, that is no settling.
+"""Change over the second half of a log, in standard deviations that the filter allows it, that is
+no settling.
 
-On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on wrong ones 10 to 30.
+On right rigs the 95th percentile is 3 to 6 (friction is not normal, and a start is not linear); on
+wrong ones 10 to 30.
 """
 
 LARGEST_TRAVEL = float(np.deg2rad(270.0))
-"""An angle that covers more than this is of no joint that tendons pull [rad]; fingers and wrists turn by 180° at most."""
+"""An angle that covers more than this is of no joint that tendons pull [rad]; fingers and wrists
+turn by 180° at most.
+"""
 
 BEGUN = 1.0
 """Share of its prior std that a state's change must exceed to count as walking."""
 
 
 def left_their_priors(estimate: Estimate) -> list[Finding]:
-    """Return the states that end, or go on walking, where their priors, if the estimate has any, say that they are not."""
+    """Return the states that end, or go on walking, where their priors, if the estimate has any,
+    say that they are not.
+    """
     means, stds = estimate.prior_means, estimate.prior_stds
     if means is None or stds is None or len(estimate) < 4:
         return []
@@ -49,13 +57,21 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
             continue
         if subject not in worst or abs(away) > worst[subject][0]:
             worst[subject] = (abs(away), finding)
-    return [finding for _, finding in sorted(worst.values(), key=lambda size_and_finding: -size_and_finding[0])]
+    return [
+        finding
+        for _, finding in sorted(worst.values(), key=lambda size_and_finding: -size_and_finding[0])
+    ]
 
 
 def turning_too_far(estimate: Estimate) -> list[Finding]:
     """Return the joints whose angle covers more than any joint that tendons pull turns by."""
-    covered = [(joint, float(np.ptp(angles))) for joint, angles in zip(estimate.joint_names, estimate.angles.T)]
-    return [sentences.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL]
+    covered = [
+        (joint, float(np.ptp(angles)))
+        for joint, angles in zip(estimate.joint_names, estimate.angles.T)
+    ]
+    return [
+        sentences.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL
+    ]
 
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:

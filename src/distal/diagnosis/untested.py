@@ -1,14 +1,15 @@
-"""What the sensors of a log cannot test, in at most three groups: scales of places, of forces, and zeros.
+"""What the sensors of a log cannot test, in at most three groups: scales of places, of forces, and
+zeros.
 
-Gear, spool, unit and moment arm of a drive are one scale between its place and its joint; stiffness and the force's scale
-are one between its pull and its stretch; zero and pre-tension shift both. Nothing proximal tells them apart, so each is one
-group. A group is named where a change of it contradicts nothing and moves an angle by more than half of its band in a
-tenth of the samples.
+Gear, spool, unit and moment arm of a drive are one scale between its place and its joint; stiffness
+and the force's scale are one between its pull and its stretch; zero and pre-tension shift both.
+Nothing proximal tells them apart, so each is one group. A group is named where a change of it
+contradicts nothing and moves an angle by more than half of its band in a tenth of the samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
 import numpy as np
@@ -24,10 +25,14 @@ from distal.rig import Rig
 from distal.run.offline import runner_for
 
 FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
-"""What scales are multiplied by: a log of a rig whose scale is wrong by one of them is right with its inverse."""
+"""What scales are multiplied by: a log of a rig whose scale is wrong by one of them is right with
+its inverse.
+"""
 
 GROSS = (-1.0, 57.3, 1 / 57.3)
-"""What channels are multiplied by as well: a sign, and degrees for radians; larger factors are seen where these are."""
+"""What channels are multiplied by as well: a sign, and degrees for radians; larger factors are seen
+where these are.
+"""
 
 ZERO = 0.1
 """A place is shifted by this share of what it covers in the log."""
@@ -39,8 +44,11 @@ OFTEN = 0.1
 """… in so many of the samples."""
 
 
-def cannot_test(log: Log, rig: Rig, homing: float | None = None, compiled: bool = True) -> tuple[Finding, ...]:
-    """Return the groups of numbers that the sensors of a log cannot test; the truth is used for `homing` [s].
+def cannot_test(
+    log: Log, rig: Rig, homing: float | None = None, compiled: bool = True
+) -> tuple[Finding, ...]:
+    """Return the groups of numbers that the sensors of a log cannot test; the truth is used for
+    `homing` [s].
 
     Raises:
         EstimationError: the filter cannot run on this rig or log.
@@ -66,16 +74,22 @@ def untestable(rerun: Rerun) -> list[Finding]:
             for (group, concerned), change in zip(kinds, changes)
             if change is not None and not set(concerned) <= set(found[group])
         ]
-        for (group, concerned, _), outcome in zip(tried, rerun.each(change for _, _, change in tried)):
+        for (group, concerned, _), outcome in zip(
+            tried, rerun.each(change for _, _, change in tried)
+        ):
             if _unseen(rerun, outcome, of_base):
                 found[group] += [drive for drive in concerned if drive not in found[group]]
     groups = {group: named for group, named in found.items() if named}
     return [
-        sentences.cannot_test(
-            f"{group} of {'all drives' if len(drives) == len(named) > 1 else ', '.join(sorted(named, key=drives.index))}"
-        )
+        sentences.cannot_test(f"{group} of {_listed(named, drives)}")
         for group, named in groups.items()
     ]
+
+
+def _listed(named: Sequence[str], drives: Sequence[str]) -> str:
+    if len(named) == len(drives) > 1:
+        return "all drives"
+    return ", ".join(sorted(named, key=drives.index))
 
 
 def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
@@ -85,11 +99,17 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
     arms, springs = dict[str, list[str]](), dict[str, list[str]]()
     for i, tendon in enumerate(rig.tendons):
         paths = [f"tendons.{i}.{at}.radius" for at, _ in tendon.shapes()]
-        arms.setdefault(tendon.drive, []).extend(path for path in paths if path in runner.parameter_names)
+        arms.setdefault(tendon.drive, []).extend(
+            path for path in paths if path in runner.parameter_names
+        )
         path = f"tendons.{i}.stiffness"
-        springs.setdefault(tendon.drive, []).extend([path] if path in runner.parameter_names else [])
+        springs.setdefault(tendon.drive, []).extend(
+            [path] if path in runner.parameter_names else []
+        )
     for drive in rig.drives:
-        read = {s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels}
+        read = {
+            s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels
+        }
         place, force = read.get("position"), read.get("force")
         for factor in (*FACTORS, *GROSS) if place is not None else ():
             yield sentences.SCALE, (drive.name,), Change(channels={str(place): factor})
@@ -99,22 +119,34 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
         for factor in (*FACTORS, *GROSS) if force is not None else ():
             yield sentences.COMPLIANCE, (drive.name,), Change(channels={str(force): factor})
         for factor in FACTORS if springs.get(drive.name) else ():
-            yield sentences.COMPLIANCE, (drive.name,), Change(numbers=dict.fromkeys(springs[drive.name], factor))
+            yield (
+                sentences.COMPLIANCE,
+                (drive.name,),
+                Change(numbers=dict.fromkeys(springs[drive.name], factor)),
+            )
         for sign in (1.0, -1.0) if place is not None else ():
             shift = sign * ZERO * rerun.covered(str(place))
             yield sentences.ZERO, (drive.name,), Change(added={str(place): shift})
     for group, paths_of in ((sentences.SCALE, arms), (sentences.COMPLIANCE, springs)):
         together = [path for paths in paths_of.values() for path in paths]
         for factor in FACTORS if together else ():
-            yield group, tuple(drive.name for drive in rig.drives), Change(numbers=dict.fromkeys(together, factor))
+            yield (
+                group,
+                tuple(drive.name for drive in rig.drives),
+                Change(numbers=dict.fromkeys(together, factor)),
+            )
 
 
 def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind, str]]) -> bool:
-    """Return whether a change moved an angle by more than a share of its band, and contradicts nothing."""
+    """Return whether a change moved an angle by more than a share of its band, and contradicts
+    nothing.
+    """
     base, joints = rerun.base, len(rerun.runner.rig.joints)
     if not outcome.bounded:
         return False
-    moved = np.abs(outcome.means - base.means)[:, :joints] > SHARE * BAND * np.sqrt(base.variances[:, :joints])
+    moved = np.abs(outcome.means - base.means)[:, :joints] > SHARE * BAND * np.sqrt(
+        base.variances[:, :joints]
+    )
     if np.all(moved.mean(axis=0) <= OFTEN):
         return False
     if base.squares.size:

@@ -1,5 +1,6 @@
-"""The filter begun elsewhere: a band that hangs on where it began, and what still contradicts if it begins with what it
-learned."""
+"""The filter begun elsewhere: a band that hangs on where it began, and what still contradicts if it
+begins with what it learned.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +20,12 @@ START_FORGOTTEN = 0.5
 """The first moments of a log, in which a start is forgotten, do not count [s]."""
 
 HANGS = 1.1
-"""Spread of the angle over starts drawn from the prior, in its standard deviations, that is too much.
+"""Spread of the angle over starts drawn from the prior, in its standard deviations, that is too
+much.
 
-Of a filter that is right it is at most 1: the posterior covariance is what the prior leaves plus what noise adds. On random
-rigs with more than 90 % inside it is mostly 0.3 to 1.1, on those with less than half inside 1.2 to 6.
+Of a filter that is right it is at most 1: the posterior covariance is what the prior leaves plus
+what noise adds. On random rigs with more than 90 % inside it is mostly 0.3 to 1.1, on those with
+less than half inside 1.2 to 6.
 """
 
 
@@ -31,11 +34,13 @@ WITHIN = 3.0
 
 
 def overconfidence(rerun: Rerun) -> list[Finding]:
-    """Return whether the angle hangs on where the filter began by more than its band says, and on which numbers.
+    """Return whether the angle hangs on where the filter began by more than its band says, and on
+    which numbers.
 
-    Each state that has a prior begins one of its standard deviations above, then below. By linearity the root of the sum
-    of squares of what that moves the angle by is the spread of estimates over starts drawn from the prior, which is part
-    of the posterior's standard deviation. A start that the log itself rejects counts by its likelihood, min(1, p/p_0).
+    Each state that has a prior begins one of its standard deviations above, then below. By
+    linearity the root of the sum of squares of what that moves the angle by is the spread of
+    estimates over starts drawn from the prior, which is part of the posterior's standard deviation.
+    A start that the log itself rejects counts by its likelihood, min(1, p/p_0).
     """
     runner, base = rerun.runner, rerun.base
     states = runner.states
@@ -44,14 +49,20 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
     moved, shifts = dict[str, Floats](), list[tuple[str, float]]()
-    angles = {name for name, kind in zip(runner.state_names, runner.state_kinds) if kind is StateKind.ANGLE}
+    angles = {
+        name
+        for name, kind in zip(runner.state_names, runner.state_kinds)
+        if kind is StateKind.ANGLE
+    }
     for i, name in enumerate(runner.state_names):
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
             shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
     if not moved:
         return []
-    for (name, _), away in zip(shifts, rerun.each(Change(shifts={name: shift}) for name, shift in shifts)):
+    for (name, _), away in zip(
+        shifts, rerun.each(Change(shifts={name: shift}) for name, shift in shifts)
+    ):
         shift = (away.means - base.means)[settled, :joints]
         if away.bounded:
             weight = float(np.exp(min(0.0, away.log_likelihood - base.log_likelihood)))
@@ -66,14 +77,20 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
 
 
 def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
-    """Return a result with the innovations of the filter that begins with the numbers that it had learned at the end.
+    """Return a result with the innovations of the filter that begins with the numbers that it had
+    learned at the end.
 
-    A number that is wrong by no more than its std allows makes the first innovations large and alike, until it is learned.
-    So far as it is within `WITHIN` standard deviations of what the rig says, that contradicts nothing.
+    A number that is wrong by no more than its std allows makes the first innovations large and
+    alike, until it is learned. So far as it is within `WITHIN` standard deviations of what the rig
+    says, that contradicts nothing.
     """
     states, names = rerun.runner.states, rerun.runner.state_names
-    shifts = np.clip(rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds)
-    outcome = rerun(Change(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)}))
+    shifts = np.clip(
+        rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds
+    )
+    outcome = rerun(
+        Change(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)})
+    )
     measured = rerun.runner.measured
     if not outcome.bounded or not set(result.measured) <= set(measured):
         return result

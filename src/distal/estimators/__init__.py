@@ -4,7 +4,13 @@ from distal.estimators.adaptive import AdaptiveFilter, Robustness
 from distal.estimators.affine import AffineEstimator, affine_of, affine_samples
 from distal.estimators.belief import Belief, Innovation
 from distal.estimators.channels import Channels, channels_of
-from distal.estimators.contract import LARGEST_ANGLE, SHORTEST, Estimator, KernelEstimator, check_time
+from distal.estimators.contract import (
+    LARGEST_ANGLE,
+    SHORTEST,
+    Estimator,
+    KernelEstimator,
+    check_time,
+)
 from distal.estimators.directions import Directions, directions
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
 from distal.estimators.gaps import first_values

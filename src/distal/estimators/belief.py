@@ -17,7 +17,8 @@ class Belief:
 
     Args:
         time: of the last sample [s].
-        carry: mean (n,), covariance (n, n) row by row, and what the estimator remembers of its inputs.
+        carry: mean (n,), covariance (n, n) row by row, and what the estimator remembers of its
+            inputs.
         size: number of states n.
         samples: how many samples it has taken in; the first one may have the belief's own stamp.
         output: of the last step's kernel, by which some states may be reported otherwise.
@@ -41,15 +42,20 @@ class Belief:
     def covariance(self) -> Floats:
         """Covariance of its error, (n, n)."""
         covariance: Floats = covariance_of(self.carry, self.size)
-        return covariance if self.output is None else self.report.covariances(covariance[None], self.output[None])[0]
+        return (
+            covariance
+            if self.output is None
+            else self.report.covariances(covariance[None], self.output[None])[0]
+        )
 
 
 @dataclass(frozen=True)
 class Innovation:
-    """What a sample told beyond the prediction: ln p(sample | past), and one value per measured channel, NaN where missing.
+    """What a sample told beyond the prediction: ln p(sample | past), and one value per measured
+    channel, NaN where missing.
 
-    It is measured minus predicted after the ones before it have been taken into account, so that they are independent,
-    and has a predicted variance.
+    It is measured minus predicted after the ones before it have been taken into account, so that
+    they are independent, and has a predicted variance.
     """
 
     values: Floats
@@ -58,12 +64,16 @@ class Innovation:
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared, Σ ν²/S; χ² distributed with one degree per value that is there."""
+        """Normalised innovation squared, Σ ν²/S; χ² distributed with one degree per value that is
+        there.
+        """
         return float(np.nansum(self.values**2 / self.variances))
 
 
 def innovation(values: Floats, variances: Floats) -> Innovation:
-    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over `values` ν that are there, `variances` S."""
+    """Return the innovation with its log-likelihood, −½ Σ (ν²/S + ln 2πS) over `values` ν that are
+    there, `variances` S.
+    """
     read = np.isfinite(values)
     terms = values[read] ** 2 / variances[read] + np.log(2 * np.pi * variances[read])
     return Innovation(values, variances, float(-0.5 * terms.sum()))

@@ -13,10 +13,11 @@ from distal.sensor_errors import variance
 
 @dataclass(frozen=True)
 class Channels:
-    """The sensors of a rig by role: of drives' positions, of their forces or torques, and of tendons' tensions.
+    """The sensors of a rig by role: of drives' positions, of their forces or torques, and of
+    tendons' tensions.
 
-    Those of joints' angles are there only while a reference is known (homing, fitting). Others, such as the numbers of
-    an IMU, only `adaptive` compares.
+    Those of joints' angles are there only while a reference is known (homing, fitting). Others,
+    such as the numbers of an IMU, only `adaptive` compares.
     """
 
     positions: tuple[Sensor, ...]
@@ -32,12 +33,16 @@ class Channels:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names in the order in which estimators read them: positions, tensions, forces, others, angles."""
+        """Names in the order in which estimators read them: positions, tensions, forces, others,
+        angles.
+        """
         return tuple(sensor.name for sensor in (*self.proximal, *self.others, *self.angles))
 
     @property
     def compared(self) -> tuple[Sensor, ...]:
-        """The sensors whose values a displacement-driven filter compares: forces, tensions, angles, others."""
+        """The sensors whose values a displacement-driven filter compares: forces, tensions, angles,
+        others.
+        """
         return (*self.forces, *self.tensions, *self.angles, *self.others)
 
     @property
@@ -46,13 +51,17 @@ class Channels:
         return 1.0 / max(sensor.rate for sensor in (*self.proximal, *self.others))
 
 
-def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False) -> Channels:
+def channels_of(
+    rig: Rig, name: str, references: Sequence[Sensor] = (), others: bool = False
+) -> Channels:
     """Return the sensors that estimators read; the name is the estimator's, for messages.
 
-    References are sensors of joints' angles that are read too, while they are known; `others` are of any kind.
+    References are sensors of joints' angles that are read too, while they are known; `others` are
+    of any kind.
 
     Raises:
-        EstimationError: no drive's position is measured, two sensors measure the same, or a sensor has zero noise.
+        EstimationError: no drive's position is measured, two sensors measure the same, or a sensor
+            has zero noise.
     """
     positions, forces, tensions, added = (
         tuple(sensor for sensor in rig.sensors if measurand_of(sensor).role is role)
@@ -61,20 +70,23 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: 
     channels = Channels(positions, forces, tensions, tuple(references), added if others else ())
     if not channels.positions:
         raise EstimationError(
-            f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; add one to [[sensors]]"
+            f"{name}: the rig '{rig.name}' has no sensor that measures the position of a drive; "
+            "add one to [[sensors]]"
         )
     for sensors in (channels.positions, channels.forces, channels.tensions, channels.angles):
         seen: dict[str, str] = {}
         for sensor in sensors:
             if sensor.of in seen:
                 raise EstimationError(
-                    f"{name}: sensors '{seen[sensor.of]}' and '{sensor.name}' both measure the {sensor.measures} "
+                    f"{name}: sensors '{seen[sensor.of]}' and '{sensor.name}' both measure the "
+                    f"{sensor.measures} "
                     f"of '{sensor.of}'; one is allowed"
                 )
             seen[sensor.of] = sensor.name
             if sensor.delay > 0.0:
                 warnings.warn(
-                    f"{name}: sensor '{sensor.name}' is late by {sensor.delay:g} s; estimators take its values as of "
+                    f"{name}: sensor '{sensor.name}' is late by {sensor.delay:g} s; estimators "
+                    "take its values as of "
                     "their stamps, so shift the column of the log by that",
                     DistalWarning,
                     stacklevel=2,
@@ -82,7 +94,8 @@ def channels_of(rig: Rig, name: str, references: Sequence[Sensor] = (), others: 
     for sensor in (*channels.proximal, *channels.angles, *channels.others):
         if variance(sensor) == 0.0:
             raise EstimationError(
-                f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator needs its standard "
+                f"{name}: sensor '{sensor.name}' has zero noise (and resolution); an estimator "
+                "needs its standard "
                 f"deviation, e.g. --set sensors.{sensor.name}.noise=…"
             )
     return channels
@@ -94,4 +107,5 @@ def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
 
 
 UNKNOWN_PLACE = {"slider": 0.01, "capstan": 1.0}
-"""Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad]."""
+"""Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad].
+"""

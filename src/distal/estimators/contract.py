@@ -1,4 +1,6 @@
-"""The contract of all estimators: belief and sample in, belief and innovation out, no hidden state."""
+"""The contract of all estimators: belief and sample in, belief and innovation out, no hidden
+state.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,8 @@ _BUILDING = threading.Lock()
 class Estimator(Protocol):
     """An estimator of joint angles from proximal sensors; one driver runs any of them offline.
 
-    The first states are the angles of the rig's joints [rad], in their order. ``measured`` names the channels that have an
-    innovation.
+    The first states are the angles of the rig's joints [rad], in their order. ``measured`` names
+    the channels that have an innovation.
     """
 
     name: str
@@ -62,21 +64,29 @@ class Estimator(Protocol):
         """Return the belief before the first sample: its `time` [s] and values, see `step`."""
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return belief and innovation after a `sample`, (n_channels,), SI, NaN where missing, at a `time` [s]."""
+        """Return belief and innovation after a `sample`, (n_channels,), SI, NaN where missing, at a
+        `time` [s].
+        """
 
-    def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means, covariances, innovations and their variances of a whole log, the same numbers as `step`.
+    def scan(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means, covariances, innovations and their variances of a whole log, the same
+        numbers as `step`.
 
-        The belief is that before the first sample; `times` rise [s], (k,), `samples` are (k, n_channels).
+        The belief is that before the first sample; `times` rise [s], (k,), `samples` are (k,
+        n_channels).
         """
 
 
 class KernelEstimator:
-    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y), None where it comes later.
+    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y), None where it
+    comes later.
 
-    x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the measured channels. A
-    missing value (NaN) becomes a zero in the mask; long intervals are bridged, see `distal.estimators.gaps`. The
-    joints' angles are the first states; p are the kernel's parameters.
+    x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
+    measured channels. A missing value (NaN) becomes a zero in the mask; long intervals are bridged,
+    see `distal.estimators.gaps`. The joints' angles are the first states; p are the kernel's
+    parameters.
     """
 
     def __init__(
@@ -122,12 +132,15 @@ class KernelEstimator:
         return Belief(float(time), frozen(carry), len(mean))
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return mean, covariance and remembered inputs before the first sample, at the kernel's parameters p, (n_p,).
+        """Return mean, covariance and remembered inputs before the first sample, at the kernel's
+        parameters p, (n_p,).
 
         The first values, `sample`, (n_channels,), NaN where missing, fill what has no prior.
         """
         if self._begin is None:
-            with _BUILDING:  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
+            with (
+                _BUILDING
+            ):  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
                 if self._begin is None:
                     self._begin = Evaluation(self.prior_function())
         is_finite = np.isfinite(sample)
@@ -136,36 +149,48 @@ class KernelEstimator:
         return mean, np.diag(spread) if len(spread) == n > 1 else spread.reshape(n, n), memory
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance or its diagonal, memory) before the first sample.
+        """Return (values, mask, p) → (mean, covariance or its diagonal, memory) before the first
+        sample.
 
         Raises:
             EstimationError: this estimator has no such function, and cannot be exported.
         """
-        raise EstimationError(f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can")
+        raise EstimationError(
+            f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can"
+        )
 
     def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
-        """Return the belief after a `sample`, (n_channels,), SI, NaN where missing, at a `time` [s], and its innovation.
+        """Return the belief after a `sample`, (n_channels,), SI, NaN where missing, at a `time`
+        [s], and its innovation.
 
-        The belief before is from `initial` (at the same time as the first sample) or the last `step`.
+        The belief before is from `initial` (at the same time as the first sample) or the last
+        `step`.
 
         Raises:
-            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape or is wild.
+            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape
+                or is wild.
         """
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
         carries, ys = advance(self.kernel, Feed(belief.carry, rows, self._p))
         carry, y = carries[-1].copy(), ys[-1].copy()
         after = Belief(float(time), carry, belief.size, belief.samples + 1, y, self.report)
-        if not (np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()):
+        if not (
+            np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()
+        ):
             raise EstimationError(
-                f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any motion"
+                f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any "
+                "motion"
             )
         carry.flags.writeable = False
         values, variances = self.innovations_of(y[None, :], sample[None, :])
         return after, innovation(values[0], variances[0])
 
-    def scan(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m) of a whole log.
+    def scan(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m)
+        of a whole log.
 
         Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
 
@@ -179,21 +204,33 @@ class KernelEstimator:
         return means, covariances, values, variances
 
     def scan_all(
-        self, beliefs: Sequence[Belief], times: Sequence[Floats], samples: Sequence[Floats], numbers: Sequence[Floats]
+        self,
+        beliefs: Sequence[Belief],
+        times: Sequence[Floats],
+        samples: Sequence[Floats],
+        numbers: Sequence[Floats],
     ) -> list[tuple[Floats, Floats, Floats]]:
-        """Return the filter's own means and variances of the states, (k, n), and outputs, (k, n_y), of several runs.
+        """Return the filter's own means and variances of the states, (k, n), and outputs, (k, n_y),
+        of several runs.
 
-        They are without what maps say (`report`), and go side by side where there are lanes for that. Of each run come
-        belief, `times` and `samples` as for `checked_rows`, and its parameters, `numbers`, (n_p,).
+        They are without what maps say (`report`), and go side by side where there are lanes for
+        that. Of each run come belief, `times` and `samples` as for `checked_rows`, and its
+        parameters, `numbers`, (n_p,).
 
         Raises:
             EstimationError: as `checked_rows`.
         """
         rows = [self.checked_rows(*run) for run in zip(beliefs, times, samples)]
         n = beliefs[0].size
-        keep = [*range(n), *variances_of(np.arange(n + n * n), n)]  # of each carry the mean and the variances
+        keep = [
+            *range(n),
+            *variances_of(np.arange(n + n * n), n),
+        ]  # of each carry the mean and the variances
         feeds = [Feed(belief.carry, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)]
-        driven = (at_samples(run, last) for run, (_, last) in zip(advance_all(self.kernel, feeds, keep), rows))
+        driven = (
+            at_samples(run, last)
+            for run, (_, last) in zip(advance_all(self.kernel, feeds, keep), rows)
+        )
         return [(kept[:, :n], kept[:, n:], ys) for kept, ys in driven]
 
     def advanced(self, belief: Belief, times: Floats, samples: Floats) -> Advanced:
@@ -207,11 +244,13 @@ class KernelEstimator:
         rows, last = self.checked_rows(belief, times, samples)
         return at_samples(advance(self.kernel, Feed(belief.carry, rows, self._p)), last)
 
-    def checked_rows(self, belief: Belief, times: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+    def checked_rows(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, NDArray[np.intp]]:
         """Return the kernel's rows of a whole log and the index of each sample's own row.
 
-        The belief is that before the first sample; `times` are stamps [s], rising, (k,), `samples` values of the
-        channels, (k, n_channels).
+        The belief is that before the first sample; `times` are stamps [s], rising, (k,), `samples`
+        values of the channels, (k, n_channels).
 
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
@@ -219,14 +258,17 @@ class KernelEstimator:
         times, samples = np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
         if samples.shape != (len(times), len(self.channels)):
             raise EstimationError(
-                f"{self.name}: samples must have shape ({len(times)}, {len(self.channels)}) for {self.channels}, "
+                f"{self.name}: samples must have shape ({len(times)}, {len(self.channels)}) for "
+                f"{self.channels}, "
                 f"{samples.shape} came"
             )
         if np.any(np.abs(samples) > LARGEST_READING):
             raise EstimationError(f"{self.name}: a sample is wild ({WILD})")
         steps = np.diff(times, prepend=belief.time)
         for i in np.flatnonzero(~(steps >= SHORTEST)):
-            check_time(self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0))
+            check_time(
+                self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0)
+            )
         return self.rows(steps, samples)
 
     @cached_property
@@ -240,11 +282,14 @@ class KernelEstimator:
         return slice(0, len(self.rig.joints))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
-        """Return what a user should know of an estimate, a sentence each: by default which sensors it does not read.
+        """Return what a user should know of an estimate, a sentence each: by default which sensors
+        it does not read.
 
         It had the states `means`, (k, n), of the `samples`, (k, n_channels).
         """
-        compared = (sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED)
+        compared = (
+            sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED
+        )
         ignored = ", ".join(name for name in compared if name not in self.channels)
         return (f"{self.name} does not read {ignored}; adaptive does",) if ignored else ()
 
@@ -259,7 +304,8 @@ class KernelEstimator:
         return self._p
 
     def innovations_of(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
-        """Return innovations, NaN where the value was missing, and their variances, (k, m) each, from the kernel's output.
+        """Return innovations, NaN where the value was missing, and their variances, (k, m) each,
+        from the kernel's output.
 
         It is `ys`, (k, n_y), at the `samples`, (k, n_channels).
         """
@@ -271,9 +317,12 @@ class KernelEstimator:
         """Return the checked sample and stamp, or raise an error."""
         sample = self._checked(sample)
         expected = self.initial_size
-        if not isinstance(belief, Belief) or (expected is not None and belief.carry.shape != (expected,)):
+        if not isinstance(belief, Belief) or (
+            expected is not None and belief.carry.shape != (expected,)
+        ):
             raise EstimationError(
-                f"{self.name}: the belief is not one of this estimator's; begin with initial(time, sample)"
+                f"{self.name}: the belief is not one of this estimator's; begin with "
+                "initial(time, sample)"
             )
         time = _number(self.name, time)
         check_time(self.name, belief.time, time, belief.samples == 0)
@@ -293,9 +342,11 @@ class KernelEstimator:
         return sample
 
     def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
-        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each sample's own row.
+        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each
+        sample's own row.
 
-        The `steps` are intervals before the samples [s], (k,), the `samples` NaN where missing, (k, n_channels).
+        The `steps` are intervals before the samples [s], (k,), the `samples` NaN where missing, (k,
+        n_channels).
 
         Raises:
             EstimationError: a gap is too long.
@@ -323,5 +374,6 @@ def check_time(name: str, before: float, now: float, first: bool) -> None:
     if now < before or (now - before < SHORTEST and not first):
         what = "is late" if now < before else "repeats"
         raise EstimationError(
-            f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps must rise"
+            f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps "
+            "must rise"
         )

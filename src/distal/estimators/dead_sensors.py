@@ -5,7 +5,9 @@ from __future__ import annotations
 from distal.rig import Sensor
 
 DEAD, DEAD_INTERVALS = 0.5, 5.0
-"""A sensor without a value for so long, at least [s] and in intervals of its own, is dead: it may not come back."""
+"""A sensor without a value for so long, at least [s] and in intervals of its own, is dead: it may
+not come back.
+"""
 
 
 def dead_after(sensor: Sensor) -> float:

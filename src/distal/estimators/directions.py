@@ -1,4 +1,6 @@
-"""Which directions of joint space the sensors see at all, and which only springs or nothing hold."""
+"""Which directions of joint space the sensors see at all, and which only springs or nothing
+hold.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +14,17 @@ from distal.model import Mechanism
 from distal.rig import Rig
 
 SMALLEST = 1e-3
-"""A direction along which no tendon moves by this share of what the strongest one does is not seen."""
+"""A direction along which no tendon moves by this share of what the strongest one does is not seen.
+"""
 
 
 @dataclass(frozen=True)
 class Directions:
     """Directions of joint space at a posture, with the names of its n joints.
 
-    Those `seen` are sums of the angles that the sensors tell, (r, n) [m]: the moment arms of tendons, or combinations.
-    Those `missed` are orthonormal, (m, n): no measured tendon moves along them. They are `sprung` if springs hold all
-    of them.
+    Those `seen` are sums of the angles that the sensors tell, (r, n) [m]: the moment arms of
+    tendons, or combinations. Those `missed` are orthonormal, (m, n): no measured tendon moves along
+    them. They are `sprung` if springs hold all of them.
     """
 
     joints: tuple[str, ...]
@@ -31,13 +34,19 @@ class Directions:
 
     @property
     def text(self) -> str:
-        """What is seen and what is not, in a sentence: ``seen is 9·mcp + 7·pip + 5·dip; two directions are not``."""
+        """What is seen and what is not, in a sentence: ``seen is 9·mcp + 7·pip + 5·dip; two
+        directions are not``.
+        """
         if len(self.missed) == 0:
             return f"all directions of {', '.join(self.joints)} are seen"
         sums = " and ".join(_sum(row, self.joints) for row in self.seen) or "nothing"
         words = {1: "one direction is", 2: "two directions are", 3: "three directions are"}
         missed = words.get(len(self.missed), f"{len(self.missed)} directions are")
-        held = "springs hold them, as long as nothing touches the joints" if self.sprung else "the bands say how far"
+        held = (
+            "springs hold them, as long as nothing touches the joints"
+            if self.sprung
+            else "the bands say how far"
+        )
         return f"seen is {sums}; {missed} not: {held}"
 
 
@@ -52,19 +61,27 @@ def _sum(row: Floats, joints: tuple[str, ...]) -> str:
 
 
 def directions(rig: Rig) -> Directions:
-    """Return which directions of joint space the sensors of a rig see at the joints' `initial` angles.
+    """Return which directions of joint space the sensors of a rig see at the joints' `initial`
+    angles.
 
-    A tendon whose drive has a position sensor, or which is measured itself, tells ∂ℓ/∂θ · δθ. What lies across all of
-    these rows is not seen (singular values below `SMALLEST` of the largest). Coupled joints move with theirs.
+    A tendon whose drive has a position sensor, or which is measured itself, tells ∂ℓ/∂θ · δθ. What
+    lies across all of these rows is not seen (singular values below `SMALLEST` of the largest).
+    Coupled joints move with theirs.
     """
     mechanism = Mechanism(rig)
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
-    look = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q), mechanism.passive_springs(q)[:, 1]])
+    look = ca.Function(
+        "arms", [q, p.symbols], [mechanism.length_jacobian(q), mechanism.passive_springs(q)[:, 1]]
+    )
     at = [*(joint.initial.value for joint in rig.joints), *np.zeros(mechanism.n_drives)]
     jacobian, springs = (np.array(part) for part in look(at, p.values))
     placed = {sensor.of for sensor in rig.sensors_of("position")}
     measured = {sensor.of for sensor in rig.sensors_of("tension")}
-    rows = [i for i, tendon in enumerate(rig.tendons) if tendon.drive in placed or tendon.name in measured]
+    rows = [
+        i
+        for i, tendon in enumerate(rig.tendons)
+        if tendon.drive in placed or tendon.name in measured
+    ]
     spread = mechanism.spread.full()
     arms = -jacobian[rows, : mechanism.n_joints]
     free = arms @ spread

@@ -1,4 +1,6 @@
-"""Extended Kalman filters on the full state: forces are inputs, displacements are measured (the paper's way)."""
+"""Extended Kalman filters on the full state: forces are inputs, displacements are measured (the
+paper's way).
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,9 @@ from distal.sensor_errors import systematic_variance, variance
 class Noise:
     """Variances of a full-state filter, SI.
 
-    They are of the pull on each drive (`inputs`), of each state per second (`process`), of positions, then tensions
-    (`measurements`), and of the states before the first sample (`initial`).
+    They are of the pull on each drive (`inputs`), of each state per second (`process`), of
+    positions, then tensions (`measurements`), and of the states before the first sample
+    (`initial`).
     """
 
     inputs: Floats
@@ -38,8 +41,9 @@ class Noise:
 def full_state_function(mechanism: Mechanism, channels: Channels, count: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of an extended Kalman filter with state (q, v).
 
-    carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and measurement variances).
-    The pull over an interval is the straight line between its values at both ends; a missing one holds the last.
+    carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and
+    measurement variances). The pull over an interval is the straight line between its values at
+    both ends; a missing one holds the last.
     """
     nb, nd, nj = mechanism.n_bodies, mechanism.n_drives, mechanism.n_joints
     n, n_p = 2 * nb, len(mechanism.parameters)
@@ -58,12 +62,16 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
         pulls[i] = mask[k] * values[k] + (1 - mask[k]) * held[i]
     pull = ca.vertcat(*pulls)
     before, after = (ca.vertcat(ca.MX.zeros(nj), pulls) for pulls in (held, pull))
-    q_next, v_next, slopes = tangent_step(mechanism, count)(mean[:nb], mean[nb:], before, after, dt, model)
+    q_next, v_next, slopes = tangent_step(mechanism, count)(
+        mean[:nb], mean[nb:], before, after, dt, model
+    )
     arguments = q_next, v_next, slopes, covariance, dt, values[:m], mask[:m], model, q_u, q_x, r
     mean, covariance, innovations, variances = _update_function(mechanism, measured)(*arguments)
     following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
     y = ca.vertcat(innovations, variances)
-    return ca.Function("full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Function:
@@ -82,8 +90,12 @@ def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Fun
     return ca.Function("update", arguments, ca.cse([ca.densify(part) for part in updated]))
 
 
-def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector) -> Vector:
-    """Return h(x), what position and tension sensors should read at q and v: s + bias, and T + bias."""
+def expected_measurements(
+    mechanism: Mechanism, measured: Sequence[Sensor], q: Vector, v: Vector
+) -> Vector:
+    """Return h(x), what position and tension sensors should read at q and v: s + bias, and T +
+    bias.
+    """
     rig, expected = mechanism.rig, []
     drives, tendons = [drive.name for drive in rig.drives], [tendon.name for tendon in rig.tendons]
     for sensor in measured:
@@ -97,7 +109,8 @@ def expected_measurements(mechanism: Mechanism, measured: Sequence[Sensor], q: V
 
 
 class FullStateFilter(KernelEstimator):
-    """An extended Kalman filter whose state is the whole mechanism's (q, v); see `full_state_function`.
+    """An extended Kalman filter whose state is the whole mechanism's (q, v); see
+    `full_state_function`.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -108,7 +121,8 @@ class FullStateFilter(KernelEstimator):
         coupled = [joint.name for joint in rig.joints if joint.coupled is not None]
         if coupled:
             raise EstimationError(
-                f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; use adaptive or elastic"
+                f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; "
+                "use adaptive or elastic"
             )
         self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
         self._count, channels = substeps(self._mechanism, self._channels.interval), self._channels
@@ -117,34 +131,45 @@ class FullStateFilter(KernelEstimator):
         parameters = self._mechanism.parameters.values
         p = np.concatenate([parameters, nominal, noise.inputs, noise.process, noise.measurements])
         measured = tuple(sensor.name for sensor in (*channels.positions, *channels.tensions))
-        super().__init__(name, rig, kernel, p, channels=channels, state_names=state_names(rig), measured=measured)
+        super().__init__(
+            name, rig, kernel, p, channels=channels, state_names=state_names(rig), measured=measured
+        )
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample."""
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
+        sample.
+        """
         values, mask = (ca.SX.sym(name, len(self._channels.names)) for name in ("values", "mask"))
         places, pulls = first_drives(self.rig, self._channels, values, mask)
         angles = ca.DM([joint.initial.value for joint in self.rig.joints])
         mean = ca.vertcat(angles, places, ca.SX.zeros(self._mechanism.n_bodies))
         p = ca.SX.sym("p", len(self._p))
-        return ca.Function("prior", [values, mask, p], [mean, ca.SX(ca.DM(self._noise.initial)), pulls])
+        return ca.Function(
+            "prior", [values, mask, p], [mean, ca.SX(ca.DM(self._noise.initial)), pulls]
+        )
 
 
 def state_names(rig: Rig) -> tuple[str, ...]:
     """Return the names of (q, v): angles, positions, their speeds, velocities."""
     drives, joints = [drive.name for drive in rig.drives], [joint.name for joint in rig.joints]
-    positions, velocities = (tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity"))
+    positions, velocities = (
+        tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity")
+    )
     return (*angle_names(joints), *positions, *speed_names(joints), *velocities)
 
 
 def rig_noise(rig: Rig) -> Noise:
     """Return the variances of `ekf`: everything from the rig's sensors.
 
-    Measured forces are inputs with their noise; a nominal one has its std. Positions have their random error and their
-    linearity, taken as if it were random from sample to sample.
+    Measured forces are inputs with their noise; a nominal one has its std. Positions have their
+    random error and their linearity, taken as if it were random from sample to sample.
     """
     channels, mechanism = channels_of(rig, "ekf"), Mechanism(rig)
     forces = [(drive, sensor_for(channels.forces, drive.name)) for drive in rig.drives]
-    inputs = [drive.nominal_force.std**2 if sensor is None else variance(sensor) for drive, sensor in forces]
+    inputs = [
+        drive.nominal_force.std**2 if sensor is None else variance(sensor)
+        for drive, sensor in forces
+    ]
     measured = (*channels.positions, *channels.tensions)
     measurements = np.array([variance(sensor) + systematic_variance(sensor) for sensor in measured])
     initial = _initial_variances(rig, channels, mechanism)
@@ -152,7 +177,9 @@ def rig_noise(rig: Rig) -> Noise:
 
 
 def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Floats:
-    """Return the variances of (q, v) before the first sample: the joint's from the rig, a drive's from its sensor."""
+    """Return the variances of (q, v) before the first sample: the joint's from the rig, a drive's
+    from its sensor.
+    """
     angles = [joint.initial.std for joint in rig.joints]
     places = []
     for drive in rig.drives:
@@ -174,9 +201,15 @@ START_SPEED = {True: 0.5, False: 0.005}
 def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> Noise:
     """Return the variances of `ekf-2008`: Q = q·I per sample, R = r·I, P0 = p0·I, all in SI.
 
-    The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32 mm, three times its
-    travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares the readings.
+    The paper prints 0.001 for Q and R without units. R = 0.001 m² would be a sensor that errs by 32
+    mm, three times its travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares
+    the readings.
     """
     channels, mechanism = channels_of(rig, "ekf-2008"), Mechanism(rig)
     n, m = 2 * mechanism.n_bodies, len(channels.positions) + len(channels.tensions)
-    return Noise(np.zeros(mechanism.n_drives), np.full(n, q / channels.interval), np.full(m, r), np.full(n, p0))
+    return Noise(
+        np.zeros(mechanism.n_drives),
+        np.full(n, q / channels.interval),
+        np.full(m, r),
+        np.full(n, p0),
+    )

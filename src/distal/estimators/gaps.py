@@ -1,7 +1,9 @@
-"""Gaps between samples: a long interval is bridged by several predictions, so that sub-steps stay short.
+"""Gaps between samples: a long interval is bridged by several predictions, so that sub-steps stay
+short.
 
-A row of a kernel is x = (dt, values, mask), see `distal.kernels.mask`. In a row without a sample of its own nothing is
-read, and displacements cross the gap in a straight line to the reading that ends it.
+A row of a kernel is x = (dt, values, mask), see `distal.kernels.mask`. In a row without a sample of
+its own nothing is read, and displacements cross the gap in a straight line to the reading that ends
+it.
 """
 
 from __future__ import annotations
@@ -37,14 +39,25 @@ def predictions(dt: float, interval: float) -> int:
     Twice `MOST_BRIDGES` stands for any number that is as large.
     """
     parts = dt / (SPLIT * interval) - ROUNDING
-    return max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES  # dt may be infinite
+    return (
+        max(1, ceil(parts)) if parts < 2 * MOST_BRIDGES else 2 * MOST_BRIDGES
+    )  # dt may be infinite
 
 
-def fill(values: Floats, mask: Floats, sample: Floats, is_finite: Bools, rows_after: int = 0, bridged: int = 0) -> None:
-    """Write `values` and `mask` of one row, (n_channels,) each, from the `sample` that ends the interval.
+def fill(
+    values: Floats,
+    mask: Floats,
+    sample: Floats,
+    is_finite: Bools,
+    rows_after: int = 0,
+    bridged: int = 0,
+) -> None:
+    """Write `values` and `mask` of one row, (n_channels,) each, from the `sample` that ends the
+    interval.
 
-    The sample has a value where `is_finite`, else 0. So many rows follow in the same interval, 0 after the sample's
-    own; so many of the first channels, `bridged`, cross a gap in a straight line.
+    The sample has a value where `is_finite`, else 0. So many rows follow in the same interval, 0
+    after the sample's own; so many of the first channels, `bridged`, cross a gap in a straight
+    line.
     """
     if rows_after == 0:
         values[:] = sample
@@ -61,15 +74,17 @@ def rows_of(
 ) -> tuple[Floats, NDArray[np.intp]]:
     """Return a kernel's rows (dt, values, mask) for a log, and the index of each sample's own row.
 
-    Between the `samples` are `steps` [s], (k,), nominally an `interval` [s]. So many of the first channels, `bridged`,
-    cross a gap in a straight line; the name is the estimator's, for messages.
+    Between the `samples` are `steps` [s], (k,), nominally an `interval` [s]. So many of the first
+    channels, `bridged`, cross a gap in a straight line; the name is the estimator's, for messages.
 
     Raises:
         EstimationError: too many predictions would be needed.
     """
     width, is_finite = samples.shape[1], np.isfinite(samples)
     filled = np.where(is_finite, samples, 0.0)
-    if len(steps) and predictions(float(steps.max()), interval) == 1:  # no gaps, as most logs: a row for each sample
+    if (
+        len(steps) and predictions(float(steps.max()), interval) == 1
+    ):  # no gaps, as most logs: a row for each sample
         return np.column_stack([steps, filled, is_finite]), np.arange(len(steps))
     parts = np.maximum(1.0, np.ceil(steps / (SPLIT * interval) - ROUNDING))
     if parts.max(initial=1.0) > MOST_BRIDGES:
@@ -79,8 +94,10 @@ def rows_of(
         )
     if parts.sum() > 4 * MOST_BRIDGES + 4 * len(steps):
         raise EstimationError(
-            f"{name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value every "
-            f"{interval:g} s: {parts.sum():.3g} predictions would be needed; set the sensors' rate to the log's"
+            f"{name}: the stamps are {np.median(steps):g} s apart, the rig's sensors give a value "
+            "every "
+            f"{interval:g} s: {parts.sum():.3g} predictions would be needed; set the sensors' "
+            "rate to the log's"
         )
     counts = parts.astype(np.int64)
     last = np.cumsum(counts) - 1

@@ -6,7 +6,13 @@ import casadi as ca
 
 from distal.estimators.channels import Channels, channels_of, sensor_for
 from distal.estimators.contract import KernelEstimator
-from distal.estimators.kinematic_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
+from distal.estimators.kinematic_readings import (
+    first_drives,
+    levers_of,
+    measured_tendons,
+    read_drives,
+    tension_share,
+)
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
@@ -18,16 +24,19 @@ def kinematic_function(
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
 
-    Each of the tendons, whose drives have position sensors, gives the angle at which its length, ℓ − l = e_0 + (F −
-    F_0)/k, fits the drive's displacement; the joint's angle is the mean over them (several joints: `kinematic_chain`).
-    `inextensible` leaves the stretch (F − F_0)/k out. e_0 is the length at the first sample, with the joints at their
-    `initial` angles; F is a tendon's share of its drive's pull, low-passed, and F_0 that at the first sample.
+    Each of the tendons, whose drives have position sensors, gives the angle at which its length, ℓ
+    − l = e_0 + (F − F_0)/k, fits the drive's displacement; the joint's angle is the mean over them
+    (several joints: `kinematic_chain`). `inextensible` leaves the stretch (F − F_0)/k out. e_0 is
+    the length at the first sample, with the joints at their `initial` angles; F is a tendon's share
+    of its drive's pull, low-passed, and F_0 that at the first sample.
     """
     k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
     n, width = nj + k, len(channels.names)
     layout = carry_layout(n, lengths=k, places=nd, pulls=nd, first_pulls=nd)
     carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
-    mean, covariance, lengths = (layout.part(carry, name) for name in ("mean", "covariance", "lengths"))
+    mean, covariance, lengths = (
+        layout.part(carry, name) for name in ("mean", "covariance", "lengths")
+    )
     drives, pulls, first = (layout.part(carry, name) for name in ("places", "pulls", "first_pulls"))
     positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
     q = ca.vertcat(mean[:nj], positions)
@@ -40,15 +49,23 @@ def kinematic_function(
         angles.append(mechanism.angle_at(tendon, length, q))
     mean, p = ca.vertcat(sum(angles) / len(angles), *angles), mechanism.parameters.symbols
     following = layout.joined(
-        mean=mean, covariance=covariance, lengths=lengths, places=positions, pulls=filtered, first_pulls=first
+        mean=mean,
+        covariance=covariance,
+        lengths=lengths,
+        places=positions,
+        pulls=filtered,
+        first_pulls=first,
     )
-    return ca.Function("kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 class KinematicEstimator(KernelEstimator):
     """Angle from the drives' displacements and the tendons' lengths; see `kinematic_function`.
 
-    Its std knows the sensors and the initial angle only: not stretch (or, if `elastic`, not friction).
+    Its std knows the sensors and the initial angle only: not stretch (or, if `elastic`, not
+    friction).
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -57,7 +74,9 @@ class KinematicEstimator(KernelEstimator):
     def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
         self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
         self._tendons, p = measured_tendons(rig, self._channels), self._mechanism.parameters.values
-        kernel = Kernel(kinematic_function(self._mechanism, self._channels, self._tendons, elastic), compiled)
+        kernel = Kernel(
+            kinematic_function(self._mechanism, self._channels, self._tendons, elastic), compiled
+        )
         angles = angle_names([joint.name for joint in rig.joints])
         names = (*angles, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
@@ -70,11 +89,14 @@ class KinematicEstimator(KernelEstimator):
         places, pulls = first_drives(rig, channels, values, mask)
         q, p = ca.vertcat(initial, places), mechanism.parameters.symbols
         lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
-        # one zero for all tendons: its error is shared; the sensors' errors count twice, then and now
+        # one zero for all tendons: its error is shared; the sensors' errors count twice, then and
+        # now
         variances = []
         for i in self._tendons:
             sensor = sensor_for(channels.positions, rig.tendons[i].drive)
-            error = 0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
+            error = (
+                0.0 if sensor is None else 2.0 * (variance(sensor) + systematic_variance(sensor))
+            )
             variances.append((jacobian[i, mechanism.drive_of[i]] / jacobian[i, 0]) ** 2 * error)
         k = len(self._tendons)
         mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))

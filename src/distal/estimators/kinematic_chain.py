@@ -1,4 +1,6 @@
-"""Estimates of several joints without dynamics: least squares over all tendons, inextensible or stretched by the force."""
+"""Estimates of several joints without dynamics: least squares over all tendons, inextensible or
+stretched by the force.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,13 @@ from distal.arrays import Floats
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
-from distal.estimators.kinematic_readings import first_drives, levers_of, measured_tendons, read_drives, tension_share
+from distal.estimators.kinematic_readings import (
+    first_drives,
+    levers_of,
+    measured_tendons,
+    read_drives,
+    tension_share,
+)
 from distal.expressions import Scalar, Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver
@@ -20,45 +28,61 @@ ITERATIONS = 3
 """Gauss–Newton steps per sample: lengths are nearly straight lines in the angles."""
 
 RIDGE = 1e-9
-"""Directions that no tendon sees stay where they were: this share of the tendons' weight holds them."""
+"""Directions that no tendon sees stay where they were: this share of the tendons' weight holds
+them.
+"""
 
 UNSEEN = np.deg2rad(3.0)
-"""Standard deviation along a direction that no tendon sees, at least [rad]: only springs and friction say where it is."""
+"""Standard deviation along a direction that no tendon sees, at least [rad]: only springs and
+friction say where it is.
+"""
 
 CONSTRAINT = 1e3
-"""Where springs decide with fewer tendons than joints, tendons weigh so many times their stiffness: lengths come first."""
+"""Where springs decide with fewer tendons than joints, tendons weigh so many times their stiffness:
+lengths come first.
+"""
 
 
 def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar]:
-    """Return by how much each tendon is longer than at its pre-tension, (T − T_pre)/k [m]; 0 if not `elastic`.
+    """Return by how much each tendon is longer than at its pre-tension, (T − T_pre)/k [m]; 0 if not
+    `elastic`.
 
-    A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F − Σ h T_pre)/Σ h². All
-    `pulls` are (n_drives,) [N, N m].
+    A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F −
+    Σ h T_pre)/Σ h². All `pulls` are (n_drives,) [N, N m].
     """
     p, levers, drives = mechanism.parameters, levers_of(mechanism), mechanism.drive_of
     lengths = []
     for i, drive in enumerate(drives):
         tendons = [j for j in range(mechanism.n_tendons) if drives[j] == drive]
         standing = sum((levers[j] * p[f"tendons.{j}.pretension"] for j in tendons), ca.SX(0))
-        change = tension_share(mechanism, levers, i) * (pulls[drive - mechanism.n_joints] - standing)
+        change = tension_share(mechanism, levers, i) * (
+            pulls[drive - mechanism.n_joints] - standing
+        )
         lengths.append(change / p[f"tendons.{i}.stiffness"] if elastic else ca.SX(0))
     return lengths
 
 
 def unseen_covariance(rig: Rig) -> Floats:
-    """Return what is not known of the joints where no tendon sees them, (n_joints, n_joints): as at the start."""
+    """Return what is not known of the joints where no tendon sees them, (n_joints, n_joints): as at
+    the start.
+    """
     missed = directions(rig).missed
-    stds = np.array([max(joint.initial.std, UNSEEN) for joint in rig.joints if joint.coupled is None])
+    stds = np.array(
+        [max(joint.initial.std, UNSEEN) for joint in rig.joints if joint.coupled is None]
+    )
     covariance: Floats = float(np.mean(stds) ** 2) * missed.T @ missed
     return covariance
 
 
-def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y): the angles that fit the lengths of all tendons best, by least squares.
+def chain_function(
+    mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
+) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y): the angles that fit the lengths of all tendons best, by
+    least squares.
 
-    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the springs' energy,
-    which then says which of the postures that fit it is. Zero is the rig's own: θ = 0 and s = 0 at pre-tension. The
-    tendons are those whose drives have position sensors.
+    min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the
+    springs' energy, which then says which of the postures that fit it is. Zero is the rig's own: θ
+    = 0 and s = 0 at pre-tension. The tendons are those whose drives have position sensors.
     """
     nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
     n, width, p = nj, len(channels.names), mechanism.parameters
@@ -74,8 +98,12 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
     q = ca.SX.sym("q", mechanism.n_bodies)
     lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
     few, rows = len(tendons) < len(free), list(tendons)
-    look = ca.Function("lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)])
-    weights = ca.diag(ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows)))
+    look = ca.Function(
+        "lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)]
+    )
+    weights = ca.diag(
+        ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
+    )
     angles = carry[:nj]
     for _ in range(ITERATIONS):
         length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
@@ -93,16 +121,23 @@ def chain_function(mechanism: Mechanism, channels: Channels, tendons: tuple[int,
         angles = ca.mtimes(mechanism.spread, moved) + mechanism.offsets
     gain = ca.horzcat(*(solve(along[:, k]) for k in range(len(rows))))
     bodies = [mechanism.drive_of[i] for i in rows]
-    variances = ca.vertcat(*(slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies)))
+    variances = ca.vertcat(
+        *(slopes[k, body] ** 2 * errors[body - nj] for k, body in enumerate(bodies))
+    )
     by_length = ca.mtimes(mechanism.spread, gain)
-    covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(unseen_covariance(mechanism.rig))
+    covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(
+        unseen_covariance(mechanism.rig)
+    )
     following = layout.joined(mean=angles, covariance=covariance, places=positions, pulls=filtered)
     outputs = [ca.cse(following), ca.SX.zeros(1)]
-    return ca.Function("kinematic", [carry, x, p.symbols], outputs, ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "kinematic", [carry, x, p.symbols], outputs, ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 class ChainKinematics(KernelEstimator):
-    """Angles of several joints from the drives' displacements and the tendons' lengths; see `chain_function`.
+    """Angles of several joints from the drives' displacements and the tendons' lengths; see
+    `chain_function`.
 
     Its std knows the position sensors only: not stretch (or, if `elastic`, not friction).
 
@@ -122,5 +157,10 @@ class ChainKinematics(KernelEstimator):
         rig, channels = self.rig, self._channels
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
         memory = ca.vertcat(*first_drives(rig, channels, values, mask))
-        angles, stds = (ca.DM([getattr(joint.initial, part) for joint in rig.joints]) for part in ("value", "std"))
-        return ca.Function("prior", [values, mask, ca.SX.sym("p", len(self._p))], [angles, stds**2, memory])
+        angles, stds = (
+            ca.DM([getattr(joint.initial, part) for joint in rig.joints])
+            for part in ("value", "std")
+        )
+        return ca.Function(
+            "prior", [values, mask, ca.SX.sym("p", len(self._p))], [angles, stds**2, memory]
+        )

@@ -1,4 +1,6 @@
-"""What the kinematic estimators read of the drives: places, held while they are missing, and pulls behind a low-pass."""
+"""What the kinematic estimators read of the drives: places, held while they are missing, and pulls
+behind a low-pass.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,11 @@ CUT_OFF = 5.0
 """Cut-off of the low-pass on measured forces in `elastic` [Hz]."""
 
 
-def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: Vector) -> tuple[Vector, Vector]:
-    """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt} (F − U), f = `CUT_OFF`.
+def read_drives(
+    rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: Vector
+) -> tuple[Vector, Vector]:
+    """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt}
+    (F − U), f = `CUT_OFF`.
 
     Those before are `places` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
     """
@@ -35,16 +40,25 @@ def read_drives(rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: 
     return ca.vertcat(*held), ca.vertcat(*filtered)
 
 
-def first_drives(rig: Rig, channels: Channels, values: Vector, mask: Vector) -> tuple[Vector, Vector]:
-    """Return places and pulls of the drives at the first `values`, (n_drives,) each; 0 and nominal where `mask` is 0."""
-    places, pulls = [ca.SX(0) for _ in rig.drives], [ca.SX(drive.nominal_force.value) for drive in rig.drives]
+def first_drives(
+    rig: Rig, channels: Channels, values: Vector, mask: Vector
+) -> tuple[Vector, Vector]:
+    """Return places and pulls of the drives at the first `values`, (n_drives,) each; 0 and nominal
+    where `mask` is 0.
+    """
+    places, pulls = (
+        [ca.SX(0) for _ in rig.drives],
+        [ca.SX(drive.nominal_force.value) for drive in rig.drives],
+    )
     for first, sensors in ((places, channels.positions), (pulls, channels.forces)):
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(sensors, drive.name)
             if sensor is not None:
                 k = channels.names.index(sensor.name)
                 first[i] = ca.if_else(
-                    is_read(mask[k]), (values[k] - sensor.bias.value) / gain_of(sensor).value, first[i]
+                    is_read(mask[k]),
+                    (values[k] - sensor.bias.value) / gain_of(sensor).value,
+                    first[i],
                 )
     return ca.vertcat(*places), ca.vertcat(*pulls)
 
@@ -56,13 +70,22 @@ def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:
 
 
 def levers_of(mechanism: Mechanism) -> list[Scalar]:
-    """Return h, each tendon's displacement per displacement of its drive: 1 for a slider, side · R for a capstan."""
+    """Return h, each tendon's displacement per displacement of its drive: 1 for a slider, side · R
+    for a capstan.
+    """
     q = ca.SX.sym("q", mechanism.n_bodies)
-    return [ca.jacobian(mechanism.displacement(i, q), q[drive]) for i, drive in enumerate(mechanism.drive_of)]
+    return [
+        ca.jacobian(mechanism.displacement(i, q), q[drive])
+        for i, drive in enumerate(mechanism.drive_of)
+    ]
 
 
 def tension_share(mechanism: Mechanism, levers: Sequence[Scalar], tendon: int) -> Scalar:
-    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it: h_i/Σ h², `levers` h."""
+    """Return the tension of a tendon per unit of its drive's pull, the smallest that balances it:
+    h_i/Σ h², `levers` h.
+    """
     drive = mechanism.drive_of[tendon]
-    squares = (lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive)
+    squares = (
+        lever**2 for lever, pulled_by in zip(levers, mechanism.drive_of) if pulled_by == drive
+    )
     return levers[tendon] / sum(squares, ca.SX(0))

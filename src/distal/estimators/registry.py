@@ -40,7 +40,9 @@ def make_estimator(name: str, rig: Rig, compiled: bool = True) -> KernelEstimato
         EstimationError: the name is unknown, or the rig's sensors do not suffice.
     """
     if not isinstance(name, str) or not isinstance(rig, Rig):
-        raise EstimationError(f"make_estimator takes a name and a Rig, {name!r} and {type(rig).__name__} came")
+        raise EstimationError(
+            f"make_estimator takes a name and a Rig, {name!r} and {type(rig).__name__} came"
+        )
     if name not in ESTIMATORS:
         raise EstimationError(f"unknown estimator '{name}'{did_you_mean(name, ESTIMATORS)}")
     return ESTIMATORS[name](rig, compiled)

@@ -1,4 +1,6 @@
-"""Reported states where a learned map corrects or replaces some: values and errors at the end of the kernel's y."""
+"""Reported states where a learned map corrects or replaces some: values and errors at the end of
+the kernel's y.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,10 @@ from distal.arrays import Floats
 class Report:
     """Where in a kernel's output y the reported values, gains and variances of some states stand.
 
-    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, n_i of variance u_i and
-    independent of everything else. With G the diagonal of the gains, 1 where nothing is reported, the covariance P
-    becomes G P Gᵀ + diag(u), which is positive semidefinite as P is. There are the indices i of the states, and those
-    of v, g and u in y.
+    A state x_i with error e_i is reported as a value v_i with the error g_i e_i + n_i, n_i of
+    variance u_i and independent of everything else. With G the diagonal of the gains, 1 where
+    nothing is reported, the covariance P becomes G P Gᵀ + diag(u), which is positive semidefinite
+    as P is. There are the indices i of the states, and those of v, g and u in y.
     """
 
     states: tuple[int, ...] = ()
@@ -46,7 +48,9 @@ class Report:
         return Report(*(tuple(part[k] for k in chosen) for part in parts))
 
     def means(self, means: Floats, ys: Floats) -> Floats:
-        """Return states as they are reported, (k, n), from the filter's own, `means`, and the kernel's `ys`, (k, n_y)."""
+        """Return states as they are reported, (k, n), from the filter's own, `means`, and the
+        kernel's `ys`, (k, n_y).
+        """
         if not self.states:
             return means
         reported = np.array(means)

@@ -14,11 +14,19 @@ WILD = f"beyond {LARGEST_READING:g} in SI; NaN stands for a missing value"
 
 
 def sample_problem(sample: object, channels: Sequence[str]) -> str | None:
-    """Return why something is no sample of some channels, None where it is an array of one number for each."""
+    """Return why something is no sample of some channels, None where it is an array of one number
+    for each.
+    """
     if not isinstance(sample, np.ndarray) or sample.dtype.kind not in "fiu":
-        return f"a sample is an array of {len(channels)} numbers for {tuple(channels)}, {type(sample).__name__} came"
+        return (
+            f"a sample is an array of {len(channels)} numbers for {tuple(channels)}, "
+            f"{type(sample).__name__} came"
+        )
     if sample.shape != (len(channels),):
-        return f"a sample must have shape ({len(channels)},) for {tuple(channels)}, {sample.shape} came"
+        return (
+            f"a sample must have shape ({len(channels)},) for {tuple(channels)}, "
+            f"{sample.shape} came"
+        )
     return None
 
 

@@ -46,10 +46,20 @@ class NamesStates(Protocol):
     state_names: tuple[str, ...]
 
 
-def kinds_by_joint(names: Sequence[str], joints: Sequence[str]) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
-    """Return kinds and parts of states that an estimator does not say them of: the joints' are known by their names."""
-    every = ((StateKind.ANGLE, angle_names), (StateKind.SPEED, speed_names), (StateKind.EXTERNAL_TORQUE, torque_names))
-    of_joints = {name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)}
+def kinds_by_joint(
+    names: Sequence[str], joints: Sequence[str]
+) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+    """Return kinds and parts of states that an estimator does not say them of: the joints' are
+    known by their names.
+    """
+    every = (
+        (StateKind.ANGLE, angle_names),
+        (StateKind.SPEED, speed_names),
+        (StateKind.EXTERNAL_TORQUE, torque_names),
+    )
+    of_joints = {
+        name: (kind, joint) for kind, named in every for name, joint in zip(named(joints), joints)
+    }
     kinds_and_parts = [of_joints.get(name, (StateKind.OTHER, name)) for name in names]
     return tuple(kind for kind, _ in kinds_and_parts), tuple(part for _, part in kinds_and_parts)
 
@@ -79,36 +89,62 @@ _OF_DRIVE = {
 
 
 def state_units(runner: NamesStates) -> tuple[str, ...]:
-    """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is not known."""
+    """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is
+    not known.
+    """
     rig: Rig = runner.rig
     by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
     for drive in rig.drives:
         place = position_unit(drive)
         by_name |= {f"position_{drive.name}": place, f"velocity_{drive.name}": f"{place}/s"}
-    drives, sensors = {drive.name: drive for drive in rig.drives}, {sensor.name: sensor for sensor in rig.sensors}
+    drives, sensors = (
+        {drive.name: drive for drive in rig.drives},
+        {sensor.name: sensor for sensor in rig.sensors},
+    )
 
     def unit(name: str, kind: StateKind, part: str) -> str:
         if kind is StateKind.PARAMETER:
-            return "1" if part.endswith(".factor") else number(rig, part.removesuffix(".deviation")).quantity.si or "1"
+            return (
+                "1"
+                if part.endswith(".factor")
+                else number(rig, part.removesuffix(".deviation")).quantity.si or "1"
+            )
         if kind in (StateKind.SHEATH, StateKind.CREEP):
             return "m"
         if kind in (StateKind.LINEARITY, StateKind.SENSOR_BIAS):
             return str(sensors[part].si)
         if kind in _OF_DRIVE:
             return _OF_DRIVE[kind](drives[part])
-        return "1" if kind is StateKind.SENSOR_GAIN else UNITS_OF_JOINTS.get(kind) or by_name.get(name, "")
+        return (
+            "1"
+            if kind is StateKind.SENSOR_GAIN
+            else UNITS_OF_JOINTS.get(kind) or by_name.get(name, "")
+        )
 
     return tuple(unit(*state) for state in zip(runner.state_names, *kinds_of(runner)))
 
 
 def states_of(
-    kind: StateKind, parts: Sequence[str], state_kinds: Sequence[StateKind], state_parts: Sequence[str]
+    kind: StateKind,
+    parts: Sequence[str],
+    state_kinds: Sequence[StateKind],
+    state_parts: Sequence[str],
 ) -> dict[str, int]:
-    """Return part → index of its state of a kind, in the order of the parts; one that has none is left out."""
-    indices = {part: i for i, (state_kind, part) in enumerate(zip(state_kinds, state_parts)) if state_kind is kind}
+    """Return part → index of its state of a kind, in the order of the parts; one that has none is
+    left out.
+    """
+    indices = {
+        part: i
+        for i, (state_kind, part) in enumerate(zip(state_kinds, state_parts))
+        if state_kind is kind
+    }
     return {part: indices[part] for part in parts if part in indices}
 
 
 def external_torques_of(runner: NamesStates) -> dict[str, int]:
-    """Return joint → index of the state that is the torque on it from outside, in the order of the joints."""
-    return states_of(StateKind.EXTERNAL_TORQUE, [joint.name for joint in runner.rig.joints], *kinds_of(runner))
+    """Return joint → index of the state that is the torque on it from outside, in the order of the
+    joints.
+    """
+    return states_of(
+        StateKind.EXTERNAL_TORQUE, [joint.name for joint in runner.rig.joints], *kinds_of(runner)
+    )

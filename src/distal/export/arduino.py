@@ -1,4 +1,6 @@
-"""The filter as a library for Arduino and PlatformIO, with a sketch that reads encoders and analog sensors."""
+"""The filter as a library for Arduino and PlatformIO, with a sketch that reads encoders and analog
+sensors.
+"""
 
 from __future__ import annotations
 
@@ -23,20 +25,27 @@ EDITED = ("library.properties", "library.json", f"examples/{SKETCH}/{SKETCH}.ino
 
 
 def export_arduino(
-    rig: Rig, out: str | Path, estimator: str = "adaptive", *, single: bool = True, name: str | None = None
+    rig: Rig,
+    out: str | Path,
+    estimator: str = "adaptive",
+    *,
+    single: bool = True,
+    name: str | None = None,
 ) -> Exported:
     """Write an estimator of a rig as a library for Arduino and PlatformIO.
 
     Args:
-        out: the library's folder; made if it is not there. An earlier export's files are replaced, but for those that
-            are there to be `EDITED`.
+        out: the library's folder; made if it is not there. An earlier export's files are replaced,
+            but for those that are there to be `EDITED`.
         single: float and float functions only, else double.
-        name: of the library, and prefix of its C names; default from the rig's title and the estimator.
+        name: of the library, and prefix of its C names; default from the rig's title and the
+            estimator.
 
     Raises:
         ExportError: the name is no C identifier, or the estimator has no C.
         EstimationError: the estimator cannot run on this rig.
-        OutputError: the folder cannot be written, has files that no export wrote, or is of another library.
+        OutputError: the folder cannot be written, has files that no export wrote, or is of another
+            library.
     """
     name = name if name is not None else c_name(f"{rig.name}_{estimator}")
     exported = c_filter(rig, estimator, single, name)
@@ -46,14 +55,18 @@ def export_arduino(
     for file in EDITED:
         if (folder / file).is_file():
             if f"{name}.h" not in (folder / file).read_text(encoding="utf-8", errors="replace"):
-                raise OutputError(f"{folder / file}: is of another library than {name}; give another folder")
+                raise OutputError(
+                    f"{folder / file}: is of another library than {name}; give another folder"
+                )
             del files[file]
     write_files(folder, files)
     return exported
 
 
 def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
-    """Return the files of a library, name → text, as the Arduino library specification (1.5) lays them out."""
+    """Return the files of a library, name → text, as the Arduino library specification (1.5) lays
+    them out.
+    """
     values = {
         "name": exported.name,
         "NAME": exported.name.upper(),
@@ -82,20 +95,30 @@ def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
 
 
 def _sensors(rig: Rig, exported: Exported) -> str:
-    """Return the lines of the sketch that read each sensor: a place by an encoder's counts, a force by an analog pin."""
-    sensors, lines, begin, values = {sensor.name: sensor for sensor in rig.sensors}, list[str](), list[str](), []
+    """Return the lines of the sketch that read each sensor: a place by an encoder's counts, a force
+    by an analog pin.
+    """
+    sensors, lines, begin, values = (
+        {sensor.name: sensor for sensor in rig.sensors},
+        list[str](),
+        list[str](),
+        [],
+    )
     pin, analog = 2, 0
     for i, channel in enumerate(exported.channels):
         sensor = sensors[channel]
         meaning = f"{comment(channel)}: {sensor.measures} of {comment(sensor.of)}"
         if sensor.measures in ("position", "angle"):
-            factor, why = _factor(sensor, "count", "2 * pi / 4096 of a turn" if sensor.si == "rad" else "10 um", 1e-5)
+            factor, why = _factor(
+                sensor, "count", "2 * pi / 4096 of a turn" if sensor.si == "rad" else "10 um", 1e-5
+            )
             lines += [
                 f"/* {meaning}: an encoder with two channels; per count [{sensor.si}]: {why} */",
                 f"const {exported.name}_real PER_COUNT_{i} = {factor};",
                 f"const int A_{i} = {pin}, B_{i} = {pin + 1};",
                 f"volatile long counts_{i};",
-                f"void counted_{i}() {{ counts_{i} += digitalRead(A_{i}) == digitalRead(B_{i}) ? 1 : -1; }}",
+                f"void counted_{i}() {{ counts_{i} += digitalRead(A_{i}) == digitalRead(B_{i}) ? "
+                f"1 : -1; }}",
                 "",
             ]
             begin += [
@@ -109,7 +132,8 @@ def _sensors(rig: Rig, exported: Exported) -> str:
         else:
             factor, why = _factor(sensor, "mA", f"0.01 {sensor.si}", 1e-2)
             lines += [
-                f"/* {meaning}: a voltage at an analog pin; per step of the converter [{sensor.si}]: {why} */",
+                f"/* {meaning}: a voltage at an analog pin; per step of the converter "
+                f"[{sensor.si}]: {why} */",
                 f"const {exported.name}_real PER_STEP_{i} = {factor};",
                 f"const int ZERO_{i} = 0; /* what the pin reads without a force */",
                 "",
@@ -121,7 +145,9 @@ def _sensors(rig: Rig, exported: Exported) -> str:
 
 
 def _factor(sensor: Sensor, unit: str, example: str, otherwise: float) -> tuple[str, str]:
-    """Return the factor from a reading to SI, and where it is from: the rig, or an example that is to be replaced."""
+    """Return the factor from a reading to SI, and where it is from: the rig, or an example that is
+    to be replaced.
+    """
     if log_unit(sensor) == unit:
         return f"{sensor.sign * log_factor(sensor):.9g}", f"as the rig has it, a {unit}"
     return f"{0.00153398079 if 'pi' in example else otherwise:.9g}", f"{example}; SET YOURS"

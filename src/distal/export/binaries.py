@@ -1,4 +1,6 @@
-"""Shared libraries of C sources: for this platform by its own compiler, for others by ziglang where it is installed."""
+"""Shared libraries of C sources: for this platform by its own compiler, for others by ziglang where
+it is installed.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,34 @@ ZIG_TARGETS = {
     "x86_64-darwin": "x86_64-macos",
     "aarch64-darwin": "aarch64-macos",
 }
-"""What zig calls each platform of FMI; the oldest C library that it knows is on every Linux in use."""
+"""What zig calls each platform of FMI; the oldest C library that it knows is on every Linux in use.
+"""
 
 SUFFIX = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}
 
-_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-shared")
+_FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fvisibility=hidden",
+    "-fPIC",
+    "-shared",
+)
 
 
 def this_platform() -> str:
     """Return this platform as FMI names it."""
     machine = platform.machine().lower()
-    architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(machine, machine)
+    architecture = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(
+        machine, machine
+    )
     return f"{architecture}-{ {'win32': 'windows'}.get(sys.platform, sys.platform) }"
 
 
 def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str, bytes], str]:
-    """Return the shared libraries of some sources by platform, and why there are no others; empty where there are all.
+    """Return the shared libraries of some sources by platform, and why there are no others; empty
+    where there are all.
 
     Args:
         sources: texts by file.
@@ -61,17 +75,26 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
         files = [file for file in sources if file.endswith(".c")]
         with ThreadPoolExecutor() as pool:
             made = dict(
-                zip(commands, pool.map(lambda at: _made(folder, [*commands[at], *_FLAGS], files, at), commands))
+                zip(
+                    commands,
+                    pool.map(
+                        lambda at: _made(folder, [*commands[at], *_FLAGS], files, at), commands
+                    ),
+                )
             )
     reasons += [f"{where}: {reason}" for where, reason in made.items() if isinstance(reason, str)]
-    return {where: code for where, code in made.items() if isinstance(code, bytes)}, "; ".join(reasons)
+    return {where: code for where, code in made.items() if isinstance(code, bytes)}, "; ".join(
+        reasons
+    )
 
 
 def _made(folder: str, command: Sequence[str], files: Sequence[str], where: str) -> bytes | str:
     """Return the shared library that a compiler makes in a folder, or why it does not."""
     command = [*command, *files, "-lm", "-o", f"made-{where}"]
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600)
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600
+        )
     except (OSError, subprocess.SubprocessError) as problem:
         return f"the C compiler did not run ({type(problem).__name__})"
     if done.returncode != 0:

@@ -1,4 +1,6 @@
-"""The live inverse as C99, beside an exported filter: what the drives do next, from its state and the wanted angles."""
+"""The live inverse as C99, beside an exported filter: what the drives do next, from its state and
+the wanted angles.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ class ExportedCommand:
 
 
 def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
-    """Return the live inverse of a rig as C99, with the numbers of `LiveInverse`, for the filter exported as `filter_name`.
+    """Return the live inverse of a rig as C99, with the numbers of `LiveInverse`, for the filter
+    exported as `filter_name`.
 
     Args:
         real: double, or float as that filter is.
@@ -63,8 +66,12 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "filter": filter_name,
         "rig": comment(rig.name),
         "real": real.type,
-        "joints": "\n".join(f" *   {i}  {comment(rig.joints[j].name)} [rad]" for i, j in enumerate(model.free)),
-        "drives": "\n".join(f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)),
+        "joints": "\n".join(
+            f" *   {i}  {comment(rig.joints[j].name)} [rad]" for i, j in enumerate(model.free)
+        ),
+        "drives": "\n".join(
+            f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)
+        ),
         "n_joints": str(model.nf),
         "n_drives": str(model.nd),
         "n_states": str(len(runner.states)),
@@ -72,8 +79,12 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "n_x": str(layout.x.size),
         "n_y": str(layout.y.size),
         "numbers": ", ".join(real.constant(float(number)) for number in numbers),
-        "reported": "\n".join(f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported),
-        "known": " && ".join(f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)),
+        "reported": "\n".join(
+            f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
+        ),
+        "known": " && ".join(
+            f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)
+        ),
         "free": ", ".join(map(str, model.free)),
         "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
         "zero": real.constant(0.0),

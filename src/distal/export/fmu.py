@@ -1,4 +1,6 @@
-"""The filter as an FMU: FMI 3.0 for co-simulation, with its sources and binaries of the platforms that compilers know."""
+"""The filter as an FMU: FMI 3.0 for co-simulation, with its sources and binaries of the platforms
+that compilers know.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ class Fmu:
     Args:
         inputs: names of the sensors, in order.
         outputs: names of what it puts out, in order.
-        platforms: those that it has a binary for, as FMI names them; for any other a tool builds it from its sources.
+        platforms: those that it has a binary for, as FMI names them; for any other a tool builds it
+            from its sources.
         without: why it has no binary for others; empty where none is lacking.
     """
 
@@ -43,21 +46,28 @@ class Fmu:
 
 
 def export_fmu(
-    rig: Rig, out: str | Path, estimator: str = "adaptive", name: str | None = None, everywhere: bool = True
+    rig: Rig,
+    out: str | Path,
+    estimator: str = "adaptive",
+    name: str | None = None,
+    everywhere: bool = True,
 ) -> Fmu:
     """Write an estimator of a rig as an FMU for co-simulation, FMI 3.0.
 
-    Inputs are the sensors [SI], NaN where a value is missing; outputs are angles, torques from outside, their standard
-    deviations, and the health of the stream: before the first sample the prior and ``not_yet``, after a step what is
-    predicted of its end.
+    Inputs are the sensors [SI], NaN where a value is missing; outputs are angles, torques from
+    outside, their standard deviations, and the health of the stream: before the first sample the
+    prior and ``not_yet``, after a step what is predicted of its end.
 
     Args:
         out: the file, which ends in .fmu.
-        name: prefix of the names in C, and the model's identifier; default from the rig's title and the estimator.
-        everywhere: with binaries for Linux, Windows and macOS, where ziglang is installed; else for this platform alone.
+        name: prefix of the names in C, and the model's identifier; default from the rig's title and
+            the estimator.
+        everywhere: with binaries for Linux, Windows and macOS, where ziglang is installed; else for
+            this platform alone.
 
     Raises:
-        ExportError: the file's name does not end in .fmu, the name is no C identifier, or the estimator has no C.
+        ExportError: the file's name does not end in .fmu, the name is no C identifier, or the
+            estimator has no C.
         EstimationError: the estimator cannot run on this rig.
         OutputError: the file cannot be written.
     """
@@ -79,7 +89,9 @@ def export_fmu(
         "token": token,
         "wild": f"{LARGEST_READING:.17g}",
     }
-    interface = filled(resources.files("distal.export").joinpath("fmi3.c").read_text(encoding="utf-8"), values)
+    interface = filled(
+        resources.files("distal.export").joinpath("fmi3.c").read_text(encoding="utf-8"), values
+    )
     sources = {
         f"{exported.name}.h": exported.header,
         f"{exported.name}.c": exported.source,
@@ -93,7 +105,9 @@ def export_fmu(
         for file, text in sources.items():
             archive.writestr(f"sources/{file}", text)
         for platform, binary in binaries.items():
-            archive.writestr(f"binaries/{platform}/{exported.name}{SUFFIX[platform.split('-')[1]]}", binary)
+            archive.writestr(
+                f"binaries/{platform}/{exported.name}{SUFFIX[platform.split('-')[1]]}", binary
+            )
     write_whole(out, fmu.getvalue())
     names = (*(variable.name for variable in told), _free("health", exported.channels))
     return Fmu(exported, exported.channels, names, tuple(binaries), without)
@@ -115,9 +129,13 @@ def _variables(runner: KernelEstimator, exported: Exported) -> Iterator[_Variabl
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     for channel in exported.channels:
         sensor = sensors[channel]
-        yield _Variable(channel, "input", sensor.si, f"{sensor.measures} of {sensor.of}; NaN where missing")
+        yield _Variable(
+            channel, "input", sensor.si, f"{sensor.measures} of {sensor.of}; NaN where missing"
+        )
     angles = (angle for angle, _ in angle_fields(rig))
-    fields = [(angle, joint.name, "angle", "rad") for joint, angle in zip(rig.joints, angles, strict=True)]
+    fields = [
+        (angle, joint.name, "angle", "rad") for joint, angle in zip(rig.joints, angles, strict=True)
+    ]
     fields += [(field, field, "torque from outside", "N m") for _, field in torque_fields(runner)]
     for field, part, quantity, unit in fields:
         std = std_name(field), f"standard deviation of the error of the {quantity}"
@@ -135,8 +153,10 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         "fmiModelDescription",
         fmiVersion="3.0",
         modelName="".join(c if c.isprintable() else " " for c in rig.name),
-        description="Where the joints are, from what is measured at the proximal end of the tendons. A sample is taken in "
-        "when a step begins; outputs are predictions of the step's end, health is that of the sample",
+        description="Where the joints are, from what is measured at the proximal end of the "
+        "tendons. A sample is taken in "
+        "when a step begins; outputs are predictions of the step's end, health is that of the "
+        "sample",
         instantiationToken=token,
         generationTool=f"distal {__version__}",
         variableNamingConvention="flat",
@@ -155,11 +175,18 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
         ElementTree.SubElement(ElementTree.SubElement(units, "Unit", name=unit), "BaseUnit", base)
     types = ElementTree.SubElement(root, "TypeDefinitions")
     health = ElementTree.SubElement(types, "EnumerationType", name="Health")
-    words = {word: HEALTH[word] for word in spoken()} | {"not_yet": "no sample was taken in: the outputs are the prior"}
+    words = {word: HEALTH[word] for word in spoken()} | {
+        "not_yet": "no sample was taken in: the outputs are the prior"
+    }
     for code, (word, meaning) in enumerate(words.items()):
         ElementTree.SubElement(health, "Item", name=word, value=str(code), description=meaning)
-    ElementTree.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval))
-    model, names = ElementTree.SubElement(root, "ModelVariables"), {variable.name for variable in variables}
+    ElementTree.SubElement(
+        root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval)
+    )
+    model, names = (
+        ElementTree.SubElement(root, "ModelVariables"),
+        {variable.name for variable in variables},
+    )
     ElementTree.SubElement(
         model,
         "Float64",
@@ -191,9 +218,15 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
 
 def _attributes(variable: _Variable, reference: int) -> dict[str, str]:
     is_input = variable.causality == "input"
-    attributes = {"name": variable.name, "valueReference": str(reference), "causality": variable.causality}
+    attributes = {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "causality": variable.causality,
+    }
     attributes |= {"unit": variable.unit, "description": variable.description}
-    attributes |= {"variability": "continuous", "start": "NaN"} if is_input else {"variability": "discrete"}
+    attributes |= (
+        {"variability": "continuous", "start": "NaN"} if is_input else {"variability": "discrete"}
+    )
     return attributes
 
 

@@ -1,4 +1,6 @@
-"""The health of a stream in C: the function of `distal.run.health`, behind a pair of functions of the exported filter."""
+"""The health of a stream in C: the function of `distal.run.health`, behind a pair of functions of
+the exported filter.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +12,23 @@ from distal.run.health import HEALTH, Health, begun, watch_of
 
 
 def spoken() -> list[Health]:
-    """Return the words that a board can say, in the order of their codes; those for stamps are what a step returns."""
+    """Return the words that a board can say, in the order of their codes; those for stamps are what
+    a step returns.
+    """
     words = list(HEALTH)
     return words[: words.index("restarted") + 1]
 
 
 def health_codes(name: str) -> str:
     """Return the enumeration of `spoken`."""
-    return ",\n".join(f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken()))
+    return ",\n".join(
+        f"  {name.upper()}_HEALTH_{word.upper()} = {i}" for i, word in enumerate(spoken())
+    )
 
 
 def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
-    """Return the C of an estimator's health, and how many numbers it remembers, as the templates are filled with them.
+    """Return the C of an estimator's health, and how many numbers it remembers, as the templates
+    are filled with them.
 
     Raises:
         ExportError: the function has no C.

@@ -1,4 +1,6 @@
-"""Names of exported filters: what C functions, files and targets of CMake may be called, on every system."""
+"""Names of exported filters: what C functions, files and targets of CMake may be called, on every
+system.
+"""
 
 from __future__ import annotations
 
@@ -46,16 +48,19 @@ def checked_name(name: str) -> str:
     """Return a name that C names and files may begin with, as it is.
 
     Raises:
-        ExportError: it is no C identifier, begins with an underscore as those of compilers do, or is taken.
+        ExportError: it is no C identifier, begins with an underscore as those of compilers do, or
+            is taken.
     """
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,99}", name):
         raise ExportError(
-            f"'{shown(name)}' cannot begin the names of C functions; up to 100 lower-case letters, digits and _ can, "
+            f"'{shown(name)}' cannot begin the names of C functions; up to 100 lower-case "
+            "letters, digits and _ can, "
             "a letter first"
         )
     if _taken(name):
         raise ExportError(
-            f"'{name}' is the name of a header of C, a target of CMake or a device; give another one (--name)"
+            f"'{name}' is the name of a header of C, a target of CMake or a device; give another "
+            "one (--name)"
         )
     return name
 

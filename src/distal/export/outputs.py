@@ -1,4 +1,6 @@
-"""What an exported filter puts out: angles of the joints and torques on them from outside, by the names that C allows."""
+"""What an exported filter puts out: angles of the joints and torques on them from outside, by the
+names that C allows.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,11 @@ def comment(text: str) -> str:
 
 
 def angle_fields(rig: Rig) -> list[tuple[str, str]]:
-    """Return the names of angle and standard deviation of each joint in an exported filter's output.
+    """Return the names of angle and standard deviation of each joint in an exported filter's
+    output.
 
-    ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does not allow in a name.
+    ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does
+    not allow in a name.
     """
     joints = [joint.name for joint in rig.joints]
     if len(joints) == 1:
@@ -32,18 +36,24 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
     names: list[str] = []
     for angle in angle_names(joints):
         plain = re.sub(r"[^A-Za-z0-9]", "_", angle)
-        names.append(next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if n not in names))
+        names.append(
+            next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if n not in names)
+        )
     return [(name, std_name(name)) for name in names]
 
 
 def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
-    """Return the states that are torques from outside, and their names in an exported filter's output."""
+    """Return the states that are torques from outside, and their names in an exported filter's
+    output.
+    """
     states = [runner.state_names[i] for i in external_torques_of(runner).values()]
     return [(state, re.sub(r"[^A-Za-z0-9]", "_", state)) for state in states]
 
 
 def members(runner: KernelEstimator, name: str) -> str:
-    """Return the members of the output that are angles and torques from outside, with their standard deviations."""
+    """Return the members of the output that are angles and torques from outside, with their
+    standard deviations.
+    """
     lines, rig = [], runner.rig
     for (angle, std), joint in zip(angle_fields(rig), rig.joints):
         which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
@@ -56,15 +66,22 @@ def members(runner: KernelEstimator, name: str) -> str:
 
 
 def outputs(runner: KernelEstimator, n: int, stepped: bool = True) -> str:
-    """Return the lines that fill these members from the `n` states; before the first sample no learned map has spoken."""
+    """Return the lines that fill these members from the `n` states; before the first sample no
+    learned map has spoken.
+    """
     fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
-    fields += [(runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)]
+    fields += [
+        (runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)
+    ]
     lines, report = [], runner.report
     for at, field, std in fields:
         estimate, variance = f"state->carry[{at}]", f"state->carry[{n + at * (n + 1)}]"
         if stepped and at in report.states:  # a learned map speaks of it
             k = report.states.index(at)
             gain = f"y[{report.gains[k]}]"
-            estimate, variance = f"y[{report.values[k]}]", f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"
+            estimate, variance = (
+                f"y[{report.values[k]}]",
+                f"{gain} * {gain} * {variance} + y[{report.variances[k]}]",
+            )
         lines += [f"    out->{field} = {estimate};", f"    out->{std} = root({variance});"]
     return "\n".join(lines)

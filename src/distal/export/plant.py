@@ -1,4 +1,6 @@
-"""The simulated plant as C99: the motion between two samples, and what the sensors read, with errors from a seed."""
+"""The simulated plant as C99: the motion between two samples, and what the sensors read, with
+errors from a seed.
+"""
 
 from __future__ import annotations
 
@@ -46,8 +48,12 @@ class ExportedPlant:
 
 
 def resting_pull(plant: Mechanism) -> Floats:
-    """Return the pull on each body that holds a plant at rest: the drives' nominal ones, (n_bodies,)."""
-    return np.array([0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives])
+    """Return the pull on each body that holds a plant at rest: the drives' nominal ones,
+    (n_bodies,).
+    """
+    return np.array(
+        [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
+    )
 
 
 def c_plant(rig: Rig, name: str) -> ExportedPlant:
@@ -63,7 +69,8 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         raise ExportError(f"'{rig.name}' has no sensor: there is nothing to simulate; add one")
     if late:
         raise ExportError(
-            f"'{rig.name}': the plant in C has no delayed sensors, and a delay is set for {', '.join(late)}; set it to 0"
+            f"'{rig.name}': the plant in C has no delayed sensors, and a delay is set for "
+            f"{', '.join(late)}; set it to 0"
         )
     plant = Mechanism(rig, remembers=True)
     interval = 1.0 / max(sensor.rate for sensor in rig.sensors)
@@ -88,11 +95,16 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "name": name,
         "NAME": name.upper(),
         "rig": comment(rig.name),
-        "bodies": "\n".join(f" *   {i}  {comment(body.name)}" for i, body in enumerate(plant.bodies)),
-        "sensors": "\n".join(
-            f" *   {i}  {comment(s.name)}: {s.measures} of {comment(s.of)} [{s.si}]" for i, s in enumerate(rig.sensors)
+        "bodies": "\n".join(
+            f" *   {i}  {comment(body.name)}" for i, body in enumerate(plant.bodies)
         ),
-        "names": "\n".join(f" *   {i:3d}  {comment(parameter)}" for i, parameter in enumerate(names)),
+        "sensors": "\n".join(
+            f" *   {i}  {comment(s.name)}: {s.measures} of {comment(s.of)} [{s.si}]"
+            for i, s in enumerate(rig.sensors)
+        ),
+        "names": "\n".join(
+            f" *   {i:3d}  {comment(parameter)}" for i, parameter in enumerate(names)
+        ),
         "n_bodies": str(n),
         "n_joints": str(plant.n_joints),
         "n_tendons": str(plant.n_tendons),
@@ -107,7 +119,9 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "carry": table(carry),
         "first": table(first[0]),
         "errors": ",\n  ".join(f"{{{table(row)}}}" for row in _errors(plant)),
-        "every": ", ".join(str(max(round(1.0 / interval / sensor.rate), 1)) for sensor in rig.sensors),
+        "every": ", ".join(
+            str(max(round(1.0 / interval / sensor.rate), 1)) for sensor in rig.sensors
+        ),
         "prelude": dialect.prelude(emitter.text),
         "functions": emitter.text,
         "advance": advance,
@@ -115,7 +129,9 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     }
     header, source = filled(_HEADER, values), filled(_SOURCE, values)
     sensors = tuple(sensor.name for sensor in rig.sensors)
-    return ExportedPlant(name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count)
+    return ExportedPlant(
+        name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count
+    )
 
 
 def _errors(plant: Mechanism) -> list[list[float]]:

@@ -1,4 +1,6 @@
-"""A folder with an exported filter: source, header, build file, replay program and README, all or none."""
+"""A folder with an exported filter: source, header, build file, replay program and README, all or
+none.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +35,12 @@ def export_c(
     """Write an estimator of a rig as C99 to a folder.
 
     Args:
-        out: the folder; made if it is not there. An earlier export's files are replaced, others left.
+        out: the folder; made if it is not there. An earlier export's files are replaced, others
+            left.
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
-        home: how well an angle is known where a joint homes, std [rad]; default it does not home while it runs.
+        home: how well an angle is known where a joint homes, std [rad]; default it does not home
+            while it runs.
         plant: write the simulated rig with its sensors too, as NAME_plant.
         command: write the live inverse beside `adaptive` too, as NAME_command; see `LiveInverse`.
 
@@ -47,7 +51,9 @@ def export_c(
     """
     folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
     if command and estimator != "adaptive":
-        raise ExportError(f"commands are by the state of adaptive, {estimator} has another; leave command out")
+        raise ExportError(
+            f"commands are by the state of adaptive, {estimator} has another; leave command out"
+        )
     names = export_files(name, plant, command)
     check_outputs(outputs_in(folder, names, "the export"))
     check_ours(folder, names)
@@ -58,7 +64,10 @@ def export_c(
         files |= {f"{name}_plant.h": c_of_plant.header, f"{name}_plant.c": c_of_plant.source}
     if command:
         c_of_command = c_command(rig, f"{name}_command", name, Plain(single))
-        files |= {f"{name}_command.h": c_of_command.header, f"{name}_command.c": c_of_command.source}
+        files |= {
+            f"{name}_command.h": c_of_command.header,
+            f"{name}_command.c": c_of_command.source,
+        }
     write_files(folder, files)
     return exported
 
@@ -98,9 +107,14 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
         try:
             ours = not path.is_file() or MARK in path.read_text(encoding="utf-8", errors="replace")
         except OSError as problem:
-            raise OutputError(f"{path}: cannot be read ({problem.strerror}); give another folder") from None
+            raise OutputError(
+                f"{path}: cannot be read ({problem.strerror}); give another folder"
+            ) from None
         if not ours:
-            raise OutputError(f"{path}: was not written by export-c; give another folder, so that it is not replaced")
+            raise OutputError(
+                f"{path}: was not written by export-c; give another folder, so that it is not "
+                "replaced"
+            )
 
 
 def project_files(exported: Exported) -> dict[str, str]:
@@ -115,7 +129,8 @@ def readme(exported: Exported) -> str:
     kind, size, suffix = ("float", 4, "f") if exported.single else ("double", 8, "")
     calls = ", ".join(f"{count} {name}{suffix}" for name, count in exported.library.items())
     float_warning = (
-        "\nIn float this estimator may differ from double by much more than its band: it jumps where a body goes from\n"
+        "\nIn float this estimator may differ from double by much more than its band: it jumps "
+        "where a body goes from\n"
         "sticking to slipping. `adaptive` does not; or export it in double.\n"
         if exported.single and exported.jumps
         else ""
@@ -129,7 +144,9 @@ def readme(exported: Exported) -> str:
             "estimator": exported.estimator,
             "real": kind,
             "float_warning": float_warning,
-            "channels": "\n".join(f"| {i} | `{channel}` |" for i, channel in enumerate(exported.channels)),
+            "channels": "\n".join(
+                f"| {i} | `{channel}` |" for i, channel in enumerate(exported.channels)
+            ),
             "n_states": str(len(exported.states)),
             "state_bytes": f"{exported.state_bytes:,}",
             "scratch_bytes": f"{exported.scratch_bytes:,}",

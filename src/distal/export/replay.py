@@ -10,7 +10,9 @@ from distal.units import unit_factor
 
 
 def replay_program(runner: KernelEstimator, name: str) -> str:
-    """Return a C program that reads a log and writes t, then angles and torques from outside with their stds."""
+    """Return a C program that reads a log and writes t, then angles and torques from outside with
+    their stds.
+    """
     sensors, time = {sensor.name: sensor for sensor in runner.rig.sensors}, runner.rig.log.time
     read = [sensors[channel] for channel in runner.channels]
     columns = [time.column, *(sensor.log_column for sensor in read)]
@@ -18,7 +20,11 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     angles = angle_names([joint.name for joint in runner.rig.joints])
     torques = torque_fields(runner)
     units = {**dict.fromkeys(angles, "rad"), **{torque: "N m" for torque, _ in torques}}
-    names = [header(column, unit) for estimate, unit in units.items() for column in (estimate, std_name(estimate))]
+    names = [
+        header(column, unit)
+        for estimate, unit in units.items()
+        for column in (estimate, std_name(estimate))
+    ]
     log_units = [time.unit, *(log_unit(sensor) for sensor in read)]
     pairs = [*angle_fields(runner.rig), *((field, std_name(field)) for _, field in torques)]
     values = {
@@ -39,7 +45,9 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
 
 def c_string(text: str) -> str:
     """Return a text as a string of C, byte by byte where it is not plain."""
-    plain = (chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in text.encode())
+    plain = (
+        chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in text.encode()
+    )
     return f'"{"".join(plain)}"'
 
 

@@ -1,4 +1,6 @@
-"""One estimator of one rig as C99: a header and a source, no malloc, no globals, the caller owns the state."""
+"""One estimator of one rig as C99: a header and a source, no malloc, no globals, the caller owns
+the state.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,14 @@ from dataclasses import KW_ONLY, dataclass
 
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
-from distal.estimators import LARGEST_ANGLE, SHORTEST, FullStateFilter, KernelEstimator, make_estimator, state_units
+from distal.estimators import (
+    LARGEST_ANGLE,
+    SHORTEST,
+    FullStateFilter,
+    KernelEstimator,
+    make_estimator,
+    state_units,
+)
 from distal.estimators.gaps import MOST_BRIDGES, SPLIT
 from distal.export.health import health_codes, health_source
 from distal.export.names import c_name, checked_name
@@ -32,7 +41,8 @@ class Exported:
         library: calls of the mathematics library in a step, by name.
         interval: nominal time between samples [s].
         replay: text of a program that runs the filter over a CSV file.
-        jumps: whether it jumps where a body goes from sticking to slipping, which float and double may do at other samples.
+        jumps: whether it jumps where a body goes from sticking to slipping, which float and double
+            may do at other samples.
     """
 
     name: str
@@ -60,20 +70,26 @@ class Exported:
 
     @property
     def scratch_bytes(self) -> int:
-        """Size of the arrays that a step has on the stack, in bytes, without what the compiler spills."""
+        """Size of the arrays that a step has on the stack, in bytes, without what the compiler
+        spills.
+        """
         return (4 if self.single else 8) * self.scratch
 
 
 def c_filter(
-    rig: Rig, estimator: str = "adaptive", single: bool = False, name: str | None = None, home: float | None = None
+    rig: Rig,
+    estimator: str = "adaptive",
+    single: bool = False,
+    name: str | None = None,
+    home: float | None = None,
 ) -> Exported:
     """Return an estimator of a rig as C99.
 
     Args:
         single: float and float functions only, else double.
         name: prefix of all names; default from the rig's title and the estimator.
-        home: how well an angle is known where a joint homes, std [rad]; then samples have one for each joint, see
-            `distal.homing_filter`.
+        home: how well an angle is known where a joint homes, std [rad]; then samples have one for
+            each joint, see `distal.homing_filter`.
 
     Raises:
         ExportError: the name is no C identifier, or the estimator has no C.
@@ -81,7 +97,11 @@ def c_filter(
     """
     if home is not None and estimator != "adaptive":
         raise ExportError(f"adaptive homes while it runs, {estimator} does not; leave home out")
-    runner = make_estimator(estimator, rig, compiled=False) if home is None else homing_filter(rig, home, False)
+    runner = (
+        make_estimator(estimator, rig, compiled=False)
+        if home is None
+        else homing_filter(rig, home, False)
+    )
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
     prior, step = runner.prior_function(), runner.kernel.function
     emitter = Emitter(Plain(single))
@@ -89,7 +109,10 @@ def c_filter(
         begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
-    cost, scratch = emitter.functions[advance].cost, sum(written.scratch for written in emitter.functions.values())
+    cost, scratch = (
+        emitter.functions[advance].cost,
+        sum(written.scratch for written in emitter.functions.values()),
+    )
     watching = health_source(runner, name, emitter)
     values = _values(runner, name, emitter, begin, advance) | watching
     values |= _beginning(len(runner.state_names), prior.numel_out(1))
@@ -113,14 +136,19 @@ def c_filter(
     )
 
 
-def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str) -> dict[str, str]:
+def _values(
+    runner: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str
+) -> dict[str, str]:
     """Return what the templates are filled with."""
     dialect, n, m = emitter.dialect, len(runner.state_names), len(runner.measured)
     assert isinstance(dialect, Plain)
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     read = [sensors[channel] for channel in runner.channels]
     channels = [f" *   {i}  {s.name}: {s.measures} of {s.of} [{s.si}]" for i, s in enumerate(read)]
-    states = [f"{state}{f' [{unit}]' * bool(unit)}" for state, unit in zip(runner.state_names, state_units(runner))]
+    states = [
+        f"{state}{f' [{unit}]' * bool(unit)}"
+        for state, unit in zip(runner.state_names, state_units(runner))
+    ]
     measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
     numbers = [dialect.constant(float(x)) for x in runner.numbers]
     travels = [joint.travel for joint in runner.rig.joints]
@@ -143,7 +171,9 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
         "n_carry": str(runner.kernel.n_carry),
         "n_numbers": str(len(numbers)),
         "n_bridged": str(runner.bridged),
-        "reach": ", ".join(f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels),
+        "reach": ", ".join(
+            f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels
+        ),
         "anywhere": dialect.constant(ANYWHERE**2),
         "health": health_codes(name),
         "n_joints": str(len(runner.rig.joints)),
@@ -170,7 +200,8 @@ def _values(runner: KernelEstimator, name: str, emitter: Emitter, begin: str, ad
 
 
 def _beginning(n: int, spread: int) -> dict[str, str]:
-    """Return what the template's beginning is filled with, from the sizes of the state and of its prior's spread.
+    """Return what the template's beginning is filled with, from the sizes of the state and of its
+    prior's spread.
 
     Args:
         spread: n² of a covariance, n of its diagonal alone.

@@ -3,7 +3,13 @@
 from distal.fitting.angle_observability import Observability, observability
 from distal.fitting.fit import fit
 from distal.fitting.fitted_number import FittedNumber
-from distal.fitting.learned_maps import LeftOut, MapFit, learn_affine, learn_contact, learn_discrepancy
+from distal.fitting.learned_maps import (
+    LeftOut,
+    MapFit,
+    learn_affine,
+    learn_contact,
+    learn_discrepancy,
+)
 from distal.fitting.leave_out import Compared, Fold, Score
 from distal.fitting.options import Options
 from distal.fitting.progress import Doing

@@ -16,7 +16,16 @@ from distal.estimators import AdaptiveFilter, Directions, directions, first_valu
 from distal.homing import check_homing, with_references
 from distal.kernels import Feed, advance, covariance_of, variances_of
 from distal.logs import Log
-from distal.results import COLOURS, DASHES, Estimate, figure, from_start, legend_above, save_figure, time_label
+from distal.results import (
+    COLOURS,
+    DASHES,
+    Estimate,
+    figure,
+    from_start,
+    legend_above,
+    save_figure,
+    time_label,
+)
 from distal.rig import Rig, Sensor
 from distal.run import estimate, samples_of, with_channel
 
@@ -28,7 +37,9 @@ LOST = np.deg2rad(10.0)
 """The angle is lost by this (1σ) at the start of each window [rad]."""
 
 SEEN, HARDLY = 0.2, 0.7
-"""It is seen where a window's forces find it again to within this share of `LOST`, hardly seen to within that one."""
+"""It is seen where a window's forces find it again to within this share of `LOST`, hardly seen to
+within that one.
+"""
 
 OBSERVED_WINDOW = 0.5
 """Length of the windows [s]."""
@@ -36,11 +47,13 @@ OBSERVED_WINDOW = 0.5
 
 @dataclass(frozen=True)
 class Observability:
-    """How well the sensors find a joint's angle that was lost, along a log, and the `estimate` that it was computed along.
+    """How well the sensors find a joint's angle that was lost, along a log, and the `estimate` that
+    it was computed along.
 
     Args:
         time: stamps [s], (k,).
-        found: std of the angle, `LOST` at the start of its window, as the window's sensors find it again [rad], (k,).
+        found: std of the angle, `LOST` at the start of its window, as the window's sensors find it
+            again [rad], (k,).
         std: std of the angle along the whole log [rad], (k,).
         window: length of the windows [s].
         directions: of joint space that the sensors see, and those that they miss.
@@ -55,7 +68,9 @@ class Observability:
     directions: Directions | None = None
 
     def table(self, rows: int = 10) -> list[tuple[float, float, float, float, str]]:
-        """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of the log."""
+        """Return (from [s], to [s], std [rad], std found from lost [rad], word) of equal parts of
+        the log.
+        """
         edges = np.linspace(self.time[0], self.time[-1], rows + 1)
         # what a window found stands at its end
         number = np.floor((self.time - self.time[0]) / self.window).astype(int)
@@ -67,21 +82,40 @@ class Observability:
             regained = float(np.median(self.found[inside if inside else part]))
             share = regained / LOST
             word = "seen" if share < SEEN else "hardly seen" if share < HARDLY else "not seen"
-            lines.append((float(low), float(high), float(np.median(self.std[part])), regained, word))
+            lines.append(
+                (float(low), float(high), float(np.median(self.std[part])), regained, word)
+            )
         return lines
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw the angle with its band, and how soon it is found again where it is lost; save it to a path, if any."""
+        """Draw the angle with its band, and how soon it is found again where it is lost; save it to
+        a path, if any.
+        """
         with figure(2, 1, (6.5, 4.8), sharex=True) as (drawing, (angle, spread)):
             since = from_start(self.time)
-            theta, half = np.rad2deg(self.estimate.angles[:, self.joint]), np.rad2deg(BAND * self.std)
-            angle.fill_between(since, theta - half, theta + half, color=COLOURS[0], alpha=0.25, lw=0, label="95 % band")
+            theta, half = (
+                np.rad2deg(self.estimate.angles[:, self.joint]),
+                np.rad2deg(BAND * self.std),
+            )
+            angle.fill_between(
+                since,
+                theta - half,
+                theta + half,
+                color=COLOURS[0],
+                alpha=0.25,
+                lw=0,
+                label="95 % band",
+            )
             angle.plot(since, theta, color=COLOURS[0], lw=1.2, label="estimate")
             angle.set_ylabel("joint angle θ [°]")
             legend_above(angle)
             label = f"lost by {np.rad2deg(LOST):g}° every {self.window:g} s, and found again"
-            spread.semilogy(since, np.rad2deg(self.found), color=COLOURS[1], ls=DASHES[1], lw=1.2, label=label)
-            spread.semilogy(since, np.rad2deg(self.std), color=COLOURS[0], lw=1.2, label="along the log")
+            spread.semilogy(
+                since, np.rad2deg(self.found), color=COLOURS[1], ls=DASHES[1], lw=1.2, label=label
+            )
+            spread.semilogy(
+                since, np.rad2deg(self.std), color=COLOURS[0], lw=1.2, label="along the log"
+            )
             spread.set_ylabel("std of the angle [°]")
             spread.set_xlabel(time_label(self.time))
             legend_above(spread)
@@ -91,15 +125,20 @@ class Observability:
 
 
 def observability(
-    log: Log, rig: Rig, window: float = OBSERVED_WINDOW, homing: float | None = None, joint: str | None = None
+    log: Log,
+    rig: Rig,
+    window: float = OBSERVED_WINDOW,
+    homing: float | None = None,
+    joint: str | None = None,
 ) -> Observability:
     """Return how well the angle of a joint, by default the first, is seen along a log.
 
-    At the start of each window of so many s its variance is set to `LOST`², uncorrelated with everything else, and the
-    filter's own covariance recursion goes on: 1/P − 1/LOST² at the window's end is the angle's entry in the window's
-    observability Gramian, with process noise and what else is unknown taken into account (Krener and Ide, CDC 2009).
-    Where nothing is found again, friction, slack or stops hide the joint, and only the model's memory holds the angle.
-    For `homing` see `estimate`.
+    At the start of each window of so many s its variance is set to `LOST`², uncorrelated with
+    everything else, and the filter's own covariance recursion goes on: 1/P − 1/LOST² at the
+    window's end is the angle's entry in the window's observability Gramian, with process noise and
+    what else is unknown taken into account (Krener and Ide, CDC 2009). Where nothing is found
+    again, friction, slack or stops hide the joint, and only the model's memory holds the angle. For
+    `homing` see `estimate`.
 
     Raises:
         FitError: the window does not fit the log, or it is not clear which joint is meant.
@@ -109,10 +148,15 @@ def observability(
         raise FitError(f"observability takes one Log (see read_log), {type(log).__name__} came")
     span = float(log.time[-1] - log.time[0])
     if not 0.0 < window < span:
-        raise FitError(f"the window must be longer than 0 s and shorter than the log ({span:g} s), {window:g} s came")
+        raise FitError(
+            f"the window must be longer than 0 s and shorter than the log ({span:g} s), "
+            f"{window:g} s came"
+        )
     joints = [joint.name for joint in rig.joints]
     if joint is not None and joint not in joints:
-        raise FitError(f"observability: no joint is called {joint!r}; the rig has {', '.join(joints)}")
+        raise FitError(
+            f"observability: no joint is called {joint!r}; the rig has {', '.join(joints)}"
+        )
     at = 0 if joint is None else joints.index(joint)
     estimated = estimate(log, rig, homing=homing)
     references: tuple[Sensor, ...] = ()
@@ -120,7 +164,9 @@ def observability(
         rig, references = with_references(rig, log)
         true, early = check_homing(homing, log, joints), log.time - log.time[0] < homing
         for sensor in references:
-            log = with_channel(log, sensor.name, np.where(early, true[:, joints.index(sensor.of)], np.nan))
+            log = with_channel(
+                log, sensor.name, np.where(early, true[:, joints.index(sensor.of)], np.nan)
+            )
     runner = AdaptiveFilter(rig, references=references)
     samples = samples_of(log, runner.channels)
     belief = runner.initial(log.time[0], first_values(samples))
@@ -139,6 +185,12 @@ def observability(
         covariance = covariance_of(carry, n)
         covariance[at, :] = covariance[:, at] = 0.0
         covariance[at, at] = LOST**2
-        after = advance(runner.kernel, Feed(carry, rows[start : last[inside[-1]] + 1], runner.numbers)).carries
-        regained[inside] = np.sqrt(np.maximum(variances_of(after[last[inside] - start], n)[:, at], 0.0))
-    return Observability(log.time, np.maximum(regained, std), std, window, estimated, at, directions(rig))
+        after = advance(
+            runner.kernel, Feed(carry, rows[start : last[inside[-1]] + 1], runner.numbers)
+        ).carries
+        regained[inside] = np.sqrt(
+            np.maximum(variances_of(after[last[inside] - start], n)[:, at], 0.0)
+        )
+    return Observability(
+        log.time, np.maximum(regained, std), std, window, estimated, at, directions(rig)
+    )

@@ -13,7 +13,13 @@ from distal.fitting.fitted_number import assignments, described
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.learned_maps import MapFit, map_of
 from distal.fitting.log_checks import unknown_joints
-from distal.fitting.map_samples import discrepancy_of, filtered, mean_rms, partly_homed, with_reference_error
+from distal.fitting.map_samples import (
+    discrepancy_of,
+    filtered,
+    mean_rms,
+    partly_homed,
+    with_reference_error,
+)
 from distal.fitting.missing_physics import Part
 from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
@@ -34,17 +40,22 @@ from distal.rig import LearnedMap, Rig
 
 AS_IT_CAME, LINE = "the rig as it came", "a straight line"
 BY_EQUATIONS, BY_FILTER = "numbers by its equations", "numbers by its filter"
-"""Names of the candidates; of each but the line with what the angle then lacks (`discrepancy`) on top."""
+"""Names of the candidates; of each but the line with what the angle then lacks (`discrepancy`) on
+top.
+"""
 
 SURER = 0.85
-"""Filters take the numbers as they are (`hold`) if that brings the angle's error below this share."""
+"""Filters take the numbers as they are (`hold`) if that brings the angle's error below this share.
+"""
 
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
 
 
 CORRECTED_COSTS = 1.25
-"""Errors of the rig as it came count so many times where a map corrects it: the map bends elsewhere too."""
+"""Errors of the rig as it came count so many times where a map corrects it: the map bends elsewhere
+too.
+"""
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
@@ -59,8 +70,8 @@ def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
 class Training:
     """What candidates learn from: logs with a truth, and the description as it came.
 
-    Of the logs `groups` says which are left out together; the angles of joints that are `unknown` are known in none.
-    The description may have a `part` more than as it came.
+    Of the logs `groups` says which are left out together; the angles of joints that are `unknown`
+    are known in none. The description may have a `part` more than as it came.
     """
 
     logs: tuple[Log, ...]
@@ -91,13 +102,16 @@ class Training:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way of describing what logs have: a rig with numbers, None as they came, and maps by the names of their tables.
+    """One way of describing what logs have: a rig with numbers, None as they came, and maps by the
+    names of their tables.
 
     Args:
         hold: whether filters take the numbers as they are.
         error: RMS error of the angle on logs left out [rad]; infinite where it cannot run.
-        beyond: the same in the outer part of these logs, with a map of the inner part of the others [rad].
-        data: what its filter makes of the logs with numbers that have not seen them, by the index of the log.
+        beyond: the same in the outer part of these logs, with a map of the inner part of the others
+            [rad].
+        data: what its filter makes of the logs with numbers that have not seen them, by the index
+            of the log.
         refused: sentences on logs that its filter could not follow.
         part: that the description has more than as it came.
     """
@@ -116,7 +130,9 @@ class Candidate:
 
 @dataclass(frozen=True)
 class _Run:
-    """What a filter makes of the logs with numbers that have not seen them, by the index of the log."""
+    """What a filter makes of the logs with numbers that have not seen them, by the index of the
+    log.
+    """
 
     rig: Rig
     rigs: Sequence[Rig]
@@ -128,16 +144,32 @@ class _Run:
 def filter_candidate(
     name: str, training: Training, numbers: Numbers | None, previous: Sequence[Candidate] = ()
 ) -> Candidate:
-    """Return the candidate of a filter with some numbers, None for the rig's own, and the map of what its angle then lacks.
+    """Return the candidate of a filter with some numbers, None for the rig's own, and the map of
+    what its angle then lacks.
 
     Where the filter of a candidate before it errs far less, it gets no map.
     """
     run = _run(training, numbers, False)
-    plain = Candidate(name, run.rig, numbers, False, {}, np.inf, np.inf, run.data, tuple(run.refused), training.part)
-    least = min((mean_rms(candidate.data) for candidate in previous if candidate.data), default=np.inf)
+    plain = Candidate(
+        name,
+        run.rig,
+        numbers,
+        False,
+        {},
+        np.inf,
+        np.inf,
+        run.data,
+        tuple(run.refused),
+        training.part,
+    )
+    least = min(
+        (mean_rms(candidate.data) for candidate in previous if candidate.data), default=np.inf
+    )
     if not run.data or mean_rms(run.data) > FAR * least:
         judged = bool(run.data) and len(set(training.folds)) > 1
-        return replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
+        return (
+            replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
+        )
     run = _surest(run, training, numbers)
     homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
     rigs, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
@@ -148,23 +180,37 @@ def filter_candidate(
     error = _rms(samples, left_out_errors(samples, kind, map_fit.terms, folds, homing))
 
     def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
-        return fit_coefficients([samples[i].part(part) for i, part in zip(logs, parts)], kind, map_fit.terms)
+        return fit_coefficients(
+            [samples[i].part(part) for i, part in zip(logs, parts)], kind, map_fit.terms
+        )
 
     beyond = _rms(samples, errors_beyond(samples, kind, folds, homing, learned), error)
     maps = {map_fit.table: map_fit}
-    return replace(plain, rig=map_fit.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data)
+    return replace(
+        plain, rig=map_fit.rig, hold=run.hold, maps=maps, error=error, beyond=beyond, data=run.data
+    )
 
 
 def _surest(run: _Run, training: Training, numbers: Numbers | None) -> _Run:
-    """Return what a filter makes of the logs that takes the numbers as they are, where it errs far less."""
+    """Return what a filter makes of the logs that takes the numbers as they are, where it errs far
+    less.
+    """
     if numbers is None or training.options.homing is not None:
         return run
     surer = _run(training, numbers, True)
-    return surer if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data) else run
+    return (
+        surer
+        if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data)
+        else run
+    )
 
 
-def _rms(samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf) -> float:
-    """Return the RMS error on logs left out beyond the reference's own noise [rad], `unknown` where none is left out."""
+def _rms(
+    samples: Sequence[Samples], errors: Sequence[Sequence[Errors]], unknown: float = np.inf
+) -> float:
+    """Return the RMS error on logs left out beyond the reference's own noise [rad], `unknown` where
+    none is left out.
+    """
     error = rms_beyond_noise(errors, max(log_samples.reference_std for log_samples in samples))
     return error if np.isfinite(error) else unknown
 
@@ -178,24 +224,38 @@ def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
         of_folds = numbers_without(numbers, training.logs, training.folds)
         fold_rigs = [described_by(of_fold) for of_fold in of_folds]
         rig, rigs = described_by(numbers), [fold_rigs[fold] for fold in training.folds]
-    return _Run(rig, rigs, hold, *filtered(training.logs, rigs, training.options.homing, training.options.compiled))
+    return _Run(
+        rig,
+        rigs,
+        hold,
+        *filtered(training.logs, rigs, training.options.homing, training.options.compiled),
+    )
 
 
 def line_map(training: Training) -> MapFit:
-    """Return the map of the estimator `affine`: angles as a straight line of what the sensors read."""
+    """Return the map of the estimator `affine`: angles as a straight line of what the sensors
+    read.
+    """
     data = [affine_samples(log, training.rig) for log in training.logs]
     data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
     kind, homing = affine_of(training.rig), training.options.homing
-    return _with_reference_error(map_of(data, kind, training.rig, homing, training.groups, scored=False), training)
+    return _with_reference_error(
+        map_of(data, kind, training.rig, homing, training.groups, scored=False), training
+    )
 
 
 def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candidate:
-    """Return the candidate that reports the angle of a line, see `line_map`, within the range of the logs.
+    """Return the candidate that reports the angle of a line, see `line_map`, within the range of
+    the logs.
 
-    Beyond it the line goes on, or the angle moves with a filter: what errs less in the outer part of logs left out.
+    Beyond it the line goes on, or the angle moves with a filter: what errs less in the outer part
+    of logs left out.
     """
     frame = base.maps["discrepancy"]
-    among = [_at_times_of(samples, affine_samples(training.logs[i], training.rig)) for i, samples in base.data.items()]
+    among = [
+        _at_times_of(samples, affine_samples(training.logs[i], training.rig))
+        for i, samples in base.data.items()
+    ]
     folds = folds_of([training.groups[i] for i in base.data])
     kind, samples = affine_of(training.rig), list(base.data.values())
     error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
@@ -204,13 +264,18 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     def learner(follows: bool) -> Learner:
         def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
             inner = [samples[i].part(part) for i, part in zip(logs, parts)]
-            straight = [among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)]
+            straight = [
+                among[i].part(np.isin(among[i].time, part.time)) for i, part in zip(logs, inner)
+            ]
             inner_line = fit_coefficients(straight, kind, line.terms)
             return as_discrepancy(inner_line, fit_coefficients(inner, ranges, frame.terms), follows)
 
         return learned
 
-    ways = [(errors_beyond(samples, ranges, folds, None, learner(follows)), follows) for follows in (False, True)]
+    ways = [
+        (errors_beyond(samples, ranges, folds, None, learner(follows)), follows)
+        for follows in (False, True)
+    ]
     beyond, follows = min((_rms(samples, errors, error), follows) for errors, follows in ways)
     learned = as_discrepancy(line.learned, frame.learned, follows)
     where = "" if follows else "within the range of the logs "
@@ -221,20 +286,28 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the candidate with the least geometric mean of its errors on logs left out, √(error · beyond).
+    """Return the candidate with the least geometric mean of its errors on logs left out, √(error ·
+    beyond).
 
-    Twice the error within the range of the logs so weighs as much as twice that beyond it. Of equals the first is taken.
+    Twice the error within the range of the logs so weighs as much as twice that beyond it. Of
+    equals the first is taken.
     """
 
     def cost(candidate: Candidate) -> float:
-        bends = candidate.name == AS_IT_CAME and any(map_fit.terms.corrects for map_fit in candidate.maps.values())
-        return (CORRECTED_COSTS if bends else 1.0) * float(np.sqrt(candidate.error * candidate.beyond))
+        bends = candidate.name == AS_IT_CAME and any(
+            map_fit.terms.corrects for map_fit in candidate.maps.values()
+        )
+        return (CORRECTED_COSTS if bends else 1.0) * float(
+            np.sqrt(candidate.error * candidate.beyond)
+        )
 
     return min(candidates, key=cost)
 
 
 def _at_times_of(samples: Samples, straight: Samples) -> Samples:
-    """Return samples of readings, their target known at those times only at which that of others is."""
+    """Return samples of readings, their target known at those times only at which that of others
+    is.
+    """
     has_target = np.isin(straight.time, samples.time[np.isfinite(samples.targets).any(axis=1)])
     targets = np.where(has_target[:, None], straight.targets, np.nan)
     return replace(straight, targets=targets, reference_std=samples.reference_std)

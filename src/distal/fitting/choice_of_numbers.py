@@ -15,10 +15,13 @@ from distal.model import Mechanism
 from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
 
 NOISE_RANGE = 25.0
-"""A noise stays within this factor of where it starts: a model that is trusted wholly has standard errors of nothing."""
+"""A noise stays within this factor of where it starts: a model that is trusted wholly has standard
+errors of nothing.
+"""
 
 NOISE_PRIOR = 1.0
-"""Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way."""
+"""Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way.
+"""
 
 EXACT = np.deg2rad(0.02)
 """No truth is taken as better than this [rad]: the model's own steps are not."""
@@ -39,26 +42,31 @@ def choose(
 ) -> tuple[Free, ...]:
     """Return what a fit varies, of a rig with `references`, sensors of joints' angles.
 
-    Without a wish it is every parameter with a std that has an effect on the joint, tendons that err together by one
-    factor (as the filter has them), and the noise of the sensors that are compared, of the unmodelled torque and of the
-    hysteresis.
+    Without a wish it is every parameter with a std that has an effect on the joint, tendons that
+    err together by one factor (as the filter has them), and the noise of the sensors that are
+    compared, of the unmodelled torque and of the hysteresis.
 
     Args:
         asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
         per_log: paths of which each log has its own.
-        homing: whether the fit is to what is predicted after homing: then sensors' own noise is left as it is.
-        several: whether there are several logs: each has sensors' offsets of its own then, and what they scatter by is
-            their std.
+        homing: whether the fit is to what is predicted after homing: then sensors' own noise is
+            left as it is.
+        several: whether there are several logs: each has sensors' offsets of its own then, and what
+            they scatter by is their std.
 
     Raises:
         FitError: nothing is free, or a path cannot be.
     """
     own_of_each = [_asked(rig, path, True) for path in per_log]
-    free = [_asked(rig, path, False) for path in asked] or _uncertain(rig, references, own_of_each, several)
+    free = [_asked(rig, path, False) for path in asked] or _uncertain(
+        rig, references, own_of_each, several
+    )
     free += own_of_each
     if noise:
         paths = {path for part in free for path in part.paths}
-        free += [part for part in _noises(rig, references, homing) if not paths.intersection(part.paths)]
+        free += [
+            part for part in _noises(rig, references, homing) if not paths.intersection(part.paths)
+        ]
     seen: dict[str, str] = {}
     for part in free:
         for path in part.paths:
@@ -68,14 +76,18 @@ def choose(
             seen[path] = part.name
     if not asked and all(part.noise for part in free):
         raise FitError(
-            f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing to fit; give the "
-            f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them with --free"
+            f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing "
+            "to fit; give the "
+            f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them "
+            "with --free"
         )
     return tuple(_coarse(rig, part) for part in free)
 
 
 def _coarse(rig: Rig, part: Free) -> Free:
-    """Return what is varied with the share of it that the model leaves uncertain, where that is more than elsewhere."""
+    """Return what is varied with the share of it that the model leaves uncertain, where that is
+    more than elsewhere.
+    """
     for path in part.paths:
         kind, index, *fields = path.split(".")
         if kind == "drives" and fields in (["damping"], ["backlash", "width"]):
@@ -87,14 +99,20 @@ def _coarse(rig: Rig, part: Free) -> Free:
     return part
 
 
-def _uncertain(rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Free], several: bool) -> list[Free]:
+def _uncertain(
+    rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Free], several: bool
+) -> list[Free]:
     mechanism = Mechanism(rig)
     per_log_paths = {path for part in own_of_each for path in part.paths}
     free = [part for part in _biases(rig, several) if not per_log_paths.intersection(part.paths)]
-    context = FilterContext(mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting())
+    context = FilterContext(
+        mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting()
+    )
     for state in uncertain_parameters(context):
         paths = [mechanism.parameters.names[i] for i in state.indices]
-        if per_log_paths.intersection(paths) or (len(paths) == 1 and any(paths[0] in part.paths for part in free)):
+        if per_log_paths.intersection(paths) or (
+            len(paths) == 1 and any(paths[0] in part.paths for part in free)
+        ):
             continue  # what shares its error with nothing, and errs alone too, is varied once
         numbers = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
@@ -114,16 +132,24 @@ def _uncertain(rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Fre
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
-    """Return the offsets and gains of the sensors that estimators read, where they have a std; gains are no log's own."""
-    read = [(i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES]
+    """Return the offsets and gains of the sensors that estimators read, where they have a std;
+    gains are no log's own.
+    """
+    read = [
+        (i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES
+    ]
     numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
-    numbers += [(number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")]
+    numbers += [
+        (number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")
+    ]
     uncertain = [(bias, per_log) for bias, per_log in numbers if bias.std > 0.0 and not bias.hold]
     return [_free(rig, [bias], per_log) for bias, per_log in uncertain]
 
 
 def _held(rig: Rig) -> list[str]:
-    """Return the paths of what estimators take as it is, but a fit may vary: held parameters and hysteresis."""
+    """Return the paths of what estimators take as it is, but a fit may vary: held parameters and
+    hysteresis.
+    """
     held = []
     for path in Mechanism(rig, ()).parameters.all_names:
         try:
@@ -136,7 +162,8 @@ def _held(rig: Rig) -> list[str]:
 
 
 def paths_of(rig: Rig, wanted: str) -> list[str]:
-    """Return the paths, by indices, that a wish names, its parts by name or index; ``*`` stands for all parts of a kind.
+    """Return the paths, by indices, that a wish names, its parts by name or index; ``*`` stands for
+    all parts of a kind.
 
     Raises:
         FitError: ``*`` stands for nothing.
@@ -147,7 +174,10 @@ def paths_of(rig: Rig, wanted: str) -> list[str]:
         return [number(rig, wanted).path]
     items = part_at(rig, before)
     if not isinstance(items, tuple):
-        raise FitError(f"'{wanted}': '{before}' is no list that '*' could stand for; write e.g. tendons.*.stiffness")
+        raise FitError(
+            f"'{wanted}': '{before}' is no list that '*' could stand for; write e.g. "
+            "tendons.*.stiffness"
+        )
     return [path for i in range(len(items)) for path in paths_of(rig, f"{before}.{i}.{after}")]
 
 
@@ -171,33 +201,51 @@ def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
             f"(--set {place}.std=…) to say how large it may be"
         )
     if per_log and first.std == 0.0:
-        raise FitError(f"'{place}' has no std; what differs from log to log needs one (--set {place}.std=…)")
-    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[first.quantity.bound]
+        raise FitError(
+            f"'{place}' has no std; what differs from log to log needs one (--set {place}.std=…)"
+        )
+    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[
+        first.quantity.bound
+    ]
     if 0.0 in starts and len(set(starts)) > 1:
-        raise FitError(f"'{name}' varies its numbers by one factor, but some are zero; name them one by one")
+        raise FitError(
+            f"'{name}' varies its numbers by one factor, but some are zero; name them one by one"
+        )
     scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
     std = first.std if first.std > 0.0 else float("nan")
     rough, si = first.is_rough, first.quantity.si
     low = SMALLEST_NUMBER * first.value if rough else low
-    return Free(name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log)
+    return Free(
+        name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log
+    )
 
 
 def _noise(rig: Rig, numbers: Sequence[Number], prior: bool = True) -> Free:
     first = numbers[0]
     if first.value <= 0.0:
-        raise FitError(f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from")
+        raise FitError(
+            f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
+        )
     start, paths = first.value, tuple(parameter.path for parameter in numbers)
-    starts, std = tuple(parameter.value for parameter in numbers), NOISE_PRIOR * start if prior else float("nan")
-    low, high, si, name = start / NOISE_RANGE, start * NOISE_RANGE, first.quantity.si, in_words(rig, *paths)
+    starts, std = (
+        tuple(parameter.value for parameter in numbers),
+        NOISE_PRIOR * start if prior else float("nan"),
+    )
+    low, high, si, name = (
+        start / NOISE_RANGE,
+        start * NOISE_RANGE,
+        first.quantity.si,
+        in_words(rig, *paths),
+    )
     return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
 
 
 def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
 
-    Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the file keeps what it had,
-    as it keeps what the model does not know. An effort that moves a play is smoothed and nothing that is compared: its
-    noise stays.
+    Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the
+    file keeps what it had, as it keeps what the model does not know. An effort that moves a play is
+    smoothed and nothing that is compared: its noise stays.
     """
     if homing:
         return []  # what is predicted after homing tells nothing of a sensor's own noise
@@ -216,9 +264,20 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     for at, sensor in enumerate(rig.sensors):
         if sensor.name in angles and sensor.noise > 0.0:
             reference_noise = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
-            free.append(replace(reference_noise, low=min(max(reference_noise.low, EXACT), reference_noise.start)))
-    paths = [f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None]
+            free.append(
+                replace(
+                    reference_noise, low=min(max(reference_noise.low, EXACT), reference_noise.start)
+                )
+            )
+    paths = [
+        f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None
+    ]
     paths = [path for path in paths if number(rig, path).value > 0.0]
-    paths += [f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0]
-    free += [replace(_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled")) for path in paths]
+    paths += [
+        f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0
+    ]
+    free += [
+        replace(_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled"))
+        for path in paths
+    ]
     return free

@@ -1,4 +1,6 @@
-"""The filter of a fit: what is free is an input of its kernel, and several runs go through it side by side."""
+"""The filter of a fit: what is free is an input of its kernel, and several runs go through it side
+by side.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,15 @@ from distal.run import samples_of
 from distal.sensor_errors import variance
 
 FINE = 0.2
-"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like parameters."""
+"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like
+parameters.
+"""
 
 
 @dataclass(frozen=True)
 class Data:
-    """A log, ready for the filter: values of its channels, (k, n_channels), references last, and the rows of its kernel.
+    """A log, ready for the filter: values of its channels, (k, n_channels), references last, and
+    the rows of its kernel.
 
     The index of each sample's own row is in `last`.
     """
@@ -38,18 +43,26 @@ class Data:
         """Return the first samples of the log."""
         count = min(count, len(self.last))
         log = Log(self.log.time[:count], {}, {}, self.log.source)
-        return Data(log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count])
+        return Data(
+            log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count]
+        )
 
 
 class FitFilter:
-    """The filter of a fit: what is free is an input of its kernel, and several runs go through it side by side.
+    """The filter of a fit: what is free is an input of its kernel, and several runs go through it
+    side by side.
 
-    The rig is described with its references, the sensors of joints' angles. There are `steps` rows per sample, see
-    `resampling`; more of them need fewer sub-steps each.
+    The rig is described with its references, the sensors of joints' angles. There are `steps` rows
+    per sample, see `resampling`; more of them need fewer sub-steps each.
     """
 
     def __init__(
-        self, rig: Rig, references: Sequence[Sensor], free: Sequence[Free], steps: int = 1, compiled: bool = True
+        self,
+        rig: Rig,
+        references: Sequence[Sensor],
+        free: Sequence[Free],
+        steps: int = 1,
+        compiled: bool = True,
     ) -> None:
         self.rig, self.references, self.steps = rig, tuple(references), steps
         self.runner = AdaptiveFilter(
@@ -63,7 +76,8 @@ class FitFilter:
         )
 
     def data_of(self, log: Log) -> Data:
-        """Return a log, ready for the filter; displacements between samples follow a cubic where chords would err.
+        """Return a log, ready for the filter; displacements between samples follow a cubic where
+        chords would err.
 
         Its truth is the reference, NaN or absent where it is not known.
         """
@@ -77,7 +91,8 @@ class FitFilter:
         angles = true_angles(log, joints)
         truth = np.full((len(log), len(joints)), np.nan) if angles is None else angles
         read = [joints.index(sensor.of) for sensor in self.references]
-        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing of the rest
+        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing
+        # of the rest
         stopped = in_stops(log.time, truth, self.rig)
         samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
         samples[stopped.all(axis=1), runner.bridged :] = np.nan
@@ -87,13 +102,19 @@ class FitFilter:
 
 
 def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
-    """Return how many rows per sample all of some logs need, so that displacements between samples are right.
+    """Return how many rows per sample all of some logs need, so that displacements between samples
+    are right.
 
-    Joints that settle within an interval need one: where a drive went between two slow samples no curve tells.
+    Joints that settle within an interval need one: where a drive went between two slow samples no
+    curve tells.
     """
     if AdaptiveFilter(rig, False).states.context.joints_settle:
         return 1
     sensors = list(rig.sensors_of("position"))
     noise = np.sqrt([variance(sensor) for sensor in sensors])
-    places = [np.column_stack([log.channels[sensor.name] for sensor in sensors]) for log in logs if sensors]
+    places = [
+        np.column_stack([log.channels[sensor.name] for sensor in sensors])
+        for log in logs
+        if sensors
+    ]
     return max((steps_per_sample(displacements, noise) for displacements in places), default=1)

@@ -46,36 +46,43 @@ def fit(
     start: Rig | str | Path | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Fit:
-    """Fit a rig's parameters and noise to logs, learn the remaining error of the angle, and test both on logs left out.
+    """Fit a rig's parameters and noise to logs, learn the remaining error of the angle, and test
+    both on logs left out.
 
-    −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method; Ljung, 1999, ch. 7). The
-    truth of a log that has one is no sensor: it is compared with what the filter makes of the others. With `homing` it is
-    a sensor for that long, and only the predictions afterwards count, as in use. With three logs with
-    truth or more, each is left out once: `learn` runs on the others, starting from the original rig. Logs that do not
-    agree with the rig, or contradict each other, are fitted as well as possible, and the result says so.
+    −ln p = ½ Σ (ν²/S + ln 2πS) − ln prior, over all logs and channels (prediction-error method;
+    Ljung, 1999, ch. 7). The truth of a log that has one is no sensor: it is compared with what the
+    filter makes of the others. With `homing` it is a sensor for that long, and only the predictions
+    afterwards count, as in use. With three logs with truth or more, each is left out once: `learn`
+    runs on the others, starting from the original rig. Logs that do not agree with the rig, or
+    contradict each other, are fitted as well as possible, and the result says so.
 
     Args:
         logs: each a `Log`, a path or a frame (see `read_log`).
         rig: the description where the fit starts; its values and stds are the priors.
-        free: paths of the parameters to fit, ``*`` for all parts of a kind; default every parameter with a std.
+        free: paths of the parameters to fit, ``*`` for all parts of a kind; default every parameter
+            with a std.
         per_log: paths of parameters with one value for each log (pre-tension, zero offsets).
         homing: for how long the reference is used [s]; None: wherever it has values.
         noise: whether noise is fitted too.
-        curves: whether the position sensors' systematic curves are learned from logs with truth; only where the same
-            sensors, mounted the same way, will be read again.
+        curves: whether the position sensors' systematic curves are learned from logs with truth;
+            only where the same sensors, mounted the same way, will be read again.
         truth: where logs are read: the true angle's column.
         workers: threads; the numbers do not depend on them.
-        units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an instrument, a pose, a
-            day) in a log's name; units are left out as a whole, so that the band is that of a unit not seen.
+        units: fit a *kind* of rig: a regular expression whose first parenthesis names the unit (an
+            instrument, a pose, a day) in a log's name; units are left out as a whole, so that the
+            band is that of a unit not seen.
         start: a fitted rig, whose values the search begins with; the priors are those of `rig`.
-        early: called with the straight line (`affine`) within seconds, when nothing speaks against a fit.
+        early: called with the straight line (`affine`) within seconds, when nothing speaks against
+            a fit.
 
     Raises:
         FitError: the logs cannot be fitted; says which and why.
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig = (rig if isinstance(rig, Rig) else load_rig(rig)).bare()  # what logs taught of it is learned anew
+    rig = (
+        rig if isinstance(rig, Rig) else load_rig(rig)
+    ).bare()  # what logs taught of it is learned anew
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise FitError(f"seed must be a whole number from 0, {seed!r} came")
     options = Options(
@@ -109,19 +116,30 @@ def fit(
 
 
 def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int], bool]:
-    """Return the fold of each log, and whether logs of known angle are enough to leave each out once."""
-    groups = [str(i) for i in range(len(logs))] if units is None else groups_of([log.source for log in logs], units)
+    """Return the fold of each log, and whether logs of known angle are enough to leave each out
+    once.
+    """
+    groups = (
+        [str(i) for i in range(len(logs))]
+        if units is None
+        else groups_of([log.source for log in logs], units)
+    )
     joints = [joint.name for joint in rig.joints]
     with_truth = {group for log, group in zip(logs, groups) if true_angles(log, joints) is not None}
     return folds_of(groups), len(with_truth) >= FOR_LEAVING_OUT
 
 
 def _read(
-    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None, homing: float | None
+    logs: Sequence[Log | Source] | Log | str | Path,
+    rig: Rig,
+    truth: str | None,
+    homing: float | None,
 ) -> list[Log]:
     """Return the logs, read and checked."""
     if not rig.sensors:
-        raise FitError("the rig has no sensors, so no log can be used for a fit; describe them in [[sensors]]")
+        raise FitError(
+            "the rig has no sensors, so no log can be used for a fit; describe them in [[sensors]]"
+        )
     if homing is not None and not isinstance(homing, (int, float)):
         raise FitError(f"homing is a number of seconds, {homing!r} came")
     read = logs_read(logs, rig, truth)
@@ -130,7 +148,9 @@ def _read(
     if homing is not None:
         for log in read:
             if true_angles(log, joints) is None:
-                raise FitError(f"{log.source}: has no truth; a fit with homing needs one on every log")
+                raise FitError(
+                    f"{log.source}: has no truth; a fit with homing needs one on every log"
+                )
             check_homing(homing, log, joints)
     return read
 

@@ -1,4 +1,6 @@
-"""The fitted rig as a file: values in place, comments kept, and an account of the fit at its head."""
+"""The fitted rig as a file: values in place, comments kept, and an account of the fit at its
+head.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,23 @@ MARK = "# Fitted by `distal "
 """How the head of a fitted file begins, by which that of an earlier fit is found and replaced."""
 
 
-def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, text: str | None) -> str:
-    """Return the TOML of a fitted rig, with the `values` by path that changed from the `start` as it came.
+def fitted_text(
+    rig: Rig, start: Rig, values: Mapping[str, object], head: str, text: str | None
+) -> str:
+    """Return the TOML of a fitted rig, with the `values` by path that changed from the `start` as
+    it came.
 
-    They are put into a `text`, None for the description written anew; first stands a comment `head`, which begins with
-    `MARK`.
+    They are put into a `text`, None for the description written anew; first stands a comment
+    `head`, which begins with `MARK`.
 
     Raises:
         RigError: the text is not the rig that was fitted.
     """
     import tomlkit
 
-    source = text if text is not None else tomlkit.dumps(plain(start.model_dump(exclude_defaults=True)))
+    source = (
+        text if text is not None else tomlkit.dumps(plain(start.model_dump(exclude_defaults=True)))
+    )
     document = tomlkit.parse(_without_old_head(source))
     for learned in ("affine", "discrepancy", "contact"):
         if getattr(rig, learned) is None and learned in document:
@@ -36,7 +43,9 @@ def fitted_text(rig: Rig, start: Rig, values: Mapping[str, object], head: str, t
 
 
 def plain(raw: Mapping[str, object]) -> dict[str, object]:
-    """Return a description as TOML can hold it: no empty values, no SI tags that are found again on reading."""
+    """Return a description as TOML can hold it: no empty values, no SI tags that are found again on
+    reading.
+    """
     return {key: _plain(value) for key, value in raw.items() if value is not None and key != "si"}
 
 

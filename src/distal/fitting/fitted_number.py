@@ -21,7 +21,9 @@ COMMON = {
     "N m": ("mN m", 1e3),
     "N m s": ("mN m s", 1e3),
 }
-"""Unit → the one that people use for sizes of fingers and instruments, and how many of it there are."""
+"""Unit → the one that people use for sizes of fingers and instruments, and how many of it there
+are.
+"""
 
 SMALLEST_RELATIVE_STD = 0.002
 """A std in a fitted file is at least this share of its value: no two days are more alike."""
@@ -29,18 +31,22 @@ SMALLEST_RELATIVE_STD = 0.002
 
 @dataclass(frozen=True)
 class FittedNumber:
-    """One free number after a fit, as it is in the description, with the `values` of all its `paths`.
+    """One free number after a fit, as it is in the description, with the `values` of all its
+    `paths`.
 
     Args:
         name: in words.
         si: unit.
         start: where it started, which is the mean of its prior.
         prior_std: NaN where there was no prior.
-        error: standard error, the other numbers not being known; NaN where the search did not converge.
+        error: standard error, the other numbers not being known; NaN where the search did not
+            converge.
         identified: whether the logs tell it; else it stays at its prior.
         noise: whether it is a noise.
-        held_error: standard error with the numbers that are `held` taken as known; what a file's std is made of.
-        held: whether the logs tell it only together with others: the file holds it, and the others carry what is not known.
+        held_error: standard error with the numbers that are `held` taken as known; what a file's
+            std is made of.
+        held: whether the logs tell it only together with others: the file holds it, and the others
+            carry what is not known.
         per_log: value by log, where each log has its own.
         kept: whether the file keeps the start where the fit found less.
     """
@@ -63,12 +69,16 @@ class FittedNumber:
     @property
     def as_it_came(self) -> FittedNumber:
         """The same where the description's own value is kept."""
-        starts = tuple(self.start * value / self.value if self.value else self.start for value in self.values)
+        starts = tuple(
+            self.start * value / self.value if self.value else self.start for value in self.values
+        )
         return replace(self, value=self.start, values=starts, identified=False, held=False)
 
     @property
     def sizes(self) -> tuple[str, str, str]:
-        """What it was, what it is with its standard error, and its unit, in a unit that people use."""
+        """What it was, what it is with its standard error, and its unit, in a unit that people
+        use.
+        """
         unit, factor = COMMON.get(self.si, (self.si, 1.0))
         prior = "" if np.isnan(self.prior_std) else f" ± {factor * self.prior_std:.2g}"
         before = f"{factor * self.start:.4g}{prior}"
@@ -89,22 +99,28 @@ class FittedNumber:
         return "mean over the logs" if self.per_log else "fitted"
 
 
-def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False) -> dict[str, object]:
-    """Return path by names → value, with its std where it had one, of what the logs tell beside the `start` as it came.
+def assignments(
+    numbers: Sequence[FittedNumber], start: Rig, hold: bool = False
+) -> dict[str, object]:
+    """Return path by names → value, with its std where it had one, of what the logs tell beside the
+    `start` as it came.
 
     With `hold` estimators are to take the values as they are.
     """
     changed: dict[str, object] = {}
     for part in numbers:
         if part.held:
-            changed |= {f"{path}.hold": True for path in part.paths if number(start, path).is_parameter}
+            changed |= {
+                f"{path}.hold": True for path in part.paths if number(start, path).is_parameter
+            }
         if not part.identified:
             continue
         for path, value in zip(part.paths, part.values):
             before = number(start, path)
             rounded = 0.0 if abs(value) < SMALLEST else float(f"{value:.{DIGITS}g}")
             if only_grows(path, start):
-                # what these logs did not need, the next may: a filter that trusts its model wholly is not honest
+                # what these logs did not need, the next may: a filter that trusts its model wholly
+                # is not honest
                 rounded = max(rounded, before.value)
             if not before.is_parameter or before.std == 0.0:
                 changed[path] = rounded
@@ -117,21 +133,41 @@ def assignments(numbers: Sequence[FittedNumber], start: Rig, hold: bool = False)
     return {named(start, path): value for path, value in changed.items()}
 
 
-def _spread(part: FittedNumber, before: Number, std: float, value: float, start: Rig) -> dict[str, object]:
-    """Return what a file says of how far a value may be off: together with others where all of them were varied as one."""
+def _spread(
+    part: FittedNumber, before: Number, std: float, value: float, start: Rig
+) -> dict[str, object]:
+    """Return what a file says of how far a value may be off: together with others where all of them
+    were varied as one.
+    """
     name = before.shared[0] if before.shared is not None else None
-    if name is not None and before.independent_std == 0.0 and set(start.sharing()[name]) <= set(part.paths):
+    if (
+        name is not None
+        and before.independent_std == 0.0
+        and set(start.sharing()[name]) <= set(part.paths)
+    ):
         return {"shared": {"name": name, "std": min(1.0, float(f"{std / abs(value):.3g}"))}}
     return {"std": float(f"{std:.3g}")}
 
 
 def only_grows(path: str, rig: Rig) -> bool:
-    """Return whether a noise is never written smaller than it was: what the model does not know, and displacements'."""
-    places = [f"sensors.{i}.noise" for i, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
+    """Return whether a noise is never written smaller than it was: what the model does not know,
+    and displacements'.
+    """
+    places = [
+        f"sensors.{i}.noise"
+        for i, sensor in enumerate(rig.sensors)
+        if sensor.measures == "position"
+    ]
     return path.endswith(".unmodelled") or path in places
 
 
 def described(rig: Rig, values: Mapping[str, object]) -> Rig:
-    """Return a rig, as it came, with its fitted numbers; a reference sensor that only the fit used is left out."""
-    fitted = {path: new for path, new in values.items() if part_at(rig, ".".join(path.split(".")[:2])) is not None}
+    """Return a rig, as it came, with its fitted numbers; a reference sensor that only the fit used
+    is left out.
+    """
+    fitted = {
+        path: new
+        for path, new in values.items()
+        if part_at(rig, ".".join(path.split(".")[:2])) is not None
+    }
     return rig.with_values(fitted) if fitted else rig

@@ -7,21 +7,27 @@ from functools import cached_property
 from math import exp, inf, isnan, log, log1p
 
 STEPPING = 1e-3
-"""Share of a value that the model's time step and the lines between samples leave uncertain, however long the logs."""
+"""Share of a value that the model's time step and the lines between samples leave uncertain,
+however long the logs.
+"""
 
 POINTS = 0.04
-"""Share of a sheath's friction that one point in place of the whole cable leaves uncertain; N points leave an Nth of it
-(`python -m benchmarks.parts`)."""
+"""Share of a sheath's friction that one point in place of the whole cable leaves uncertain; N
+points leave an Nth of it (`python -m benchmarks.parts`).
+"""
 
 
 NOISY = 0.01
-"""The same of what shows through the noise of displacements, a drive's damping and backlash: the noise is in the speed that
-damping goes by, and pushes the ends of the gap (`python -m benchmarks.parts`)."""
+"""The same of what shows through the noise of displacements, a drive's damping and backlash: the
+noise is in the speed that damping goes by, and pushes the ends of the gap (`python -m
+benchmarks.parts`).
+"""
 
 
 @dataclass(frozen=True)
 class Free:
-    """A number that is varied, or several that are varied by a common factor; scale, bounds and unit are the first's.
+    """A number that is varied, or several that are varied by a common factor; scale, bounds and
+    unit are the first's.
 
     Its coordinate z is ln(value/start) where it is `logarithmic`, else (value − start)/scale.
 
@@ -33,7 +39,8 @@ class Free:
         scale: of the coordinate.
         low: lower bound.
         high: upper bound.
-        logarithmic: whether the coordinate is a logarithm; the prior is then on it, with std ln(1 + std/start).
+        logarithmic: whether the coordinate is a logarithm; the prior is then on it, with std ln(1 +
+            std/start).
         per_log: whether each log has its own.
         noise: whether it is a noise, no parameter.
         kept_by_file: whether a fitted file keeps the start where less was found.
@@ -99,10 +106,13 @@ class Free:
         return (self.low - self.start) / self.scale, (self.high - self.start) / self.scale
 
     def unit(self, z: float) -> float:
-        """Return how much of the coordinate is all of the value, or of the scale where that may be zero or negative."""
+        """Return how much of the coordinate is all of the value, or of the scale where that may be
+        zero or negative.
+        """
         if self.logarithmic or self.low < 0.0 or self.start <= 0.0:
             return 1.0
-        # slopes over the same share for all: what shows only as a product is then seen as one, kinks and all
+        # slopes over the same share for all: what shows only as a product is then seen as one,
+        # kinks and all
         return max(self.value(z) / self.scale, 0.1)
 
     def slope(self, z: float) -> float:

@@ -1,16 +1,19 @@
-"""A rig's equations along a log whose angles are known: no filter is needed there, each sample says what it lacks.
+"""A rig's equations along a log whose angles are known: no filter is needed there, each sample says
+what it lacks.
 
-With q = (angles, places) known, and v and a from it, the equations of `Mechanism` hold at every sample alone:
+With q = (angles, places) known, and v and a from it, the equations of `Mechanism` hold at every
+sample alone:
 
     forces      U_i − (pull_i(q, v) + l_i d_i + α_i |d_i|)
     tensions    T_measured − T(q, v)
     joints      −(M a + Coriolis + gravity + pulls − passive forces + l d)_j
 
-each over its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), with what is left of the noise of angles
-and places: a stiffness that multiplies their noise would come out too small (Clutton-Brock, Technometrics 9, 1967).
-Friction has limits of mean l and asymmetry α; d is the direction of motion with a memory of a hundredth of the range.
-What moves inside (plays, points of sheaths, creep) is stepped along the known motion. This is identification by the
-inverse dynamic model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., IEEE T-CST 22, 2014).
+each over its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), with what is left of the
+noise of angles and places: a stiffness that multiplies their noise would come out too small
+(Clutton-Brock, Technometrics 9, 1967). Friction has limits of mean l and asymmetry α; d is the
+direction of motion with a memory of a hundredth of the range. What moves inside (plays, points of
+sheaths, creep) is stepped along the known motion. This is identification by the inverse dynamic
+model (Gautier and Khalil, IEEE T-RA 6, 1990; Janot et al., IEEE T-CST 22, 2014).
 """
 
 from __future__ import annotations
@@ -38,7 +41,9 @@ INTERVAL = 0.05
 """Equations are compared so often [s]: what they lack does not change faster."""
 
 SMOOTHED = 0.12
-"""Places and angles are smoothed over so long by cubics [s], which give their speeds (Savitzky and Golay, 1964)."""
+"""Places and angles are smoothed over so long by cubics [s], which give their speeds (Savitzky and
+Golay, 1964).
+"""
 
 MEMORY = 0.01
 """A direction of motion has turned after this share of the range (5 to 95 %) of a body."""
@@ -52,7 +57,9 @@ LEAST_VARIANCE = 1e-18
 
 @dataclass(frozen=True)
 class KnownMotion:
-    """A log as the equations take it: rows of the kernel, (k, n_x), stamps [s], (k,), and which are compared, (k,)."""
+    """A log as the equations take it: rows of the kernel, (k, n_x), stamps [s], (k,), and which are
+    compared, (k,).
+    """
 
     rows: Floats
     time: Floats
@@ -60,7 +67,9 @@ class KnownMotion:
 
 
 class Equations:
-    """The equations of a rig with sensors as one kernel of known motion; inputs are those of the filter of the fit."""
+    """The equations of a rig with sensors as one kernel of known motion; inputs are those of the
+    filter of the fit.
+    """
 
     def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
         context = fit.runner.states.context
@@ -87,25 +96,39 @@ class Equations:
 
         The carry is (directions, inside), x is (dt, turned, q, v, a, σ_q², read).
         """
-        mechanism, context, nb, nj = self.mechanism, self.context, self.mechanism.n_bodies, self.mechanism.n_joints
+        mechanism, context, nb, nj = (
+            self.mechanism,
+            self.context,
+            self.mechanism.n_bodies,
+            self.mechanism.n_joints,
+        )
         p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
         carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
         ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
         dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
-        places = [context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None]
+        places = [
+            context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None
+        ]
         q = ca.vertcat(motion[:nj], *places)
         direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
         inside, strains = carry[nb:], carry[nb + len(mechanism.plays) :]
         if count:
-            at = [mechanism.parameters.names.index(name) for name in (*mechanism.plays, *mechanism.strains)]
+            at = [
+                mechanism.parameters.names.index(name)
+                for name in (*mechanism.plays, *mechanism.strains)
+            ]
 
             def remembering(values: ca.SX) -> ca.SX:
                 parameters = ca.SX(p)
                 parameters[at] = values
                 return parameters
 
-            moved = ca.Function("moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.place(q_).inside)])
-            crept = ca.Function("crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))])
+            moved = ca.Function(
+                "moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.place(q_).inside)]
+            )
+            crept = ca.Function(
+                "crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))]
+            )
             plays = moved(q, remembering(inside))
             if mechanism.strains:
                 strains = crept(q, dt, remembering(ca.vertcat(plays, strains)))
@@ -116,20 +139,28 @@ class Equations:
         tensions, pulls, balance, up, down = self._forces()(q, v, a, numbers)
         friction = (up + down) / 2 * direction + (up - down) / 2 * ca.fabs(direction)
         rows = [
-            context.corrected(s, read[k]) - pulls[nj + i] - friction[nj + i] for k, (i, s) in enumerate(self.forces)
+            context.corrected(s, read[k]) - pulls[nj + i] - friction[nj + i]
+            for k, (i, s) in enumerate(self.forces)
         ]
         first = len(self.forces)
-        rows += [context.corrected(s, read[first + k]) - tensions[i] for k, (i, s) in enumerate(self.tensions)]
+        rows += [
+            context.corrected(s, read[first + k]) - tensions[i]
+            for k, (i, s) in enumerate(self.tensions)
+        ]
         rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
         lacking, variances = ca.vertcat(*rows), [context.noise(s) for s in self.sensors]
         noise = ca.vertcat(*variances, *(LEAST_VARIANCE for _ in mechanism.free))
         noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
         residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
-        outputs = [ca.cse(ca.densify(output)) for output in (ca.vertcat(direction, inside), residuals)]
+        outputs = [
+            ca.cse(ca.densify(output)) for output in (ca.vertcat(direction, inside), residuals)
+        ]
         return ca.Function("equations", [carry, x, p], outputs, ["carry", "x", "p"], ["next", "y"])
 
     def _forces(self) -> ca.Function:
-        """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up and down."""
+        """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up
+        and down.
+        """
         mechanism, nb, nj = self.mechanism, self.mechanism.n_bodies, self.mechanism.n_joints
         q, v, a = (ca.SX.sym(name, nb) for name in "qva")
         tendons = mechanism.pulls(q, v, settled=True)
@@ -137,12 +168,16 @@ class Equations:
         pulls = mechanism.dampings() * v - tendons.forces - passive
         balance = ca.vertcat(mechanism.moving_forces(q, v, a[:nj]) + pulls[:nj], pulls[nj:])
         limits = mechanism.friction_limits(q, v, tendons.joint, tendons.drive)
-        up, down = (ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down"))
+        up, down = (
+            ca.vertcat(*(getattr(limit, side) for limit in limits)) for side in ("up", "down")
+        )
         p = mechanism.parameters.symbols
         return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, balance, up, down])
 
     def _begin(self) -> ca.Function:
-        """Return (q, p) → the carry before the first sample: no direction yet, plays in the middle, creep settled."""
+        """Return (q, p) → the carry before the first sample: no direction yet, plays in the middle,
+        creep settled.
+        """
         still = Mechanism(self.mechanism.rig, self.mechanism.parameters.inputs)
         q, p = ca.SX.sym("q", still.n_bodies), self.mechanism.parameters.symbols
         symbols = still.parameters.symbols
@@ -152,38 +187,61 @@ class Equations:
             settled = getattr(still.rig.tendons[int(index)], kind).settled.value
             path = f"tendons.{index}"
             tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[int(index)]
-            share, stiffness = still.parameters[f"{path}.{kind}.share"], still.parameters[f"{path}.stiffness"]
+            share, stiffness = (
+                still.parameters[f"{path}.{kind}.share"],
+                still.parameters[f"{path}.stiffness"],
+            )
             inside.append(settled * share * tension / stiffness)
         carry: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
-        return ca.Function("begin", [q, p], ca.substitute([carry], [symbols], [p[: symbols.numel()]]))
+        return ca.Function(
+            "begin", [q, p], ca.substitute([carry], [symbols], [p[: symbols.numel()]])
+        )
 
     def motion_of(self, data: Data) -> KnownMotion | None:
-        """Return a log as the equations take it, None where angles and places are hardly known together."""
-        channels, joints = list(self.fit.runner.channels), [joint.name for joint in self.mechanism.rig.joints]
+        """Return a log as the equations take it, None where angles and places are hardly known
+        together.
+        """
+        channels, joints = (
+            list(self.fit.runner.channels),
+            [joint.name for joint in self.mechanism.rig.joints],
+        )
 
         def columns(sensors: Sequence[Sensor | None]) -> Floats:
-            readings = [data.samples[:, channels.index(sensor.name)] for sensor in sensors if sensor is not None]
+            readings = [
+                data.samples[:, channels.index(sensor.name)]
+                for sensor in sensors
+                if sensor is not None
+            ]
             return np.column_stack([*readings, np.zeros((len(data.samples), 0))])
 
         of = {sensor.of: sensor for sensor in self.fit.references}
-        q, time = np.column_stack([columns([of[name] for name in joints]), columns(self.places)]), data.log.time
+        q, time = (
+            np.column_stack([columns([of[name] for name in joints]), columns(self.places)]),
+            data.log.time,
+        )
         complete = np.asarray(np.isfinite(q).all(axis=1))
         step = float(np.median(np.diff(time)))
         window = max(5, round(SMOOTHED / step) | 1)
         if np.count_nonzero(complete) < max(FEWEST, 3 * window):
             return None
-        filled = np.column_stack([np.interp(time, time[complete], column[complete]) for column in q.T])
+        filled = np.column_stack(
+            [np.interp(time, time[complete], column[complete]) for column in q.T]
+        )
         q, v, a = (savgol_filter(filled, window, 3, k, step, axis=0) for k in range(3))
         width = MEMORY * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
         at = slice(None, None, every)
         # smoothing leaves a share of the noise of each angle and place
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
-        noise = [variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None]
+        noise = [
+            variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None
+        ]
         unsure = np.tile(left * np.array(noise), (len(q[at]), 1))
         read = columns(self.sensors)[at]
         turned = np.diff(q[at], axis=0, prepend=q[:1]) / width
-        rows = np.column_stack([np.diff(time[at], prepend=time[0]), turned, q[at], v[at], a[at], unsure, read])
+        rows = np.column_stack(
+            [np.diff(time[at], prepend=time[0]), turned, q[at], v[at], a[at], unsure, read]
+        )
         edge, inner = window // every + 1, np.arange(len(rows))
         compared = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
         return KnownMotion(rows, time[at], compared)
@@ -191,7 +249,8 @@ class Equations:
 
 @dataclass(frozen=True, kw_only=True)
 class InverseProblem(Problem):
-    """−ln p of what a rig's equations lack along logs whose angles are known, at coordinates z; see `Problem`.
+    """−ln p of what a rig's equations lack along logs whose angles are known, at coordinates z; see
+    `Problem`.
 
     The `motions` are the logs as the equations take them, which do not vary `noises`.
     """
@@ -208,7 +267,9 @@ class InverseProblem(Problem):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """What is compared: sensors of forces and tensions, then joints that move by themselves, (m,)."""
+        """What is compared: sensors of forces and tensions, then joints that move by themselves,
+        (m,).
+        """
         mechanism = self.equations.mechanism
         joints = [mechanism.rig.joints[j].name for j in mechanism.free]
         return (*(sensor.name for sensor in self.equations.sensors), *joints)
@@ -236,7 +297,9 @@ class InverseProblem(Problem):
 
     def _feed(self, log: int, z: Floats) -> Feed:
         p, nb, rows = self.numbers(z), self.equations.mechanism.n_bodies, self._rows[log]
-        return Feed(np.asarray(self.equations.begin(rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), rows, p)
+        return Feed(
+            np.asarray(self.equations.begin(rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), rows, p
+        )
 
     def _compared(self, log: int, ys: Floats) -> Innovations:
         values = np.where(self.motions[log].compared[:, None], ys, np.nan)
@@ -244,15 +307,25 @@ class InverseProblem(Problem):
 
 
 def inverse_problem(problem: Problem, compiled: bool = True) -> InverseProblem | None:
-    """Return the equations' problem of the same logs and numbers but for noise, None where they cannot be asked."""
+    """Return the equations' problem of the same logs and numbers but for noise, None where they
+    cannot be asked.
+    """
     if not Equations.apply_to(problem.filter):
         return None
     equations = Equations(problem.filter, compiled)
-    motions = tuple(motion for data in problem.data if (motion := equations.motion_of(data)) is not None)
+    motions = tuple(
+        motion for data in problem.data if (motion := equations.motion_of(data)) is not None
+    )
     if len(motions) < len(problem.data):
         return None
     free = tuple(part for part in problem.free if not part.noise)
     noises = tuple(part for part in problem.free if part.noise)
     return InverseProblem(
-        problem.filter, free, problem.data, workers=problem.workers, equations=equations, motions=motions, noises=noises
+        problem.filter,
+        free,
+        problem.data,
+        workers=problem.workers,
+        equations=equations,
+        motions=motions,
+        noises=noises,
     )

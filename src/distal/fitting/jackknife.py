@@ -1,7 +1,8 @@
 """The numbers that logs tell without some of them, from those of all logs.
 
-Maps learn what the filter's angle lacks. On logs that its numbers were fitted to it lacks less than on others, so each log
-is filtered with the numbers that the other logs tell (level-one data of stacking; Wolpert, Neural Networks 5, 1992).
+Maps learn what the filter's angle lacks. On logs that its numbers were fitted to it lacks less than
+on others, so each log is filtered with the numbers that the other logs tell (level-one data of
+stacking; Wolpert, Neural Networks 5, 1992).
 """
 
 from __future__ import annotations
@@ -17,26 +18,37 @@ from distal.logs import Log
 from distal.regression import splits
 
 NEWTON_STEPS = 1
-"""They are one Newton step from those of all logs (the infinitesimal jackknife; Giordano et al., AISTATS 2019), where the
-slopes of each log are known."""
+"""They are one Newton step from those of all logs (the infinitesimal jackknife; Giordano et al.,
+AISTATS 2019), where the slopes of each log are known.
+"""
 
 
 def numbers_without(numbers: Numbers, logs: Sequence[Log], folds: Sequence[int]) -> list[Numbers]:
-    """Return for each fold the numbers that the other logs, with a truth, tell; those of all where there is one fold."""
+    """Return for each fold the numbers that the other logs, with a truth, tell; those of all where
+    there is one fold.
+    """
     if len(set(folds)) < 2 or numbers.optimum.interrupted:
         return [numbers] * len(set(folds))
     return [without(numbers, [logs[i] for i in out]) for out, _ in splits(folds)]
 
 
 def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
-    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay those of all logs."""
+    """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay
+    those of all logs.
+    """
     problem, optimum, uncertainty = numbers.problem, numbers.optimum, numbers.uncertainty
     out = [any(data.log is log for log in logs) for data in problem.data]
     remaining = problem.among([j for j, gone in enumerate(out) if not gone])
-    columns = np.array([k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]])
-    of_logs = [derivatives for derivatives, gone in zip(optimum.derivatives.of_logs, out) if not gone]
+    columns = np.array(
+        [k for k, (_, log) in enumerate(problem.parts) if log is None or not out[log]]
+    )
+    of_logs = [
+        derivatives for derivatives, gone in zip(optimum.derivatives.of_logs, out) if not gone
+    ]
     at = remaining.summed(of_logs, optimum.z[columns])
-    again = search(remaining, optimum.z[columns], most=NEWTON_STEPS, fixed=numbers.left[columns], at_start=at)
+    again = search(
+        remaining, optimum.z[columns], most=NEWTON_STEPS, fixed=numbers.left[columns], at_start=at
+    )
     if again.interrupted:
         raise KeyboardInterrupt  # a log that was not left out to its end judges nothing
     square = np.ix_(columns, columns)
@@ -44,5 +56,15 @@ def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     covariance = uncertainty.covariance[square]
     errors = replace(uncertainty, covariance=covariance, determined=determined, together=together)
     left, held = numbers.left[columns], numbers.held[columns]
-    fitted = tuple(fitted_numbers(remaining, replace(again, converged=optimum.converged), errors, left, held))
-    return replace(numbers, problem=remaining, optimum=again, uncertainty=errors, fitted=fitted, left=left, held=held)
+    fitted = tuple(
+        fitted_numbers(remaining, replace(again, converged=optimum.converged), errors, left, held)
+    )
+    return replace(
+        numbers,
+        problem=remaining,
+        optimum=again,
+        uncertainty=errors,
+        fitted=fitted,
+        left=left,
+        held=held,
+    )

@@ -1,4 +1,6 @@
-"""`learn`: everything that is learned from logs. A fold of `leave_out` is the same call with fewer logs."""
+"""`learn`: everything that is learned from logs. A fold of `leave_out` is the same call with fewer
+logs.
+"""
 
 from __future__ import annotations
 
@@ -33,15 +35,18 @@ from distal.rig import Rig
 
 @dataclass(frozen=True)
 class Learned:
-    """All that is learned from logs: the description with all results, and the rig's numbers as the logs tell them.
+    """All that is learned from logs: the description with all results, and the rig's numbers as the
+    logs tell them.
 
     Args:
         kept: whether these are in the description; else it has them as they came.
         hold: whether filters take the numbers as they are.
         curves: path → value of the position sensors' systematic errors.
-        maps: what was learned beside the numbers, by the name of its table: ``affine``, ``discrepancy``, ``contact``.
+        maps: what was learned beside the numbers, by the name of its table: ``affine``,
+            ``discrepancy``, ``contact``.
         part: physics that the rig lacked and the description has now, if any.
-        candidates: name, and error on logs left out and in their outer part [rad], of each tried, the chosen one first.
+        candidates: name, and error on logs left out and in their outer part [rad], of each tried,
+            the chosen one first.
         doubts: sentences with the reasons not to trust the fit.
     """
 
@@ -63,7 +68,11 @@ class Learned:
     @property
     def fitted(self) -> tuple[FittedNumber, ...]:
         """Every free number as it is in the description."""
-        return self.numbers.fitted if self.kept else tuple(part.as_it_came for part in self.numbers.fitted)
+        return (
+            self.numbers.fitted
+            if self.kept
+            else tuple(part.as_it_came for part in self.numbers.fitted)
+        )
 
 
 def learn(
@@ -74,11 +83,13 @@ def learn(
     parts: Sequence[Part] | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Learned:
-    """Return all that is learned from logs: the candidate that errs least on logs left out, and what goes with it.
+    """Return all that is learned from logs: the candidate that errs least on logs left out, and
+    what goes with it.
 
-    All choices that depend on logs are made here, starting from the original rig, whose values and stds are the priors.
-    The parts are tried beside the rig's own physics, None for what the residuals name; `early` is called with the
-    straight line as soon as nothing speaks against a fit.
+    All choices that depend on logs are made here, starting from the original rig, whose values and
+    stds are the priors. The parts are tried beside the rig's own physics, None for what the
+    residuals name; `early` is called with the straight line as soon as nothing speaks against a
+    fit.
 
     Raises:
         FitError: the logs cannot be fitted.
@@ -93,7 +104,11 @@ def learn(
     numbers = among_models(solutions[-1] if chosen.numbers is None else chosen.numbers, models)
     bends = dict(curves(numbers.problem.of_filter, numbers.optimum.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
-    maps = [*([] if line is None else [line]), *chosen.maps.values(), *_contact_map(logs, learned, options)]
+    maps = [
+        *([] if line is None else [line]),
+        *chosen.maps.values(),
+        *_contact_map(logs, learned, options),
+    ]
     ranked = sorted(candidates, key=lambda candidate: (candidate is not chosen, candidate.error))
     return Learned(
         rig=learned.with_values({map_fit.table: map_fit.learned.model_dump() for map_fit in maps}),
@@ -103,8 +118,15 @@ def learn(
         curves=bends,
         maps={map_fit.table: map_fit for map_fit in maps},
         part=chosen.part,
-        candidates=tuple((candidate.name, candidate.error, candidate.beyond) for candidate in ranked),
-        doubts=(*numbers.doubts, *_unknown(training.unknown), *chosen.refused, *_as_it_came(chosen, candidates)),
+        candidates=tuple(
+            (candidate.name, candidate.error, candidate.beyond) for candidate in ranked
+        ),
+        doubts=(
+            *numbers.doubts,
+            *_unknown(training.unknown),
+            *chosen.refused,
+            *_as_it_came(chosen, candidates),
+        ),
     )
 
 
@@ -116,7 +138,8 @@ def _chosen(
     parts: Sequence[Part] | None,
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate], list[Numbers]]:
-    """Return the candidate that is written, all that were judged, and the numbers of all models of the equations.
+    """Return the candidate that is written, all that were judged, and the numbers of all models of
+    the equations.
 
     The first is of numbers alone where none can be judged, or Ctrl-C came.
     """
@@ -128,7 +151,10 @@ def _chosen(
         else:
             named = with_parts(parts, logs, training.rig, training.options, solutions[0])
             tried = Tried(named, tuple(numbers for _, numbers in named))
-        return (*_judged(training, line, solutions, tried.named, progress), [solutions[0], *tried.numbers])
+        return (
+            *_judged(training, line, solutions, tried.named, progress),
+            [solutions[0], *tried.numbers],
+        )
     except KeyboardInterrupt:
         numbers = replace(solutions[-1], optimum=replace(solutions[-1].optimum, interrupted=True))
         return _alone(numbers, training.rig), [], []
@@ -141,7 +167,9 @@ def _judged(
     more: Sequence[tuple[Part, Numbers]],
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
-    """Return the best of the numbers, of the rig as it came, and of a line beside the better of these; and all of them."""
+    """Return the best of the numbers, of the rig as it came, and of a line beside the better of
+    these; and all of them.
+    """
     ways = list[tuple[str, Training, Numbers | None]]()
     for numbers in reversed(solutions):
         if not numbers.optimum.interrupted:
@@ -157,19 +185,26 @@ def _judged(
     base = best_of([candidate for candidate in filters if candidate.maps] or filters)
     if not base.maps:
         return base, filters
-    candidates = filters if training.options.homing is not None else [*filters, line_candidate(training, line, base)]
+    candidates = (
+        filters
+        if training.options.homing is not None
+        else [*filters, line_candidate(training, line, base)]
+    )
     return best_of(candidates), candidates
 
 
 def _alone(numbers: Numbers, rig: Rig) -> Candidate:
-    """Return the numbers as a description that nothing judges: no log has the angle of every joint."""
+    """Return the numbers as a description that nothing judges: no log has the angle of every
+    joint.
+    """
     rig = described(rig, assignments(numbers.fitted, numbers.problem.filter.rig))
     return Candidate("numbers", rig, numbers, False, {}, float("nan"), float("nan"), {})
 
 
 def _unknown(joints: Sequence[str]) -> list[str]:
     return [
-        f"the angle of {', '.join(joints)} is known in no log: numbers of the rig are fitted, but no straight line "
+        f"the angle of {', '.join(joints)} is known in no log: numbers of the rig are fitted, but "
+        "no straight line "
         "(affine) and no correction (discrepancy), which are of all joints"
         for _ in joints[:1]
     ]
@@ -177,9 +212,14 @@ def _unknown(joints: Sequence[str]) -> list[str]:
 
 def _as_it_came(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     """Return a sentence where the rig as it came errs least on logs left out."""
-    fitted = [candidate.error for candidate in candidates if candidate.numbers is not None and candidate.name != LINE]
+    fitted = [
+        candidate.error
+        for candidate in candidates
+        if candidate.numbers is not None and candidate.name != LINE
+    ]
     return [
-        f"the rig as it came errs less on logs left out ({np.rad2deg(chosen.error):.2f}°) than the fitted one "
+        f"the rig as it came errs less on logs left out ({np.rad2deg(chosen.error):.2f}°) than "
+        "the fitted one "
         f"({np.rad2deg(min(fitted)):.2f}°): its numbers are kept"
         for _ in fitted[:1]
         if chosen.numbers is None
@@ -187,8 +227,14 @@ def _as_it_came(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]
 
 
 def _contact_map(logs: Sequence[Log], learned: Rig, options: Options) -> list[MapFit]:
-    """Return the map of the external torque, if the logs have it and the rig says that it can occur."""
-    felt = [log for log in logs if true_torques(log, [joint.name for joint in learned.joints]) is not None]
+    """Return the map of the external torque, if the logs have it and the rig says that it can
+    occur.
+    """
+    felt = [
+        log
+        for log in logs
+        if true_torques(log, [joint.name for joint in learned.joints]) is not None
+    ]
     if not felt or any(joint.external_torque.std == 0.0 for joint in learned.joints):
         return []
     return [learn_contact(felt, learned, options.homing, groups_among(felt, options), scored=False)]

@@ -1,4 +1,6 @@
-"""`learn_affine`, `learn_discrepancy`, `learn_contact`: maps from logs with a truth, judged on logs left out."""
+"""`learn_affine`, `learn_discrepancy`, `learn_contact`: maps from logs with a truth, judged on logs
+left out.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ from distal.confidence import BAND
 from distal.errors import FitError
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.fitted_file import fitted_text, plain
-from distal.fitting.map_samples import contact_of, discrepancy_of, filtered, has_torque, partly_homed, torques_of
+from distal.fitting.map_samples import (
+    contact_of,
+    discrepancy_of,
+    filtered,
+    has_torque,
+    partly_homed,
+    torques_of,
+)
 from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles, write_whole
 from distal.regression import Kind, Samples, Terms, errors_of, folds_of, learn_map, splits
@@ -21,15 +30,17 @@ from distal.rig import LearnedMap, Rig, load_rig
 from distal.threads import one_blas_thread
 
 FOR_SCORES = 3
-"""With so many logs or groups of logs each is left out once more, for scores that neither choice nor size has seen."""
+"""With so many logs or groups of logs each is left out once more, for scores that neither choice
+nor size has seen.
+"""
 
 
 @dataclass(frozen=True)
 class LeftOut:
     """How a map did on a log that it had not seen; after the homing window where there is one.
 
-    Error and mean half-width of the 95 % band are in the unit of what is mapped; `inside` is the share of samples in
-    it.
+    Error and mean half-width of the 95 % band are in the unit of what is mapped; `inside` is the
+    share of samples in it.
     """
 
     log: str
@@ -80,7 +91,8 @@ class MapFit:
         half = factor * np.mean([score.half for score in self.left_out])
         use = f" after a homing move of {self.homing:g} s" if self.homing is not None else ""
         return (
-            f"{self.table}: learned from {logs}; each left out once{use}: mean RMS {np.mean(rms):.3f}{unit}, worst "
+            f"{self.table}: learned from {logs}; each left out once{use}: mean RMS "
+            f"{np.mean(rms):.3f}{unit}, worst "
             f"{max(rms):.3f}{unit}, {inside:.0f} % inside the band of ±{half:.2f}{unit}"
         )
 
@@ -95,12 +107,15 @@ class MapFit:
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the rig file with the map; what stood there survives a failure.
 
-        The map is put into a `text`, TOML of the rig, so that its comments stay; by default it is written anew.
+        The map is put into a `text`, TOML of the rig, so that its comments stay; by default it is
+        written anew.
 
         Raises:
             OutputError: it cannot be written.
         """
-        write_whole(path, fitted_text(self.rig, self.start, {self.table: self.as_table()}, "", text))
+        write_whole(
+            path, fitted_text(self.rig, self.start, {self.table: self.as_table()}, "", text)
+        )
 
 
 @one_blas_thread()
@@ -113,11 +128,13 @@ def learn_affine(
 ) -> MapFit:
     """Learn the map of the estimator `affine` from logs whose angle is known.
 
-    Each log's coefficients are taken as drawn from one normal distribution (random effects; Laird and Ware, Biometrics 38,
-    1982). Directions of motion are used where they help on logs left out, and the band is sized by the errors there.
+    Each log's coefficients are taken as drawn from one normal distribution (random effects; Laird
+    and Ware, Biometrics 38, 1982). Directions of motion are used where they help on logs left out,
+    and the band is sized by the errors there.
 
     Args:
-        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed
+            over.
         homing: learn for the use after a homing move of so long [s].
         truth: where logs are read: the true angle's column.
         groups: of each log with a truth, which are left out together; default each alone.
@@ -146,13 +163,16 @@ def learn_discrepancy(
     groups: Sequence[str] | None = None,
     compiled: bool = True,
 ) -> MapFit:
-    """Learn what `adaptive` errs by from logs whose angle is known, and size its band by logs left out.
+    """Learn what `adaptive` errs by from logs whose angle is known, and size its band by logs left
+    out.
 
     Args:
-        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed over.
+        logs: each a `Log`, a path or a frame (see `read_log`); those without a truth are passed
+            over.
         homing: learn for the use after a homing move of so long [s].
         truth: where logs are read: the true angle's column.
-        groups: of each log with a truth, which are left out together (one instrument, one pose); default each alone.
+        groups: of each log with a truth, which are left out together (one instrument, one pose);
+            default each alone.
 
     Raises:
         FitError: no log has a truth, or the filter cannot run on any.
@@ -168,7 +188,9 @@ def learn_discrepancy(
         raise FitError(f"discrepancy: adaptive cannot run on any of the logs: {refused[0]}")
     ran = [with_truth[i] for i in by_log]
     partly = partly_homed(ran, [bare] * len(ran), homing, compiled)
-    return map_of(data, discrepancy_of(rig, data), rig, homing, groups, notes=refused, partly=partly)
+    return map_of(
+        data, discrepancy_of(rig, data), rig, homing, groups, notes=refused, partly=partly
+    )
 
 
 @one_blas_thread()
@@ -181,13 +203,15 @@ def learn_contact(
 ) -> MapFit:
     """Learn the torque on the joints from outside from logs in which it was measured.
 
-    The rig's joint needs an ``external_torque.std``: where none can occur there is nothing to learn.
+    The rig's joint needs an ``external_torque.std``: where none can occur there is nothing to
+    learn.
 
     Args:
         logs: each a `Log`, a path or a frame; those without a torque are passed over.
         homing: learn for the use after a window of so long [s] in which the torque is read.
         groups: of each log with a torque, which are left out together; default each alone.
-        scored: whether each log is left out once more, for a score that neither choice nor size has seen.
+        scored: whether each log is left out once more, for a score that neither choice nor size has
+            seen.
 
     Raises:
         FitError: no log has a torque, or the rig says that none can occur.
@@ -198,12 +222,14 @@ def learn_contact(
         if joint.external_torque.std == 0.0:
             raise FitError(
                 f"contact: the rig says that nothing touches '{joint.name}'; "
-                f"give its external_torque a std (--set 'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
+                "give its external_torque a std (--set "
+                f"'joints.{joint.name}.external_torque.std=\"0.05 N m\"')"
             )
     data = [torques_of(log, rig) for log in read if has_torque(log, rig)]
     if not data:
         raise FitError(
-            "contact: no log has the torque on the joint; add a sensor with measures = 'torque' of it, and its column"
+            "contact: no log has the torque on the joint; add a sensor with measures = 'torque' "
+            "of it, and its column"
         )
     if groups is not None and len(groups) != len(data):
         raise FitError(f"contact: {len(data)} logs have a torque, groups of {len(groups)} came")
@@ -235,34 +261,52 @@ def map_of(
     sentences, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
     if count < ENOUGH_LOGS:
         sentences.append(
-            f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known truth: how much changes "
-            f"from log to log is hardly known, and the band is widened; {ENOUGH_LOGS} or more are needed"
+            f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known "
+            "truth: how much changes "
+            f"from log to log is hardly known, and the band is widened; {ENOUGH_LOGS} or more are "
+            "needed"
         )
-    sentences += [f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"]
+    sentences += [
+        f"{kind.name}: not used, {text}" for text in learned.dropped if kind.name == "affine"
+    ]
     scores = list[LeftOut]()
     for out, remaining in splits(folds) if scored and count >= FOR_SCORES else ():
         half = {k: partly[i] for k, i in enumerate(remaining) if partly and i in partly}
-        from_rest, _ = learn_map([data[i] for i in remaining], kind, [folds[i] for i in remaining], homing, half)
+        from_rest, _ = learn_map(
+            [data[i] for i in remaining], kind, [folds[i] for i in remaining], homing, half
+        )
         scores += [_score(from_rest, data[i], kind, homing) for i in out]
     described = rig.with_values({kind.name: learned.model_dump()})
     sources = tuple(samples.source for samples in data)
-    return MapFit(described, rig, kind.name, sources, homing, tuple(scores), tuple(sentences), chosen)
+    return MapFit(
+        described, rig, kind.name, sources, homing, tuple(scores), tuple(sentences), chosen
+    )
 
 
-def logs_read(logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None) -> list[Log]:
+def logs_read(
+    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig, truth: str | None
+) -> list[Log]:
     """Return logs, those that are no `Log` yet read; `truth` is the true angle's column."""
     sources = [logs] if isinstance(logs, (Log, str, Path)) else logs
     return [log if isinstance(log, Log) else read_log(log, rig, truth) for log in sources]
 
 
 def _with_truth(
-    logs: Sequence[Log | Source] | Log | str | Path, rig: Rig | str | Path, truth: str | None, name: str
+    logs: Sequence[Log | Source] | Log | str | Path,
+    rig: Rig | str | Path,
+    truth: str | None,
+    name: str,
 ) -> tuple[Rig, list[Log]]:
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     read = logs_read(logs, rig, truth)
-    with_truth = [log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None]
+    with_truth = [
+        log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None
+    ]
     if not with_truth:
-        raise FitError(f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a reference")
+        raise FitError(
+            f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a "
+            "reference"
+        )
     return rig, with_truth
 
 
@@ -271,4 +315,6 @@ def _score(learned: LearnedMap, out: Samples, kind: Kind, homing: float | None) 
     error = np.concatenate([part[0] for part in parts])
     std = np.sqrt(np.concatenate([part[1] + part[2] for part in parts]))
     inside = float(np.mean(np.abs(error) <= BAND * std))
-    return LeftOut(shown(out.source), float(np.sqrt(np.mean(error**2))), inside, float(BAND * std.mean()))
+    return LeftOut(
+        shown(out.source), float(np.sqrt(np.mean(error**2))), inside, float(BAND * std.mean())
+    )

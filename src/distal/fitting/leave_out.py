@@ -15,7 +15,9 @@ from distal.run import estimate
 
 @dataclass(frozen=True)
 class Score:
-    """RMS error of an estimator on a log [rad], share of samples inside the 95 % band, and its mean half-width [rad]."""
+    """RMS error of an estimator on a log [rad], share of samples inside the 95 % band, and its mean
+    half-width [rad].
+    """
 
     rms: float
     inside: float
@@ -24,7 +26,8 @@ class Score:
 
 @dataclass(frozen=True)
 class Compared:
-    """One log that was left out: scores of `adaptive` and `affine` learned from the other logs, and of the rig `before`.
+    """One log that was left out: scores of `adaptive` and `affine` learned from the other logs, and
+    of the rig `before`.
 
     A score is None where the estimator cannot run, or has no map.
     """
@@ -37,7 +40,9 @@ class Compared:
 
 @dataclass(frozen=True)
 class Fold:
-    """One fold: names of the logs left out, what was learned from the others alone, and scores on those with truth."""
+    """One fold: names of the logs left out, what was learned from the others alone, and scores on
+    those with truth.
+    """
 
     left_out: tuple[str, ...]
     learned: Learned
@@ -51,10 +56,12 @@ def leave_out(
     learned_from: Callable[[Sequence[Log], int], Learned],
     homing: float | None,
 ) -> list[Fold]:
-    """Return what is learned from all logs except those of one fold, and its scores on these, for each fold in turn.
+    """Return what is learned from all logs except those of one fold, and its scores on these, for
+    each fold in turn.
 
-    There are fewer folds where the user stopped it. The reference is used for `homing` [s], None for never.
-    `learned_from` is `learn` of some logs; it gets these and the number of the fold, from 1.
+    There are fewer folds where the user stopped it. The reference is used for `homing` [s], None
+    for never. `learned_from` is `learn` of some logs; it gets these and the number of the fold,
+    from 1.
     """
     done = list[Fold]()
     for count, (out, remaining) in enumerate(splits(folds), 1):

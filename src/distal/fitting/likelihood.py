@@ -1,8 +1,9 @@
 """How likely a log's innovations are, and what they tell of coordinates: pure functions of arrays.
 
-Residuals of a rig that lacks physics are larger than the filter expects, and lie on one side for seconds. What each channel
-is worth is therefore estimated and not assumed (docs/explanation/learning.md): the variance of its innovations is c S, with
-c the mean of ν²/S, and a sample counts one over the ratio of their long-run to their plain variance.
+Residuals of a rig that lacks physics are larger than the filter expects, and lie on one side for
+seconds. What each channel is worth is therefore estimated and not assumed
+(docs/explanation/learning.md): the variance of its innovations is c S, with c the mean of ν²/S, and
+a sample counts one over the ratio of their long-run to their plain variance.
 """
 
 from __future__ import annotations
@@ -18,18 +19,24 @@ FEWEST_SHARE = 0.05
 """A value counts for at most 20: a channel that is hardly compared tells hardly anything."""
 
 CORRELATED = 2.0
-"""Innovations that are this far apart in time are taken as independent [s]: sensors' curves last for a stroke."""
+"""Innovations that are this far apart in time are taken as independent [s]: sensors' curves last
+for a stroke.
+"""
 
 NORMAL_MEDIAN = 0.4549
 """Median of ν²/S where ν is normal."""
 
 UNBOUNDED = 1e100
-"""Innovations, variances and slopes beyond this are of a filter that left all bounds; below it squares are finite."""
+"""Innovations, variances and slopes beyond this are of a filter that left all bounds; below it
+squares are finite.
+"""
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """What a run of the filter over a log expected wrongly: ν, NaN where not compared, and variances S, (k, m)."""
+    """What a run of the filter over a log expected wrongly: ν, NaN where not compared, and
+    variances S, (k, m).
+    """
 
     values: Floats
     variances: Floats
@@ -39,7 +46,9 @@ class Innovations:
         """Whether the filter stayed within all bounds."""
         compared = np.isfinite(self.values)
         spread, sizes = self.variances[compared], np.abs(self.values[compared])
-        return bool(np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(sizes < UNBOUNDED))
+        return bool(
+            np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(sizes < UNBOUNDED)
+        )
 
 
 @dataclass(frozen=True)
@@ -50,8 +59,9 @@ class Weighing:
         tolerance: ν²/(c S) beyond which an innovation is an outlier, (m,).
         share: how much a value counts, (m,).
         times: stamps of the samples [s], (k,).
-        counts: how many values of each channel stand for all that are compared, (m,): which are (a drive's force near its
-            stop is not) depends on the numbers, and fewer of them would make a log look likelier or less likely.
+        counts: how many values of each channel stand for all that are compared, (m,): which are (a
+            drive's force near its stop is not) depends on the numbers, and fewer of them would make
+            a log look likelier or less likely.
         scale: c, by what innovations' variances are larger than the filter expects, (m,).
     """
 
@@ -66,7 +76,8 @@ class Weighing:
 class Slopes:
     """Weighted innovations r = f ν, f² = w/(c S), of a log at a point, and their slopes J.
 
-    They are the N values that were `compared`, (k, m): factors f and values r, (N,), and slopes J, (n, N).
+    They are the N values that were `compared`, (k, m): factors f and values r, (N,), and slopes J,
+    (n, N).
     """
 
     compared: Bools
@@ -75,7 +86,8 @@ class Slopes:
     slopes: Floats
 
     def bend(self, moved: Innovations, step: Floats, share: float) -> Floats:
-        """Return Jᵀ r'', how slopes change along a `step` d, (n,): r'' = 2/h ((r(z + h d) − r(z))/h − J d).
+        """Return Jᵀ r'', how slopes change along a `step` d, (n,): r'' = 2/h ((r(z + h d) − r(z))/h
+        − J d).
 
         The run `moved` is at z + h d, with the `share` h.
         """
@@ -92,7 +104,8 @@ class Derivatives:
 
     Args:
         information: Fisher information of the logs, (n, n).
-        meat: long-run covariance of the scores, (n, n): equal to the information where the model is right.
+        meat: long-run covariance of the scores, (n, n): equal to the information where the model is
+            right.
         spans: how many spans of time it is the sum of.
         of_logs: of a sum over logs those of each log alone, without the prior.
         slopes: of a log's innovations.
@@ -108,14 +121,17 @@ class Derivatives:
 
 
 def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
-    """Return c = mean ν²/S of each channel over some logs, at least 1, an outlier as if at its `tolerance`, (m,).
+    """Return c = mean ν²/S of each channel over some logs, at least 1, an outlier as if at its
+    `tolerance`, (m,).
 
     It is the c that makes the innovations most likely, −ln p = ½ Σ (ν²/(c S) + ln c S).
     """
     scales = np.ones(len(tolerance))
     for k, limit in enumerate(tolerance):
         compared = [np.isfinite(run.values[:, k]) for run in runs]
-        ratios = [run.values[mask, k] ** 2 / run.variances[mask, k] for run, mask in zip(runs, compared)]
+        ratios = [
+            run.values[mask, k] ** 2 / run.variances[mask, k] for run, mask in zip(runs, compared)
+        ]
         pooled = np.concatenate(ratios) if ratios else np.zeros(0)
         if len(pooled):
             plain = max(1.0, float(np.median(pooled)) / NORMAL_MEDIAN)
@@ -124,10 +140,12 @@ def scales_of(runs: Sequence[Innovations], tolerance: Floats) -> Floats:
 
 
 def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
-    """Return Σ ν²/S over Σ (Σ_span ν/√S)², at most 1: the plain over the long-run variance of each channel, (m,).
+    """Return Σ ν²/S over Σ (Σ_span ν/√S)², at most 1: the plain over the long-run variance of each
+    channel, (m,).
 
-    Values that lie on one side for seconds tell less than their number says (Newey and West, Econometrica 55, 1987; of
-    wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED` s by `times`, the samples' stamps [s], (k,).
+    Values that lie on one side for seconds tell less than their number says (Newey and West,
+    Econometrica 55, 1987; of wrong models Müller, Econometrica 81, 2013). Spans are of `CORRELATED`
+    s by `times`, the samples' stamps [s], (k,).
     """
     m = runs[0].values.shape[1]
     plain, together = np.zeros(m), np.zeros(m)
@@ -142,7 +160,8 @@ def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
 
 
 def cost_of(run: Innovations, weighing: Weighing) -> float:
-    """Return ½ Σ w (ν²/S' + ln S') over what was compared; infinite where the filter left all bounds.
+    """Return ½ Σ w (ν²/S' + ln S') over what was compared; infinite where the filter left all
+    bounds.
 
     S' is c S, grown to ν²/tolerance for an outlier, as in the filter.
     """
@@ -157,21 +176,28 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
 
 
 def evened(run: Innovations, weighing: Weighing) -> Floats:
-    """Return by what the values of each channel count more or less, so that their number does not matter, (m,)."""
+    """Return by what the values of each channel count more or less, so that their number does not
+    matter, (m,).
+    """
     compared = np.maximum(np.isfinite(run.values).sum(axis=0), FEWEST_SHARE * weighing.counts)
     shares: Floats = np.where(weighing.counts > 0, weighing.counts / np.maximum(compared, 1.0), 1.0)
     return shares
 
 
 def derivatives_of(
-    base: Innovations, ends: Sequence[tuple[Innovations, Innovations]], widths: Floats, weighing: Weighing
+    base: Innovations,
+    ends: Sequence[tuple[Innovations, Innovations]],
+    widths: Floats,
+    weighing: Weighing,
 ) -> Derivatives:
-    """Return −ln p of a log and its derivatives, from runs at a point and at both ends of a step of each coordinate.
+    """Return −ln p of a log and its derivatives, from runs at a point and at both ends of a step of
+    each coordinate.
 
-    The score of a sample is ν ν'/S + ½ (ln S)' (1 − ν²/S), for an outlier ν'/ν; Fisher's information is Σ ν' ν'ᵀ/S + ½
-    (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c S in place of S. Where −ln p is least in c, the
-    weighing is that of its slope too. The steps have an upper and a lower end and `widths` from one to the other, (n,);
-    0 for a coordinate that is not varied.
+    The score of a sample is ν ν'/S + ½ (ln S)' (1 − ν²/S), for an outlier ν'/ν; Fisher's
+    information is Σ ν' ν'ᵀ/S + ½ (ln S)' (ln S)'ᵀ (Gupta and Mehra, IEEE TAC 19, 1974), here with c
+    S in place of S. Where −ln p is least in c, the weighing is that of its slope too. The steps
+    have an upper and a lower end and `widths` from one to the other, (n,); 0 for a coordinate that
+    is not varied.
     """
     compared, shape = np.isfinite(base.values), base.values.shape
     nu, spread = base.values[compared], (base.variances * weighing.scale)[compared]
@@ -180,7 +206,9 @@ def derivatives_of(
         if widths[k] != 0.0:
             with np.errstate(all="ignore"):  # an end may have left all bounds
                 slopes[k] = (up.values[compared] - down.values[compared]) / widths[k]
-                log_slopes[k] = np.log(up.variances[compared] / down.variances[compared]) / widths[k]
+                log_slopes[k] = (
+                    np.log(up.variances[compared] / down.variances[compared]) / widths[k]
+                )
     # what is compared may change at the ends (a slider at a stop): such a sample has no slope
     slopes[~(np.abs(slopes) < UNBOUNDED)] = 0.0
     log_slopes[~(np.abs(log_slopes) < UNBOUNDED)] = 0.0
@@ -193,21 +221,29 @@ def derivatives_of(
     factor = np.sqrt(weight / (spread * inflation))
     root = slopes * factor
     spreads = np.sqrt(0.5 * weight) * log_slopes * inlier
-    meat, spans = long_run_covariance(scores, np.broadcast_to(weighing.times[:, None], shape)[compared])
+    meat, spans = long_run_covariance(
+        scores, np.broadcast_to(weighing.times[:, None], shape)[compared]
+    )
     information = root @ root.T + spreads @ spreads.T
     weighted = Slopes(compared, factor, factor * nu, root)
-    return Derivatives(cost_of(base, weighing), scores.sum(axis=1), information, meat, spans, (), weighted)
+    return Derivatives(
+        cost_of(base, weighing), scores.sum(axis=1), information, meat, spans, (), weighted
+    )
 
 
 def long_run_covariance(scores: Floats, times: Floats) -> tuple[Floats, int]:
-    """Return Σ s sᵀ of `scores`, (n, k), summed over spans of `CORRELATED` s of `times` [s], (k,), and the number of spans.
+    """Return Σ s sᵀ of `scores`, (n, k), summed over spans of `CORRELATED` s of `times` [s], (k,),
+    and the number of spans.
 
-    Where the model is wrong, innovations are correlated and Fisher's information is too large; what the scores really
-    do is in this matrix (White, Econometrica 50, 1982; Newey and West, Econometrica 55, 1987).
+    Where the model is wrong, innovations are correlated and Fisher's information is too large; what
+    the scores really do is in this matrix (White, Econometrica 50, 1982; Newey and West,
+    Econometrica 55, 1987).
     """
     if not len(times):
         return np.zeros((len(scores), len(scores))), 0
     spans = np.floor((times - times.min()) / CORRELATED).astype(int)
     count = int(spans.max()) + 1
-    sums = np.array([np.bincount(spans, score, minlength=count) for score in scores]).reshape(-1, count)
+    sums = np.array([np.bincount(spans, score, minlength=count) for score in scores]).reshape(
+        -1, count
+    )
     return sums @ sums.T, count

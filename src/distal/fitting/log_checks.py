@@ -20,7 +20,9 @@ SMALLEST_TURN = np.deg2rad(2.0)
 """A drive that moves by less than this turn of the joint does not move [rad]."""
 
 DEAD_TRUTH_TURN = np.deg2rad(20.0)
-"""A truth that is constant while the drives would turn the joint by more than this is dead [rad]: no friction holds so."""
+"""A truth that is constant while the drives would turn the joint by more than this is dead [rad]:
+no friction holds so.
+"""
 
 CLEAR_CORRELATION = 0.8
 """Correlation of truth and drives from which on their ratio can be judged."""
@@ -45,7 +47,8 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         for twin in logs[:i]:
             if _same(log, twin):
                 raise FitError(
-                    f"{log.source} holds the same as {twin.source}; a log that counts twice makes a fit too sure of itself"
+                    f"{log.source} holds the same as {twin.source}; a log that counts twice makes "
+                    "a fit too sure of itself"
                 )
         _check_motion(log, rig)
         _check_sensors(log, logs, rig)
@@ -53,7 +56,13 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
         angles = true_angles(log, joints)
         for j, truth in enumerate(() if angles is None else angles.T):
             if len(joints) == 1 or np.isfinite(truth).any():
-                _check_truth(log, rig, truth, "the joint" if len(joints) == 1 else f"the joint {joints[j]}", j)
+                _check_truth(
+                    log,
+                    rig,
+                    truth,
+                    "the joint" if len(joints) == 1 else f"the joint {joints[j]}",
+                    j,
+                )
 
 
 def _same(log: Log, other: Log) -> bool:
@@ -68,13 +77,16 @@ def _check_stamps(log: Log, rig: Rig) -> None:
     step = float(np.median(np.diff(log.time)))
     if not 1.0 / RATE_FACTOR < step * rate < RATE_FACTOR:
         raise FitError(
-            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
+            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every "
+            f"{1 / rate:g} s; is "
             "the unit of time right (--set 'log.time.unit=\"ms\"'), or the sensors' rate?"
         )
 
 
 def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
-    """Return the names of the joints whose angle is known in none of the logs, which all have a truth."""
+    """Return the names of the joints whose angle is known in none of the logs, which all have a
+    truth.
+    """
     names = [joint.name for joint in rig.joints]
     angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
     return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
@@ -98,18 +110,25 @@ def _check_motion(log: Log, rig: Rig) -> None:
     for sensor in rig.sensors_of("position"):
         span = _span(log.channels[sensor.name])
         noise = np.sqrt(variance(sensor))
-        moved.append(span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN)
+        moved.append(
+            span > MOTION_TO_NOISE * noise and _joint_turn(rig, sensor, span) > SMALLEST_TURN
+        )
     if moved and not any(moved):
         raise FitError(
-            f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° of the joint); a log "
+            f"{log.source}: nothing moves (no drive by more than {np.rad2deg(SMALLEST_TURN):g}° "
+            "of the joint); a log "
             "without motion tells nothing of friction and stiffness: leave it out"
         )
 
 
 def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
-    """Refuse a sensor that is constant, but for that of a drive that is held in this log and moves in another."""
+    """Refuse a sensor that is constant, but for that of a drive that is held in this log and moves
+    in another.
+    """
     places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
-    places |= {tendon.name: places[tendon.drive] for tendon in rig.tendons if tendon.drive in places}
+    places |= {
+        tendon.name: places[tendon.drive] for tendon in rig.tendons if tendon.drive in places
+    }
     for sensor in rig.sensors:
         if sensor.measures in REFERENCES or not _constant(log, sensor.name):
             continue
@@ -118,21 +137,26 @@ def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
             continue
         values = log.channels[sensor.name]
         raise FitError(
-            f"{log.source}: sensor '{sensor.name}' is constant ({values[np.isfinite(values)][0]:g} {sensor.si}) over the "
+            f"{log.source}: sensor '{sensor.name}' is constant "
+            f"({values[np.isfinite(values)][0]:g} {sensor.si}) over the "
             "whole log; is it connected? Leave the log out, or remove the sensor from the rig"
         )
 
 
 def _constant(log: Log, name: str) -> bool:
     """Return whether a log has more than 20 values of a sensor and all are the same."""
-    finite = log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
+    finite = (
+        log.channels[name][np.isfinite(log.channels[name])] if name in log.channels else np.zeros(0)
+    )
     return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
     """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
     has_truth = np.isfinite(truth)
-    subject = f"{log.source}: the truth of {joint}" + (f" ({log.truth_source})" if str(log.truth_source) else "")
+    subject = f"{log.source}: the truth of {joint}" + (
+        f" ({log.truth_source})" if str(log.truth_source) else ""
+    )
     if has_truth.sum() < 10:
         raise FitError(f"{subject} has {int(has_truth.sum())} values; at least 10 are needed")
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
@@ -149,12 +173,18 @@ def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> N
     ratio = float(np.sqrt((b @ b) / (a @ a)))
     if correlation < -CLEAR_CORRELATION:
         raise FitError(
-            f"{subject} moves against the drives (correlation {correlation:.2f}); a sign is wrong: turn that of "
+            f"{subject} moves against the drives (correlation {correlation:.2f}); a sign is "
+            "wrong: turn that of "
             "the angle sensor or of the position sensors round, or swap the tendons' sides"
         )
     if abs(correlation) > CLEAR_CORRELATION and not RATIO_RANGE[0] < ratio < RATIO_RANGE[1]:
-        near = "it looks like degrees read as radians" if 20.0 < ratio < 160.0 else "is the unit, or a radius, wrong?"
+        near = (
+            "it looks like degrees read as radians"
+            if 20.0 < ratio < 160.0
+            else "is the unit, or a radius, wrong?"
+        )
         near = "it looks like radians read as degrees" if 1 / 160.0 < ratio < 1 / 20.0 else near
         raise FitError(
-            f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the angle sensor's unit)"
+            f"{subject} moves {ratio:.3g} times as far as the drives turn it; {near} (set the "
+            "angle sensor's unit)"
         )

@@ -1,4 +1,6 @@
-"""What logs say to each kind of map: readings, targets and the filter's own angles; and which terms there may be."""
+"""What logs say to each kind of map: readings, targets and the filter's own angles; and which terms
+there may be.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,14 @@ from distal.arrays import Bools
 from distal.errors import DistalError, EstimationError
 from distal.estimators import AdaptiveFilter, channels_of, first_values
 from distal.fitting.samples_in_stops import in_stops
-from distal.homing import Window, check_homing, numbers_homed, plain_samples, torque_samples, with_references
+from distal.homing import (
+    Window,
+    check_homing,
+    numbers_homed,
+    plain_samples,
+    torque_samples,
+    with_references,
+)
 from distal.logs import Log, TruthKind, shown, true_angles, true_torques
 from distal.regression import Kind, Samples, contact_kind, discrepancy_kind
 from distal.rig import LearnedMap, Rig, Sensor
@@ -19,17 +28,23 @@ from distal.run import samples_of
 from distal.sensor_errors import variance
 
 OFFSETS = 2.0
-"""What angles lack in the mean may be the encoder's offset up to so many of its standard deviations."""
+"""What angles lack in the mean may be the encoder's offset up to so many of its standard
+deviations.
+"""
 
 MOST_PARTLY, FEWEST_PARTLY = 12, 20
-"""So many logs at most say what a homing move that covers half of the range costs, each with so many samples in it."""
+"""So many logs at most say what a homing move that covers half of the range costs, each with so
+many samples in it.
+"""
 
 SETTLING = 0.5
 """Without homing a filter finds the joint within so long [s]; errors count after that."""
 
 
 def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
-    """Return how what the filter's angles lack is learned from logs; a sensor that never changes in them is no variable."""
+    """Return how what the filter's angles lack is learned from logs; a sensor that never changes in
+    them is no variable.
+    """
     sensors = _sensors(rig)
     readings = np.vstack([samples.readings for samples in data])
     moving = [sensor for sensor, column in zip(sensors, readings.T) if np.ptp(column) > 0.0]
@@ -50,45 +65,69 @@ def filtered(
     compiled: bool,
     usable: Sequence[Bools] | None = None,
 ) -> tuple[dict[int, Samples], list[str]]:
-    """Return what the filter makes of logs with truth, by the index of the log, and why of some it makes nothing.
+    """Return what the filter makes of logs with truth, by the index of the log, and why of some it
+    makes nothing.
 
-    Each log has a rig without a discrepancy; the first says what the encoders' offsets may be. A homing move lasts
-    `homing` s, None for none, and may use the samples that are `usable`, (k,) for each log, None for all.
+    Each log has a rig without a discrepancy; the first says what the encoders' offsets may be. A
+    homing move lasts `homing` s, None for none, and may use the samples that are `usable`, (k,) for
+    each log, None for all.
     """
-    data, refused, runners = dict[int, Samples](), list[str](), dict[tuple[int, frozenset[str]], AdaptiveFilter]()
+    data, refused, runners = (
+        dict[int, Samples](),
+        list[str](),
+        dict[tuple[int, frozenset[str]], AdaptiveFilter](),
+    )
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
             key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
             if key not in runners:
-                described, references = with_references(rig, log) if homing is not None else (rig, ())
-                # with the noise as an input most rigs of one structure share a kernel; homing takes a hundred runs of it
+                described, references = (
+                    with_references(rig, log) if homing is not None else (rig, ())
+                )
+                # with the noise as an input most rigs of one structure share a kernel; homing takes
+                # a hundred runs of it
                 noise = [f"sensors.{k}.noise" for k in range(len(described.sensors))]
                 often = compiled and homing is not None
-                shared = None if references else next((runner.of_rig(described) for runner in runners.values()), None)
-                runners[key] = shared or AdaptiveFilter(described, often, references=references, inputs=noise)
+                shared = (
+                    None
+                    if references
+                    else next((runner.of_rig(described) for runner in runners.values()), None)
+                )
+                runners[key] = shared or AdaptiveFilter(
+                    described, often, references=references, inputs=noise
+                )
             samples = _filtered(log, runners[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue
         if not np.isfinite(samples.angles).all():
-            refused.append(f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it")
+            refused.append(
+                f"discrepancy: {shown(log.source)} is left out: adaptive left all bounds on it"
+            )
             continue
-        data[i] = replace(samples, reference_std=0.0 if homing is not None else reference_std(rig, log))
+        data[i] = replace(
+            samples, reference_std=0.0 if homing is not None else reference_std(rig, log)
+        )
     sensor = homing is None and any(log.truth_kind is TruthKind.SENSOR for log in logs)
     if sensor and data:
         data = dict(zip(data, without_offset(list(data.values()), rigs[0])))
     return data, refused
 
 
-def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool) -> dict[int, Samples]:
-    """Return what the filter makes of some logs after a homing move that covers half of their range, by their index.
+def partly_homed(
+    logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None, compiled: bool
+) -> dict[int, Samples]:
+    """Return what the filter makes of some logs after a homing move that covers half of their
+    range, by their index.
 
-    The half is that of the first angle. Used are `MOST_PARTLY` logs, spread over all, where the window of `homing` s has
-    such samples; None gives nothing.
+    The half is that of the first angle. Used are `MOST_PARTLY` logs, spread over all, where the
+    window of `homing` s has such samples; None gives nothing.
     """
     if homing is None:
         return {}
-    chosen = np.unique(np.linspace(0, len(logs) - 1, min(len(logs), MOST_PARTLY)).round().astype(int))
+    chosen = np.unique(
+        np.linspace(0, len(logs) - 1, min(len(logs), MOST_PARTLY)).round().astype(int)
+    )
     masks = dict[int, Bools]()
     for i in map(int, chosen):
         truths = true_angles(logs[i], [joint.name for joint in rigs[i].joints])
@@ -98,7 +137,9 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
             is_known = np.isfinite(angles)
             if is_known.any():
                 middle = 0.5 * (angles[is_known].min() + angles[is_known].max())
-                usable = usable & (~is_known | ((angles - middle) * (angles[is_known][0] - middle) >= 0.0))
+                usable = usable & (
+                    ~is_known | ((angles - middle) * (angles[is_known][0] - middle) >= 0.0)
+                )
         if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) >= FEWEST_PARTLY:
             masks[i] = usable
     used = list(masks)
@@ -108,39 +149,49 @@ def partly_homed(logs: Sequence[Log], rigs: Sequence[Rig], homing: float | None,
 
 
 def without_offset(data: Sequence[Samples], rig: Rig) -> list[Samples]:
-    """Return samples without what all logs' angles lack in the mean, where the encoder's own offset may be as large.
+    """Return samples without what all logs' angles lack in the mean, where the encoder's own offset
+    may be as large.
 
-    Model and encoder are both off by something, and no log tells which; a correction to an encoder that is mounted askew
-    would be worse than none. That the offset is not known is in the band, see `with_reference_error`.
+    Model and encoder are both off by something, and no log tells which; a correction to an encoder
+    that is mounted askew would be worse than none. That the offset is not known is in the band, see
+    `with_reference_error`.
     """
     doubts = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
     limits = OFFSETS * np.array([doubts.get(joint.name, 0.0) for joint in rig.joints])
     targets = [samples.targets for samples in data if np.isfinite(samples.targets).any()]
     if not targets:
         return list(data)
-    means = [np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T]) for t in targets]
+    means = [
+        np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else 0.0 for c in t.T])
+        for t in targets
+    ]
     common = np.mean(means, axis=0)
     common = np.where(np.abs(common) <= limits, common, 0.0)
     return [replace(samples, targets=samples.targets - common) for samples in data]
 
 
 def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> LearnedMap:
-    """Return a map of the angle with the std of the reference's offset in its band: c² s² becomes c² s² + σ_b².
+    """Return a map of the angle with the std of the reference's offset in its band: c² s² becomes
+    c² s² + σ_b².
 
-    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it. The rig's angle sensors say how
-    unsure their offsets are.
+    An encoder that is mounted 0.2° off is so in all logs, so that no log left out shows it. The
+    rig's angle sensors say how unsure their offsets are.
     """
     if not any(log.truth_kind is TruthKind.SENSOR for log in logs):
         return learned
     offsets = {sensor.of: sensor.bias.filter_std for sensor in reversed(rig.sensors_of("angle"))}
     joints = tuple(
-        joint.model_copy(update={"std": float(np.hypot(joint.std, offsets.get(joint.joint, 0.0) / band))})
+        joint.model_copy(
+            update={"std": float(np.hypot(joint.std, offsets.get(joint.joint, 0.0) / band))}
+        )
         for joint, band in zip(learned.joints, learned.band)
     )
     return learned.model_copy(update={"joints": joints})
 
 
-def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bools | None) -> Samples:
+def _filtered(
+    log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bools | None
+) -> Samples:
     joints = [joint.name for joint in runner.rig.joints]
     truths = true_angles(log, joints)
     assert truths is not None
@@ -155,7 +206,9 @@ def _filtered(log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bo
         usable_truths = truths if usable is None else np.where(usable[:, None], truths, np.nan)
         of = {sensor.name: sensor.of for sensor in runner.rig.sensors_of("angle")}
         columns = [joints.index(of[name]) for name in runner.channels[m:]]
-        aided = np.column_stack([proximal, np.where(early[:, None], usable_truths[:, columns], np.nan)])
+        aided = np.column_stack(
+            [proximal, np.where(early[:, None], usable_truths[:, columns], np.nan)]
+        )
         start = numbers_homed(Window.of(runner, start, log, aided, usable_truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
@@ -175,13 +228,17 @@ def mean_rms(data: Mapping[int, Samples]) -> float:
 
 
 def reference_std(rig: Rig, log: Log) -> float:
-    """Return the random error of the angle sensor that a log's truth comes from [rad]; 0 where it comes from elsewhere.
+    """Return the random error of the angle sensor that a log's truth comes from [rad]; 0 where it
+    comes from elsewhere.
 
-    Its offset is not counted: it is the same everywhere, and what changes along a log is worth a correction beside it.
+    Its offset is not counted: it is the same everywhere, and what changes along a log is worth a
+    correction beside it.
     """
     if log.truth_kind is not TruthKind.SENSOR:
         return 0.0
-    return max((float(np.sqrt(variance(sensor))) for sensor in rig.sensors_of("angle")), default=0.0)
+    return max(
+        (float(np.sqrt(variance(sensor))) for sensor in rig.sensors_of("angle")), default=0.0
+    )
 
 
 def _sensors(rig: Rig) -> tuple[Sensor, ...]:
@@ -215,4 +272,6 @@ def contact_of(rig: Rig) -> Kind:
     sensors = _sensors(rig)
     positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
     noise = np.sqrt([variance(sensor) for sensor in sensors])
-    return contact_kind([s.name for s in sensors], positions, [joint.name for joint in rig.joints], noise)
+    return contact_kind(
+        [s.name for s in sensors], positions, [joint.name for joint in rig.joints], noise
+    )

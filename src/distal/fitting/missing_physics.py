@@ -1,4 +1,6 @@
-"""Physics that a rig may lack: parts that are tried where its equations lack more than its sensors' noise."""
+"""Physics that a rig may lack: parts that are tried where its equations lack more than its sensors'
+noise.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ UNEXPLAINED = 16.0
 """Parts are tried where some row of the equations has a mean ν²/S above this."""
 
 NAMED = 0.85
-"""A part is named where with it the rows' residuals are below this share, in the geometric mean of all rows."""
+"""A part is named where with it the rows' residuals are below this share, in the geometric mean of
+all rows.
+"""
 
 MOST_NAMED = 2
 """So many parts are candidates each alone, at most."""
@@ -31,7 +35,9 @@ PLAY = {"slider": 2e-4, "capstan": 0.02}
 
 @dataclass(frozen=True)
 class Part:
-    """A part that a description may lack, added wherever it can be: path → what is put into the description."""
+    """A part that a description may lack, added wherever it can be: path → what is put into the
+    description.
+    """
 
     name: str
     values: Mapping[str, object]
@@ -66,7 +72,10 @@ def parts_of(rig: Rig) -> Iterator[Part]:
         if isinstance(meeting.shape, Pulley)
     }
     yield Part("friction along the cable", sheaths)
-    yield Part("creep of the tendons", {f"tendons.{t.name}.creep": creep for t in rig.tendons if t.creep is None})
+    yield Part(
+        "creep of the tendons",
+        {f"tendons.{t.name}.creep": creep for t in rig.tendons if t.creep is None},
+    )
     yield Part("play between drives and tendons", plays)
     yield Part("moment arms that change with the angle", arms)
 
@@ -83,7 +92,9 @@ class Tried:
 
 
 def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
-    """Return what comes of the parts that a rig may lack, where its equations lack more than its sensors' noise."""
+    """Return what comes of the parts that a rig may lack, where its equations lack more than its
+    sensors' noise.
+    """
     if not numbers.by_equations or options.free:
         return Tried()
     alone = _tried(logs, rig, options, numbers)
@@ -99,12 +110,16 @@ def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Number
 
 
 def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
-    """Return what comes of one part more; named are those that leave clearly less, the least first."""
+    """Return what comes of one part more; named are those that leave clearly less, the least
+    first.
+    """
     if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
         return Tried()
     fits = with_parts(parts_of(rig), logs, rig, options, numbers)
     limit = NAMED * _residual(numbers)
-    named = sorted((fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1]))
+    named = sorted(
+        (fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1])
+    )
     return Tried(tuple(named), tuple(part_numbers for _, part_numbers in fits))
 
 
@@ -116,23 +131,31 @@ def with_parts(
     return tuple((part, numbers) for part, numbers in fits if numbers is not None)
 
 
-def numbers_with(part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers) -> Numbers | None:
-    """Return the numbers of a rig's equations with a part more, None where the rig, as it came, cannot have it.
+def numbers_with(
+    part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers
+) -> Numbers | None:
+    """Return the numbers of a rig's equations with a part more, None where the rig, as it came,
+    cannot have it.
 
     The search begins with numbers without the part.
     """
     if not part.values:
         return None
     try:
-        numbers = by_equations(problem_of(logs, rig.with_values(part.values), options), options, None, begin)
+        numbers = by_equations(
+            problem_of(logs, rig.with_values(part.values), options), options, None, begin
+        )
     except DistalError:
         return None
     if numbers is not None and numbers.optimum.interrupted:
-        raise KeyboardInterrupt  # a search ends with the best so far; the caller has numbers without the part
+        # a search ends with the best so far; the caller has numbers without the part
+        raise KeyboardInterrupt
     return numbers
 
 
 def _residual(numbers: Numbers) -> float:
-    """Return the geometric mean over all rows of √(mean ν²/S), a row within its sensors' noise as if it were as large."""
+    """Return the geometric mean over all rows of √(mean ν²/S), a row within its sensors' noise as
+    if it were as large.
+    """
     ratios = np.maximum([ratio for ratio in numbers.nis[1] if np.isfinite(ratio)], 1.0)
     return float(np.exp(np.mean(0.5 * np.log(ratios))))

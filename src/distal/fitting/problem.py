@@ -1,4 +1,6 @@
-"""What a fit minimises: −ln p of logs as a function of a rig's numbers, evaluated in vector lanes."""
+"""What a fit minimises: −ln p of logs as a function of a rig's numbers, evaluated in vector
+lanes.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,15 @@ from distal.arrays import Bools, Floats
 from distal.estimators import Robustness, first_values
 from distal.fitting.filter import Data, FitFilter
 from distal.fitting.free_number import Free
-from distal.fitting.likelihood import Derivatives, Innovations, Weighing, cost_of, derivatives_of, scales_of, shares_of
+from distal.fitting.likelihood import (
+    Derivatives,
+    Innovations,
+    Weighing,
+    cost_of,
+    derivatives_of,
+    scales_of,
+    shares_of,
+)
 from distal.kernels import Feed, Kernel, advance, advance_all, covariance_of, mean_of
 from distal.kernels.mask import COMPARED_ONLY
 
@@ -25,7 +35,8 @@ PROBED = 0.3
 
 @dataclass(frozen=True)
 class Worth:
-    """What the values of each channel are worth, as found at a point: how much one counts (`shares_of`), (m,).
+    """What the values of each channel are worth, as found at a point: how much one counts
+    (`shares_of`), (m,).
 
     The counts are how many values of each channel are compared, of each log, (m,) each.
     """
@@ -36,18 +47,21 @@ class Worth:
 
 @dataclass(frozen=True)
 class Problem:
-    """−ln p = ½ Σ w (ν²/(c S) + ln c S) + prior of the innovations ν of logs, with variances S, at coordinates z.
+    """−ln p = ½ Σ w (ν²/(c S) + ln c S) + prior of the innovations ν of logs, with variances S, at
+    coordinates z.
 
-    The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16, 1980): hidden states,
-    missing samples and sensor noise are treated as in use, because it is the filter that is used. Of each channel c and w
-    say what its values are worth: c is found at every point, w where `assessed` was called. Coordinates z, (size,), are
-    those that logs share, then each log's own.
+    The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16,
+    1980): hidden states, missing samples and sensor noise are treated as in use, because it is the
+    filter that is used. Of each channel c and w say what its values are worth: c is found at every
+    point, w where `assessed` was called. Coordinates z, (size,), are those that logs share, then
+    each log's own.
 
     Args:
         filter: with what is free as inputs.
-        homing: for how long the reference is used [s], None for never; with it only what comes after counts.
-        aided: without homing, use the reference wherever it is as one more sensor, which tells more where the model is
-            right, and hides what the angle errs by where it is not.
+        homing: for how long the reference is used [s], None for never; with it only what comes
+            after counts.
+        aided: without homing, use the reference wherever it is as one more sensor, which tells more
+            where the model is right, and hides what the angle errs by where it is not.
         workers: threads; the numbers do not depend on them.
         worth: of the channels' values; None before they are assessed: every value counts in full.
         noises: that are free and not varied.
@@ -66,8 +80,13 @@ class Problem:
     noises: tuple[Free, ...] = ()
 
     def beginning(self, share: float, least: int) -> Problem:
-        """Return the same for the beginnings of the logs, a `share` of each, of `least` samples or more; not assessed."""
-        data = tuple(log_data.beginning(max(least, round(share * len(log_data.last)))) for log_data in self.data)
+        """Return the same for the beginnings of the logs, a `share` of each, of `least` samples or
+        more; not assessed.
+        """
+        data = tuple(
+            log_data.beginning(max(least, round(share * len(log_data.last))))
+            for log_data in self.data
+        )
         return replace(self, data=data, worth=None)
 
     def among(self, logs: Sequence[int]) -> Problem:
@@ -78,12 +97,17 @@ class Problem:
         return replace(self, data=tuple(self.data[j] for j in logs), worth=worth)
 
     def assessed(self, z: Floats) -> Problem:
-        """Return the problem with the worth of the channels' values at a point, as it is where the filter is unbounded."""
+        """Return the problem with the worth of the channels' values at a point, as it is where the
+        filter is unbounded.
+        """
         runs = self.at(z)
         if not all(run.bounded for run in runs):
             return self
         counts = tuple(np.isfinite(run.values).sum(axis=0).astype(np.float64) for run in runs)
-        return replace(self, worth=Worth(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts))
+        return replace(
+            self,
+            worth=Worth(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts),
+        )
 
     @property
     def of_filter(self) -> Problem:
@@ -108,8 +132,12 @@ class Problem:
 
     @cached_property
     def parts(self) -> tuple[tuple[Free, int | None], ...]:
-        """The free number behind each coordinate, and the log where it is one log's own, (size,)."""
-        shared: list[tuple[Free, int | None]] = [(part, None) for part in self.free if not part.per_log]
+        """The free number behind each coordinate, and the log where it is one log's own,
+        (size,).
+        """
+        shared: list[tuple[Free, int | None]] = [
+            (part, None) for part in self.free if not part.per_log
+        ]
         per_log = [part for part in self.free if part.per_log]
         return (*shared, *((part, j) for j in range(len(self.data)) for part in per_log))
 
@@ -134,7 +162,8 @@ class Problem:
         return [places[id(part), log if part.per_log else None] for part in self.free]
 
     def run(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
-        """Return the innovations of some runs, of a log's index and its coordinates, one for each free number.
+        """Return the innovations of some runs, of a log's index and its coordinates, one for each
+        free number.
 
         They go side by side in vector lanes, on all workers.
         """
@@ -166,7 +195,9 @@ class Problem:
         return Feed(np.concatenate([mean, covariance.ravel(), memory]), self._rows[log], p)
 
     def numbers(self, z: Floats) -> Floats:
-        """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free number."""
+        """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free
+        number.
+        """
         p = np.array(self.filter.runner.numbers)
         for part, places, coordinate in zip(self.free, self.places, z):
             p[places] = part.values(float(coordinate))
@@ -174,7 +205,9 @@ class Problem:
 
     @cached_property
     def _rows(self) -> tuple[Floats, ...]:
-        """Return the kernel's rows of each log; where a reference is not used it is compared only."""
+        """Return the kernel's rows of each log; where a reference is not used it is compared
+        only.
+        """
         if self.aided and self.homing is None:
             return tuple(data.rows for data in self.data)
         masked = []
@@ -200,17 +233,23 @@ class Problem:
 
     @cached_property
     def _tolerance(self) -> Floats:
-        """Return from which ν²/(c S) on an innovation is wild, (m,); the reference is never wild."""
+        """Return from which ν²/(c S) on an innovation is wild, (m,); the reference is never
+        wild.
+        """
         return np.where(self._is_reference, np.inf, Robustness().wild_force)
 
     def _weighing(self, log: int, scale: Floats) -> Weighing:
         """Return how the values of a log's channels count."""
         none = np.zeros(len(self.measured))
-        share, counts = (none + 1.0, none) if self.worth is None else (self.worth.share, self.worth.counts[log])
+        share, counts = (
+            (none + 1.0, none) if self.worth is None else (self.worth.share, self.worth.counts[log])
+        )
         return Weighing(self._tolerance, share, self._times(log), counts, scale)
 
     def scales(self, runs: Sequence[Innovations]) -> Floats:
-        """Return by what the variance of each channel's innovations is larger than the filter expects, at least 1, (m,)."""
+        """Return by what the variance of each channel's innovations is larger than the filter
+        expects, at least 1, (m,).
+        """
         return scales_of(runs, self._tolerance)
 
     def at(self, z: Floats) -> list[Innovations]:
@@ -218,13 +257,19 @@ class Problem:
         return self.run([(j, z[self.columns(j)]) for j in range(len(self.data))])
 
     def costs(self, points: Sequence[Floats]) -> Floats:
-        """Return −ln p of all logs and the prior at some points, infinite where the filter left all bounds."""
+        """Return −ln p of all logs and the prior at some points, infinite where the filter left all
+        bounds.
+        """
         logs = range(len(self.data))
         runs = self.run([(j, z[self.columns(j)]) for j in logs for z in points])
         costs = []
         for k, z in enumerate(points):
             log_runs = [runs[j * len(points) + k] for j in logs]
-            costs.append(self._cost(log_runs) + self._prior(z) if all(run.bounded for run in log_runs) else np.inf)
+            costs.append(
+                self._cost(log_runs) + self._prior(z)
+                if all(run.bounded for run in log_runs)
+                else np.inf
+            )
         return np.array(costs)
 
     def _cost(self, runs: Sequence[Innovations]) -> float:
@@ -235,9 +280,11 @@ class Problem:
         return 0.5 * float(np.sum((z / self.prior_stds) ** 2))
 
     def of_logs(self, z: Floats, widths: Floats) -> list[Derivatives]:
-        """Return what each log tells at a point z, by one-sided differences of ν and ln S, without the prior.
+        """Return what each log tells at a point z, by one-sided differences of ν and ln S, without
+        the prior.
 
-        Slopes are taken over `widths`, (size,), away from a bound, 0 for a coordinate that is not varied.
+        Slopes are taken over `widths`, (size,), away from a bound, 0 for a coordinate that is not
+        varied.
         """
         low, high = self.bounds.T
         ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))
@@ -259,13 +306,17 @@ class Problem:
         return derivatives
 
     def derivatives(self, z: Floats, widths: Floats) -> Derivatives:
-        """Return −ln p of logs and prior, its gradient, and the logs' information at z; `widths` are those of `of_logs`."""
+        """Return −ln p of logs and prior, its gradient, and the logs' information at z; `widths`
+        are those of `of_logs`.
+        """
         return self.summed(self.of_logs(z, widths), z)
 
     def bends(self, z: Floats, of_logs: Sequence[Derivatives], steps: Sequence[Floats]) -> Floats:
         """Return Jᵀ r'' of all logs along some `steps` from z, (k, size): see `Slopes.bend`."""
         logs = range(len(self.data))
-        runs = iter(self.run([(j, (z + PROBED * step)[self.columns(j)]) for j in logs for step in steps]))
+        runs = iter(
+            self.run([(j, (z + PROBED * step)[self.columns(j)]) for j in logs for step in steps])
+        )
         bends = np.zeros((len(steps), self.size))
         for j, of_log in enumerate(of_logs):
             for k, step in enumerate(steps):
@@ -283,11 +334,18 @@ class Problem:
             gradient[self.columns(j)] += part.gradient
             information[square] += part.information
             meat[square] += part.meat
-        cost, spans = sum(part.cost for part in of_logs) + self._prior(z), sum(part.spans for part in of_logs)
-        return Derivatives(cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs))
+        cost, spans = (
+            sum(part.cost for part in of_logs) + self._prior(z),
+            sum(part.spans for part in of_logs),
+        )
+        return Derivatives(
+            cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs)
+        )
 
     def states(self, log: int, z: Floats) -> tuple[Floats, Floats]:
-        """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log, at all coordinates z."""
+        """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log, at all
+        coordinates z.
+        """
         runner, n = self.filter.runner, len(self.filter.runner.state_names)
         end = advance(runner.kernel, self._feed(log, z[self.columns(log)])).carries[-1]
         return mean_of(end, n), covariance_of(end, n)

@@ -9,12 +9,15 @@ TYPICAL_ITERATIONS = 8.0
 """A search takes about so many iterations: only a bar goes by it."""
 
 BEFORE_SEARCH, AFTER_SEARCH = 0.05, 0.35
-"""Shares of the time that what comes before a search takes, and what has passed after it; candidates take the rest."""
+"""Shares of the time that what comes before a search takes, and what has passed after it;
+candidates take the rest.
+"""
 
 
 @dataclass(frozen=True)
 class Doing:
-    """What a fit is doing now: a search in its `iteration`, else 0, of which a share of this part is done, about.
+    """What a fit is doing now: a search in its `iteration`, else 0, of which a share of this part
+    is done, about.
 
     Part 0 is the fit to all logs, then comes a fold after the other.
     """
@@ -51,5 +54,9 @@ def judging(progress: Progress | None, stage: str, done: int, count: int) -> Non
 
 
 def of_part(progress: Progress | None, part: int, parts: int) -> Progress | None:
-    """Return the progress of one part of a fit: 0 for the fit to all logs, then a fold after the other."""
-    return None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))
+    """Return the progress of one part of a fit: 0 for the fit to all logs, then a fold after the
+    other.
+    """
+    return (
+        None if progress is None else lambda doing: progress(replace(doing, part=part, parts=parts))
+    )

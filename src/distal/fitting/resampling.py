@@ -1,4 +1,6 @@
-"""Displacements between samples, offline: a fit knows what comes next, so they need not go in straight lines."""
+"""Displacements between samples, offline: a fit knows what comes next, so they need not go in
+straight lines.
+"""
 
 from __future__ import annotations
 
@@ -12,25 +14,34 @@ FINEST = 4
 
 
 def steps_per_sample(places: Floats, noise: Floats) -> int:
-    """Return how many steps per sample keep straight lines within the sensors' `noise`, (m,): 1, 2 or `FINEST`.
+    """Return how many steps per sample keep straight lines within the sensors' `noise`, (m,): 1, 2
+    or `FINEST`.
 
-    A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest, and stiffness would be
-    fitted too large by (ω dt)²/12. With n steps it is n² times less. Displacements `places` are (k, m), NaN where missing.
+    A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest,
+    and stiffness would be fitted too large by (ω dt)²/12. With n steps it is n² times less.
+    Displacements `places` are (k, m), NaN where missing.
     """
     bends = np.abs(np.diff(places, n=2, axis=0)) / 8.0
     missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
     # noise bends too: its second difference has a variance of 6 σ²
     noise_bends = np.sqrt(6.0) / 8.0 * noise
-    excess = max((np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, noise_bends, noise)), default=0.0)
+    excess = max(
+        (np.sqrt(max(m**2 - o**2, 0.0)) / n for m, o, n in zip(missed, noise_bends, noise)),
+        default=0.0,
+    )
     return next((steps for steps in (1, 2) if excess < 0.5 * steps**2), FINEST)
 
 
-def refined(times: Floats, samples: Floats, places: int, steps: int) -> tuple[Floats, Floats, NDArray[np.intp]]:
-    """Return stamps, samples and the original samples' rows, with displacements interpolated between them.
+def refined(
+    times: Floats, samples: Floats, places: int, steps: int
+) -> tuple[Floats, Floats, NDArray[np.intp]]:
+    """Return stamps, samples and the original samples' rows, with displacements interpolated
+    between them.
 
-    Each interval of `times` [s], (k,), is cut in `steps`; displacements, the first `places` of the `samples`, (k,
-    n_channels), NaN where missing, follow the cubic through the four samples about it (Catmull and Rom, 1974), a
-    straight line where one of them is missing or the stamps have a gap. All other channels are missing there.
+    Each interval of `times` [s], (k,), is cut in `steps`; displacements, the first `places` of the
+    `samples`, (k, n_channels), NaN where missing, follow the cubic through the four samples about
+    it (Catmull and Rom, 1974), a straight line where one of them is missing or the stamps have a
+    gap. All other channels are missing there.
     """
     k = len(times)
     if steps == 1 or k < 4:

@@ -50,13 +50,15 @@ class Fit:
         interrupted: whether the user stopped it.
         folds_asked: how many folds there were to be; `folds` has fewer where the user stopped it.
         curves: path → learned value, for the position sensors' systematic errors.
-        maps: the learned maps, by the names of their tables in the rig: ``affine``, the map of the baseline estimator,
-            ``discrepancy``, the angle error that the model leaves, ``contact``, the external torque.
+        maps: the learned maps, by the names of their tables in the rig: ``affine``, the map of the
+            baseline estimator, ``discrepancy``, the angle error that the model leaves, ``contact``,
+            the external torque.
         folds: each log (or unit) left out once.
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the numbers as they are.
         added: path → what the part put into the description.
-        candidates: name, and RMS error on logs left out and in their outer part [rad], of each tried, the chosen one first.
+        candidates: name, and RMS error on logs left out and in their outer part [rad], of each
+            tried, the chosen one first.
     """
 
     rig: Rig
@@ -98,7 +100,9 @@ class Fit:
         folds: tuple[Fold, ...],
         asked: int = 0,
     ) -> Fit:
-        """Return one result: what was learned from logs, and its scores in the folds; so many were asked."""
+        """Return one result: what was learned from logs, and its scores in the folds; so many were
+        asked.
+        """
         numbers, optimum, n_sensors = learned.numbers, learned.numbers.optimum, len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
@@ -139,56 +143,87 @@ class Fit:
     def __repr__(self) -> str:
         """Return what it is in a few words."""
         count = sum(part.identified and not part.noise for part in self.fitted)
-        scores = [f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)" for name, rms, inside in self.scores()]
+        scores = [
+            f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)"
+            for name, rms, inside in self.scores()
+        ]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
-        return f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {count} numbers determined{left_out}"
+        return (
+            f"Fit of '{self.start.name}' to {self.learned_from}, {ended}: {count} numbers "
+            f"determined{left_out}"
+        )
 
     def _repr_html_(self) -> str:
         """Return the same with a table of the numbers that the logs tell, as notebooks show it."""
         identified = [part for part in self.fitted if part.identified and not part.noise]
         cells = [(part.name, *part.sizes) for part in identified]
-        rows = "".join(f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells)
+        rows = "".join(
+            f"<tr>{''.join(f'<td>{escape(str(cell))}</td>' for cell in row)}</tr>" for row in cells
+        )
         head = "<tr><th>number</th><th>rig file</th><th>fitted</th><th>unit</th></tr>"
         return f"<p>{escape(repr(self))}</p><table>{head}{rows}</table>"
 
     @property
     def learned_from(self) -> str:
         """How many logs there were, and of how long: "4 logs of 80 s in all"."""
-        return f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''} of {self.duration:.0f} s in all"
+        return (
+            f"{len(self.logs)} log{'s' if len(self.logs) > 1 else ''} of {self.duration:.0f} s "
+            "in all"
+        )
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        """Each log that was left out, with the scores of the fitted rig, the original rig and `affine`."""
+        """Each log that was left out, with the scores of the fitted rig, the original rig and
+        `affine`.
+        """
         return tuple(comparison for fold in self.folds for comparison in fold.compared)
 
     def scores(self) -> list[tuple[str, float, float]]:
-        """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of each estimator."""
+        """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of
+        each estimator.
+        """
         columns = {
             "adaptive": [comparison.fitted for comparison in self.compared],
             "the rig as it came": [comparison.before for comparison in self.compared],
             "affine": [comparison.affine for comparison in self.compared],
         }
-        ran = {name: [score for score in scores if score is not None] for name, scores in columns.items()}
+        ran = {
+            name: [score for score in scores if score is not None]
+            for name, scores in columns.items()
+        }
         return [
-            (name, float(np.mean([score.rms for score in scores])), float(np.mean([score.inside for score in scores])))
+            (
+                name,
+                float(np.mean([score.rms for score in scores])),
+                float(np.mean([score.inside for score in scores])),
+            )
             for name, scores in ran.items()
             if scores
         ]
 
     def advice(self) -> list[str]:
-        """Return what to know before the rig is used, one sentence each: doubts, hidden errors, advice."""
+        """Return what to know before the rig is used, one sentence each: doubts, hidden errors,
+        advice.
+        """
         errors = {name: error for name, error, _ in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
         if self.part:
-            before, after = np.rad2deg(errors.get(BY_EQUATIONS, np.inf)), np.rad2deg(self.candidates[0][1])
-            lines.insert(0, f"your rig lacks {self.part} ({before:.2g}° → {after:.2g}°): it is in the file")
+            before, after = (
+                np.rad2deg(errors.get(BY_EQUATIONS, np.inf)),
+                np.rad2deg(self.candidates[0][1]),
+            )
+            lines.insert(
+                0, f"your rig lacks {self.part} ({before:.2g}° → {after:.2g}°): it is in the file"
+            )
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:
                 torque = f"{1e3 * joint.external_torque.std:.3g} mN m"
                 lines.append(
-                    f"the torque from outside on {joint.name} ({torque}) also absorbs errors of the rig, and the band "
-                    "does not include what it may hide; declare it only where something can touch the joint"
+                    f"the torque from outside on {joint.name} ({torque}) also absorbs errors of "
+                    "the rig, and the band "
+                    "does not include what it may hide; declare it only where something can touch "
+                    "the joint"
                 )
         lines += [f"these logs tell {line}" for line in self.combinations]
         return lines
@@ -211,22 +246,38 @@ class Fit:
     def save(self, path: str | Path, text: str | None = None) -> None:
         """Write the fitted rig file; if that fails, the old file is kept.
 
-        The values are written into a `text`, TOML, so that its comments stay; default is a new file.
+        The values are written into a `text`, TOML, so that its comments stay; default is a new
+        file.
 
         Raises:
             OutputError: it cannot be written.
         """
-        write_whole(path, fitted_text(self.rig, self.start, self.assignments(), self._account(), text))
+        write_whole(
+            path, fitted_text(self.rig, self.start, self.assignments(), self._account(), text)
+        )
 
     def assignments(self) -> dict[str, object]:
-        """Return path → value (with its std, where it had one) of what changed, as for `Rig.with_values`."""
+        """Return path → value (with its std, where it had one) of what changed, as for
+        `Rig.with_values`.
+        """
         learned = {name: map_fit.as_table() for name, map_fit in self.maps.items()}
-        return {**self.added, **assignments(self.fitted, self.model, self.hold), **self.curves, **learned}
+        return {
+            **self.added,
+            **assignments(self.fitted, self.model, self.hold),
+            **self.curves,
+            **learned,
+        }
 
     def _account(self) -> str:
-        """Return the comment at the head of a fitted file: what it was fitted to, and where each value came from."""
+        """Return the comment at the head of a fitted file: what it was fitted to, and where each
+        value came from.
+        """
         names = ", ".join(shown(name.rsplit("/", 1)[-1]) for name in self.logs)
-        use = "" if self.homing is None else f", as used with a reference for the first {self.homing:g} s"
+        use = (
+            ""
+            if self.homing is None
+            else f", as used with a reference for the first {self.homing:g} s"
+        )
         lines = [f"{MARK}fit` to {self.learned_from}{use}:", f"# {names}"]
         if self.interrupted:
             lines.append("# The search was interrupted: these are the best values so far.")
@@ -237,10 +288,14 @@ class Fit:
             fitted, start = f"{part.value:.5g} {part.si}".strip(), f"{part.start:.5g}{prior}"
             rows.append((part.name, fitted, error, start, part.origin))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
-        lines += ["#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
+        lines += [
+            "#   " + "  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]])
+            for row in rows
+        ]
         if self.curves:
             lines.append(
-                "# Learned too: the systematic curves of the position sensors (curve), and what linearity is left."
+                "# Learned too: the systematic curves of the position sensors (curve), and what "
+                "linearity is left."
             )
         lines += [f"# These logs tell {line}." for line in self.combinations]
         lines += [f"# {line}" for map_fit in self.maps.values() for line in map_fit.notes]

@@ -1,4 +1,6 @@
-"""The systematic curves of position sensors, learned from logs with truth: the same sensor errs the same way tomorrow."""
+"""The systematic curves of position sensors, learned from logs with truth: the same sensor errs the
+same way tomorrow.
+"""
 
 from __future__ import annotations
 
@@ -14,27 +16,39 @@ from distal.logs import true_angles
 from distal.rig import Sensor
 
 LINEARITY_LEFT = 1.5
-"""The linearity that is left is this much larger than the filter says: curves wander a little from day to day."""
+"""The linearity that is left is this much larger than the filter says: curves wander a little from
+day to day.
+"""
 
 AGREE = 4.0
-"""Curves of several logs agree if their squared distance is below this per weight, in their variances."""
+"""Curves of several logs agree if their squared distance is below this per weight, in their
+variances.
+"""
 
 
 def curves(problem: Problem, z: Floats) -> dict[str, object]:
-    """Return path → value of the position sensors' curves and of the linearity that is left, at the end z of a fit, (n,).
+    """Return path → value of the position sensors' curves and of the linearity that is left, at the
+    end z of a fit, (n,).
 
-    The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. What it knows of w at the end of each
-    log with truth is joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ + Σ (Λ_i w_i − Λ₀ w₀)), Λ = P⁻¹.
+    The filter estimates each sensor's deviation as Σ w_j cos(π j ξ) over its travel. What it knows
+    of w at the end of each log with truth is joined: Λ = Λ₀ + Σ (Λ_i − Λ₀), w = Λ⁻¹ (Λ₀ w₀ + Σ (Λ_i
+    w_i − Λ₀ w₀)), Λ = P⁻¹.
 
     Raises:
-        FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not the same sensor.
+        FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not
+            the same sensor.
     """
     joints = [joint.name for joint in problem.filter.rig.joints]
-    with_truth = [j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None]
-    sensors = [s for s in problem.filter.rig.sensors if s.measures == "position" and s.linearity > 0.0]
+    with_truth = [
+        j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None
+    ]
+    sensors = [
+        s for s in problem.filter.rig.sensors if s.measures == "position" and s.linearity > 0.0
+    ]
     if not with_truth or not sensors:
         raise FitError(
-            "curves need a log with truth and a position sensor with a linearity; give both, or leave --curves out"
+            "curves need a log with truth and a position sensor with a linearity; give both, or "
+            "leave --curves out"
         )
     ends = [(problem.data[j].log.source, *problem.states(j, z)) for j in with_truth]
     changes: dict[str, object] = {}
@@ -43,11 +57,17 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
     return changes
 
 
-def _of_sensor(problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Floats, Floats]]) -> dict[str, object]:
-    """Return the curve and what is left of the linearity of one sensor, from names, means and covariances of logs' ends."""
+def _of_sensor(
+    problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Floats, Floats]]
+) -> dict[str, object]:
+    """Return the curve and what is left of the linearity of one sensor, from names, means and
+    covariances of logs' ends.
+    """
     runner = problem.filter.runner
     states = zip(runner.state_kinds, runner.state_parts)
-    at = np.flatnonzero([kind is StateKind.LINEARITY and part == sensor.name for kind, part in states])
+    at = np.flatnonzero(
+        [kind is StateKind.LINEARITY and part == sensor.name for kind, part in states]
+    )
     block, start, spread = np.ix_(at, at), runner.states.means[at], runner.states.stds[at]
     prior = np.diag(1.0 / spread**2)
     precision, weighted = prior.copy(), prior @ start
@@ -69,5 +89,7 @@ def _of_sensor(problem: Problem, sensor: Sensor, ends: Sequence[tuple[str, Float
     share = float(np.sqrt(np.trace(np.linalg.inv(precision)) / np.sum(spread**2)))
     return {
         f"sensors.{sensor.name}.curve": [float(f"{w:.4g}") for w in weights],
-        f"sensors.{sensor.name}.linearity": float(f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}"),
+        f"sensors.{sensor.name}.linearity": float(
+            f"{min(LINEARITY_LEFT * share, 1.0) * sensor.linearity:.3g}"
+        ),
     }

@@ -1,4 +1,6 @@
-"""What logs tell: standard errors, what they leave to the priors, and what they tell only together."""
+"""What logs tell: standard errors, what they leave to the priors, and what they tell only
+together.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,9 @@ VAGUE = 0.5
 """What stands for the prior's std of a number without one, as a share of its value."""
 
 CONFOUNDED, SEEN_ALONE = 0.5, 0.2
-"""A number is told only together with others if its error is above the first share of its prior's std, and would be below
-the second share of that if they were known."""
+"""A number is told only together with others if its error is above the first share of its prior's
+std, and would be below the second share of that if they were known.
+"""
 
 WEAK = 0.5
 """A combination of which the logs tell less than this share of what the priors do is said."""
@@ -38,8 +41,9 @@ class Uncertainty:
     """How well a fit is known.
 
     Args:
-        covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's information, P the
-            prior's and J the long-run covariance of the scores, but no less than H⁻¹; what is `Free.coarse` added.
+        covariance: of the coordinates' errors, (n, n): H⁻¹ (J + P) H⁻¹ with H = I + P, I Fisher's
+            information, P the prior's and J the long-run covariance of the scores, but no less than
+            H⁻¹; what is `Free.coarse` added.
         determined: whether the logs say more of each coordinate than its prior, (n,).
         together: whether the logs say something of it, but only together with others, (n,).
         combinations: plain lines on combinations that the logs do not tell.
@@ -63,7 +67,9 @@ class Uncertainty:
         return correlations
 
     def errors_holding(self, held: Bools) -> Floats:
-        """Return standard errors where the `held` coordinates are taken as known, 0 for those, (n,)."""
+        """Return standard errors where the `held` coordinates are taken as known, 0 for those,
+        (n,).
+        """
         errors, free = np.zeros(len(held)), ~held
         precision = np.linalg.inv(self.covariance)[np.ix_(free, free)]
         errors[free] = np.sqrt(np.diag(np.linalg.inv(precision)))
@@ -80,7 +86,10 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     variances = np.maximum(np.diag(sandwich), np.diag(inverse))
     scale = np.sqrt(variances / np.maximum(np.diag(inverse), 1e-300))
     covariance = np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
-    coarse = [part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
+    coarse = [
+        part.coarse * abs(part.value(c)) / max(part.slope(c), 1e-300)
+        for (part, _), c in zip(problem.parts, z)
+    ]
     covariance += np.diag(np.square(coarse))
     # what is known after a log is no less than what was known before it
     shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
@@ -94,21 +103,32 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
 
 
 def yardsticks(problem: Problem, z: Floats) -> Floats:
-    """Return by what errors at z are judged: the std of each coordinate's prior, or a share of its value, (n,)."""
-    vague = [VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300) for (part, _), c in zip(problem.parts, z)]
+    """Return by what errors at z are judged: the std of each coordinate's prior, or a share of its
+    value, (n,).
+    """
+    vague = [
+        VAGUE * abs(part.value(c)) / max(part.slope(c), 1e-300)
+        for (part, _), c in zip(problem.parts, z)
+    ]
     return np.where(np.isfinite(problem.prior_stds), problem.prior_stds, vague)
 
 
 def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tuple[str, ...]:
-    """Return lines on directions that the logs say less of than the priors, each over two numbers or more."""
+    """Return lines on directions that the logs say less of than the priors, each over two numbers
+    or more.
+    """
     parameters = [k for k, (part, _) in enumerate(problem.parts) if not part.noise]
     if len(parameters) < 2:
         return ()
     yardstick = yardsticks(problem, z)[parameters]
-    relative = derivatives.information[np.ix_(parameters, parameters)] * np.outer(yardstick, yardstick)
+    relative = derivatives.information[np.ix_(parameters, parameters)] * np.outer(
+        yardstick, yardstick
+    )
     amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
     weak, lines = directions.T[amounts < WEAK], []
-    groups: list[tuple[set[int], list[int]]] = []  # numbers that weak directions have in common, and which directions
+    groups: list[
+        tuple[set[int], list[int]]
+    ] = []  # numbers that weak directions have in common, and which directions
     for k, direction in enumerate(weak):
         members, of = set(np.flatnonzero(np.abs(direction) >= PART).tolist()), [k]
         if len(members) > 1:
@@ -127,7 +147,8 @@ REMEDY = "turn the joint further, or vary the load"
 
 
 def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats, count: int = 1) -> str:
-    """Return "only the product of a and b", by the signs of the relative changes that no log tells apart.
+    """Return "only the product of a and b", by the signs of the relative changes that no log tells
+    apart.
 
     So many directions (`count`) are not told: with as many as there are numbers, none of these is.
     """

@@ -1,4 +1,6 @@
-"""`calibrate`: a hand's numbers from its power-on routine alone, with the ranges of its joints as the reference."""
+"""`calibrate`: a hand's numbers from its power-on routine alone, with the ranges of its joints as
+the reference.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,14 @@ from distal.logs import Log, Source, read_log, write_whole
 from distal.rig import Number, Part, Rig, independent_parts, load_rig, named, number
 
 SCATTER = 0.25
-"""What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not the same everywhere."""
+"""What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not
+the same everywhere.
+"""
 
 FASTER, SPRUNG = 1.5, 4.0
-"""In usual motion it leaves this many times what it does in the slow routine, the second of joints that share a tendon:
-docs/results/hands.md."""
+"""In usual motion it leaves this many times what it does in the slow routine, the second of joints
+that share a tendon: docs/results/hands.md.
+"""
 
 ZERO_SPREAD = 0.05
 """Prior of a motor's zero about what its contacts say, as a share of its travel."""
@@ -39,18 +44,22 @@ PRETENSION = {"value": 2.0, "std": 2.0}
 """Prior of the tension of a pair that is not slack [N]."""
 
 SPRINGS_SPREAD, SPRINGS_APART = 0.6, 0.35
-"""Prior of what the springs of a finger have in common, and how far each may be from it, as shares: one motor hardly tells
-which of them is stiffer (docs/results/hands.md)."""
+"""Prior of what the springs of a finger have in common, and how far each may be from it, as shares:
+one motor hardly tells which of them is stiffer (docs/results/hands.md).
+"""
 
 QUASI_STATIC = 300.0
-"""Of a slow routine the joints' inertia says nothing: it is such that they have this frequency, whose steps are few
-[rad/s]."""
+"""Of a slow routine the joints' inertia says nothing: it is such that they have this frequency,
+whose steps are few [rad/s].
+"""
 
 NOT_SLACK = {"value": 0.0, "std": 0.0}
 """Of such a pair [m]."""
 
 SLACK = (0.3e-3, 1.5e-3)
-"""Prior of the slack of each tendon of a pair, its mean and std, wider than a hand's own: it may be loose [m]."""
+"""Prior of the slack of each tendon of a pair, its mean and std, wider than a hand's own: it may be
+loose [m].
+"""
 
 AT_STOP = float(np.deg2rad(1.0))
 """How well a joint's angle is known at the end of a sweep [rad]."""
@@ -58,7 +67,9 @@ AT_STOP = float(np.deg2rad(1.0))
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A hand after its power-on routine: its rig, what of it was found by path → value, faults, and what was not found."""
+    """A hand after its power-on routine: its rig, what of it was found by path → value, faults, and
+    what was not found.
+    """
 
     rig: Rig
     start: Rig
@@ -67,9 +78,15 @@ class Calibrated:
     notes: tuple[str, ...]
 
     def text(self, source: str, text: str | None = None) -> str:
-        """Return the rig file, with what it was calibrated by at its head; its comments are those of the `text` it was."""
+        """Return the rig file, with what it was calibrated by at its head; its comments are those
+        of the `text` it was.
+        """
         return fitted_text(
-            self.rig, self.start, self.values, f"{MARK}calibrate` to the power-on routine {source}\n\n", text
+            self.rig,
+            self.start,
+            self.values,
+            f"{MARK}calibrate` to the power-on routine {source}\n\n",
+            text,
         )
 
     def save(self, path: str | Path) -> None:
@@ -82,11 +99,13 @@ class Calibrated:
 
 
 def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Calibrated:
-    """Return a hand's rig with lengths, play or tension, friction and stiffness as its power-on routine tells them.
+    """Return a hand's rig with lengths, play or tension, friction and stiffness as its power-on
+    routine tells them.
 
-    In the log each motor goes slowly to both ends of its travel and back, at least three times, with its angle and its
-    torque. The ends of the joints' ranges are the reference; the rig says how well they are known (`stops_std`). Parts
-    that share nothing are calibrated apart, side by side.
+    In the log each motor goes slowly to both ends of its travel and back, at least three times,
+    with its angle and its torque. The ends of the joints' ranges are the reference; the rig says
+    how well they are known (`stops_std`). Parts that share nothing are calibrated apart, side by
+    side.
 
     Raises:
         LogError: the log cannot be read, or a motor does not sweep in it.
@@ -96,18 +115,24 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
     sliders = [drive.name for drive in rig.drives if drive.kind != "capstan"]
     if sliders:
         raise FitError(
-            f"'{rig.name}': {', '.join(sliders)} are sliders; a power-on routine is for motors that wind tendons"
+            f"'{rig.name}': {', '.join(sliders)} are sliders; a power-on routine is for motors "
+            "that wind tendons"
         )
     log = log if isinstance(log, Log) else read_log(log, rig)
     sweeps = {drive.name: sweeps_of(log, rig, drive.name) for drive in rig.drives}
     check_units(rig, sweeps, log.source)
-    faults = tuple(fault for drive in rig.drives for fault in faults_of(rig, drive.name, sweeps[drive.name]))
+    faults = tuple(
+        fault for drive in rig.drives for fault in faults_of(rig, drive.name, sweeps[drive.name])
+    )
     faulty, values, notes = {fault.drive for fault in faults}, dict[str, object](), list[str]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]
     sound = [part for part in parts if not faulty & {drive.name for drive in part.rig.drives}]
     for part in parts:
         if part not in sound:
-            notes.append(f"not calibrated, as it has a fault: {', '.join(joint.name for joint in part.rig.joints)}")
+            notes.append(
+                "not calibrated, as it has a fault: "
+                f"{', '.join(joint.name for joint in part.rig.joints)}"
+            )
     # around all threads: what is ignored is one thing of the whole process
     with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
         warnings.simplefilter("ignore", DistalWarning)
@@ -115,13 +140,20 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
             values |= found
     found_rig = rig.with_values(values)
     sound_sweeps = {name: () if name in faulty else of_drive for name, of_drive in sweeps.items()}
-    return Calibrated(found_rig, rig, values, (*faults, *slack_of(found_rig, rig, sound_sweeps)), tuple(notes))
+    return Calibrated(
+        found_rig, rig, values, (*faults, *slack_of(found_rig, rig, sound_sweeps)), tuple(notes)
+    )
 
 
 def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
-    """Return path by names → value of a part's numbers, in the likelier of its forms: pairs slack or stretched."""
+    """Return path by names → value of a part's numbers, in the likelier of its forms: pairs slack
+    or stretched.
+    """
     rig, drives = part.rig, [drive.name for drive in part.rig.drives]
-    first, last = min(sweeps[name][0].end for name in drives), max(sweeps[name][-1].end for name in drives)
+    first, last = (
+        min(sweeps[name][0].end for name in drives),
+        max(sweeps[name][-1].end for name in drives),
+    )
     cut = Log(
         log.time[first : last + 1] - log.time[first],
         {
@@ -144,16 +176,27 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
         prior = _prior(formed, drives, sweeps, starts, springs)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
         numbers = from_starts(problem, [prior.with_values(start) for start in starts])
-        # what the channels' values are worth differs from search to search; the plain sums can be compared
+        # what the channels' values are worth differs from search to search; the plain sums can be
+        # compared
         found.append((float(problem.costs([numbers.optimum.z])[0]), formed, numbers))
     cost, formed, numbers = min(found, key=lambda one: one[0])
     if not np.isfinite(cost):
-        raise FitError(f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does")
+        raise FitError(
+            f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
+        )
     fitted = numbers.problem.filter.rig
     # what the routine did not tell beyond its contacts and slopes is what these say
-    begun = {named(fitted, path): _spread(number(fitted, path)) for path in _starts(formed, drives, sweeps, ())[0]}
-    values = {path: value for path, value in assignments(numbers.fitted, fitted).items() if not path.endswith(".hold")}
-    # the model misses more of a motor's torque than its sensor does, and more yet in motion that is faster
+    begun = {
+        named(fitted, path): _spread(number(fitted, path))
+        for path in _starts(formed, drives, sweeps, ())[0]
+    }
+    values = {
+        path: value
+        for path, value in assignments(numbers.fitted, fitted).items()
+        if not path.endswith(".hold")
+    }
+    # the model misses more of a motor's torque than its sensor does, and more yet in motion that is
+    # faster
     noise: dict[str, object] = {
         f"sensors.{sensor.name}.noise": float(f"{(FASTER if pairs else SPRUNG) * sensor.noise:.2g}")
         for sensor in fitted.sensors_of("force")
@@ -183,7 +226,10 @@ def _formed(rig: Rig, stretched: Sequence[str]) -> Rig:
 def _form_values(rig: Rig, formed: Rig) -> dict[str, object]:
     """Return path by names → value of what one form has otherwise than the rig as it came."""
     return {
-        f"tendons.{one.name}.{key}": {"value": getattr(other, key).value, "std": getattr(other, key).std}
+        f"tendons.{one.name}.{key}": {
+            "value": getattr(other, key).value,
+            "std": getattr(other, key).std,
+        }
         for one, other in zip(rig.tendons, formed.tendons)
         for key in ("slack", "pretension")
         if getattr(one, key) != getattr(other, key)
@@ -193,7 +239,9 @@ def _form_values(rig: Rig, formed: Rig) -> dict[str, object]:
 def _starts(
     rig: Rig, drives: Sequence[str], sweeps: Mapping[str, Sequence[Sweep]], stretched: Sequence[str]
 ) -> list[Start]:
-    """Return the starts of a part: of several motors the first starts of all, then the others one motor at a time."""
+    """Return the starts of a part: of several motors the first starts of all, then the others one
+    motor at a time.
+    """
     families = [
         pair_starts(rig, name, sweeps[name], name in stretched)
         if is_pair(rig, name)
@@ -213,9 +261,12 @@ def _prior(
     starts: Sequence[Start],
     springs: Springs | None,
 ) -> Rig:
-    """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction, angles by the first end."""
+    """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction,
+    angles by the first end.
+    """
     values, middle = dict[str, object](), starts[len(starts) // 2]
-    # one number for all motors of a hand: a noise is a constant of the kernel, which parts of one kind then share
+    # one number for all motors of a hand: a noise is a constant of the kernel, which parts of one
+    # kind then share
     levels = [abs(sweep.level) for of_drive in sweeps.values() for sweep in of_drive]
     scatter = float(f"{SCATTER * np.median(levels):.2g}")
     for path, value in middle.items():
@@ -230,7 +281,11 @@ def _prior(
             spread = {"std": STIFFNESS_SPREAD * value}
             values[path] = {
                 "value": value,
-                **(spread if shared is None else {"shared": shared.model_dump() | {"std": STIFFNESS_SPREAD}}),
+                **(
+                    spread
+                    if shared is None
+                    else {"shared": shared.model_dump() | {"std": STIFFNESS_SPREAD}}
+                ),
             }
     for i, joint in enumerate(rig.joints):
         if (path := f"joints.{i}.spring.stiffness") in middle:
@@ -240,7 +295,9 @@ def _prior(
                 values[path] = {"value": middle[path], "std": springs.stds[path]}
         stiff = 0.0
         for k, tendon in enumerate(rig.tendons):
-            stiff += middle.get(f"tendons.{k}.stiffness", 0.0) * tendon.arms().get(joint.name, 0.0) ** 2
+            stiff += (
+                middle.get(f"tendons.{k}.stiffness", 0.0) * tendon.arms().get(joint.name, 0.0) ** 2
+            )
         values[f"joints.{i}.inertia"] = max(stiff, 1e-3) / QUASI_STATIC**2
     for name in drives:
         torque = channels_of(rig, name)[1]
@@ -248,7 +305,11 @@ def _prior(
         values[f"sensors.{at}.noise"] = max(rig.sensors[at].noise, scatter)
         way = sweeps[name][0].way
         for i, joint in enumerate(rig.joints):
-            tendons = [tendon for tendon in rig.tendons if tendon.drive == name and joint.name in tendon.arms()]
+            tendons = [
+                tendon
+                for tendon in rig.tendons
+                if tendon.drive == name and joint.name in tendon.arms()
+            ]
             if not tendons or joint.coupled is not None:
                 continue
             up = way > 0 if is_pair(rig, name) else way * tendons[0].arms()[joint.name] > 0
@@ -256,17 +317,29 @@ def _prior(
     return rig.with_values(values)
 
 
-def _with_ranges(rig: Rig, values: Mapping[str, object], springs: Springs | None) -> dict[str, object]:
-    """Return the values with what is not known of the joints' ranges: the zero is no better than their middle."""
-    wider = {path: value for path, value in values.items() if not path.endswith((".initial", ".noise"))}
+def _with_ranges(
+    rig: Rig, values: Mapping[str, object], springs: Springs | None
+) -> dict[str, object]:
+    """Return the values with what is not known of the joints' ranges: the zero is no better than
+    their middle.
+    """
+    wider = {
+        path: value for path, value in values.items() if not path.endswith((".initial", ".noise"))
+    }
     for tendon in rig.tendons:
         path = f"tendons.{tendon.name}.slack"
-        if isinstance(found := wider.get(path), dict):  # the search's prior is wide, for tendons that came off
+        if isinstance(
+            found := wider.get(path), dict
+        ):  # the search's prior is wide, for tendons that came off
             wider[path] = found | {"std": min(found["std"], tendon.slack.std)}
     for i, joint in enumerate(rig.joints):
         path = f"joints.{joint.name}.spring.stiffness"
         if isinstance(found := wider.get(path), dict):
-            std = SPRINGS_APART * found["value"] if springs is None else springs.stds[f"joints.{i}.spring.stiffness"]
+            std = (
+                SPRINGS_APART * found["value"]
+                if springs is None
+                else springs.stds[f"joints.{i}.spring.stiffness"]
+            )
             wider[path] = {"value": found["value"], "std": float(f"{std:.3g}")}
     for drive in rig.drives:
         if drive.kind != "capstan":
@@ -275,10 +348,15 @@ def _with_ranges(rig: Rig, values: Mapping[str, object], springs: Springs | None
         arms, joints = tendon.arms(), {joint.name: joint for joint in rig.joints}
         off = [abs(arm) * joints[name].stops_std for name, arm in arms.items()]
         travel = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
-        of_radius, of_zero = np.sqrt(2) * np.hypot.reduce(off) / travel, np.hypot.reduce(off) / np.sqrt(2)
+        of_radius, of_zero = (
+            np.sqrt(2) * np.hypot.reduce(off) / travel,
+            np.hypot.reduce(off) / np.sqrt(2),
+        )
         place = channels_of(rig, drive.name)[0]
-        for path, size in ((f"drives.{drive.name}.radius", of_radius * drive.radius.value),
-                           (f"sensors.{place}.bias", of_zero / drive.radius.value)):  # fmt: skip
+        for path, size in (
+            (f"drives.{drive.name}.radius", of_radius * drive.radius.value),
+            (f"sensors.{place}.bias", of_zero / drive.radius.value),
+        ):
             found = wider.get(path)
             if isinstance(found, dict):
                 wider[path] = found | {"std": float(f"{np.hypot(found['std'], size):.3g}")}

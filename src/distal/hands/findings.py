@@ -53,7 +53,10 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
     arms, joints = tendons[0].arms(), {joint.name: joint for joint in rig.joints}
     names = ", ".join(arms)
-    need = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items()) / motor.radius.value
+    need = (
+        sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
+        / motor.radius.value
+    )
     ratio = sum(abs(arm) for arm in arms.values()) / motor.radius.value
     pair = is_pair(rig, drive)
 
@@ -69,52 +72,88 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
         return fault("slipped", 2.0, FREE)
     if pair and none:
         which = " and ".join(tendon.name for tendon in tendons if tendon.winding == none[0])
-        words = f"nothing resists {_ways(none)}: {which} is broken, off its spool, or wound the wrong way round"
+        words = (
+            f"nothing resists {_ways(none)}: {which} is broken, off its spool, or wound the "
+            "wrong way round"
+        )
         return fault("broken", 1.0, words)
     if not pair and 1 in none:
         if -1 not in none:
-            return fault("side", -1.0, "tightens when it should let out: its tendon is wound the wrong way round")
-        return fault("broken", 1.0, f"nothing resists: {tendons[0].name} is broken or off its spool")
+            return fault(
+                "side",
+                -1.0,
+                "tightens when it should let out: its tendon is wound the wrong way round",
+            )
+        return fault(
+            "broken", 1.0, f"nothing resists: {tendons[0].name} is broken or off its spool"
+        )
     shift = max(
-        (float(np.ptp(contacts(sweeps, way))) for way in (1, -1) if all(resisted[way]) and resisted[way]), default=0.0
+        (
+            float(np.ptp(contacts(sweeps, way)))
+            for way in (1, -1)
+            if all(resisted[way]) and resisted[way]
+        ),
+        default=0.0,
     )
     if shift > SLIPPED / degrees(1.0) * ratio:
         moved = degrees(shift / ratio)
-        return fault("slipped", moved, f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips")
+        return fault(
+            "slipped",
+            moved,
+            f"the end of the travel moved by {moved:.1f}° between sweeps: its spool slips",
+        )
     travel = float(np.mean(contacts(sweeps, 1))) - float(np.mean(contacts(sweeps, -1)))
     if pair and travel < JAMMED * need:
         share = 100 * travel / need
         return fault(
-            "side", share, f"stops after {share:.0f} % of its travel: a tendon is on the wrong side, or it is blocked"
+            "side",
+            share,
+            f"stops after {share:.0f} % of its travel: a tendon is on the wrong side, or it is "
+            "blocked",
         )
     return ()
 
 
 def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) -> None:
-    """Raise a `FitError` where all motors turn, or pull, so much more or less than a hand's can that a unit is wrong."""
+    """Raise a `FitError` where all motors turn, or pull, so much more or less than a hand's can
+    that a unit is wrong.
+    """
     turned, pulls = list[float](), list[float]()
     for drive in rig.drives:
         assert isinstance(drive, Capstan)
         tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
         joints = {joint.name: joint for joint in rig.joints}
-        need = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in tendon.arms().items())
+        need = sum(
+            abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in tendon.arms().items()
+        )
         contacts_of = [sweep.contact for sweep in sweeps[drive.name]]
         turned.append((max(contacts_of) - min(contacts_of)) * drive.radius.value / need)
         pulls.append(max(abs(sweep.level) for sweep in sweeps[drive.name]))
     if min(turned) > TURNS_MOST:
-        size = f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, or more"
+        size = (
+            f"all motors turn {min(turned):.0f} times as far as their joints' ranges ask for, "
+            "or more"
+        )
         raise FitError(f"{source}: {size}; is the unit of their positions right?")
     if not LEAST_PULL < max(pulls) < MOST_PULL:
         size = f"the motors' torques while they move are {max(pulls):.2g} N m at most"
-        raise FitError(f"{source}: {size}; is the unit of their currents, or the torque constant, right?")
+        raise FitError(
+            f"{source}: {size}; is the unit of their currents, or the torque constant, right?"
+        )
 
 
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
-    """Return the pairs of tendons that are slack, by what a calibration found and by their travel in the rig as it came."""
+    """Return the pairs of tendons that are slack, by what a calibration found and by their travel
+    in the rig as it came.
+    """
     faults = []
     for drive in rig.drives:
         tendons = [tendon for tendon in found.tendons if tendon.drive == drive.name]
-        if not is_pair(rig, drive.name) or not isinstance(drive, Capstan) or len(sweeps[drive.name]) < FEWEST:
+        if (
+            not is_pair(rig, drive.name)
+            or not isinstance(drive, Capstan)
+            or len(sweeps[drive.name]) < FEWEST
+        ):
             continue
         (name, arm), *_ = tendons[0].arms().items()
         low, high = next(joint for joint in rig.joints if joint.name == name).travel
@@ -129,4 +168,6 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
 
 
 def _ways(ways: Sequence[int]) -> str:
-    return " or ".join("as its reading grows" if way > 0 else "as its reading falls" for way in ways)
+    return " or ".join(
+        "as its reading grows" if way > 0 else "as its reading falls" for way in ways
+    )

@@ -34,7 +34,8 @@ LOOKS = 1.0
 
 @dataclass(frozen=True)
 class HandHealth:
-    """How a hand is: the word and detail of the last reading, motors that do not answer, motors that are hot [°C].
+    """How a hand is: the word and detail of the last reading, motors that do not answer, motors
+    that are hot [°C].
 
     The `lost` reads are those that the SDK failed at, since the beginning.
     """
@@ -50,24 +51,30 @@ class HandHealth:
         """All of it in a line."""
         parts = [f"{self.word}: {self.detail or HEALTH.get(self.word, '')}"]  # type: ignore[call-overload]
         parts += [f"no answer from {', '.join(self.silent)}"] if self.silent else []
-        parts += [f"hot: {', '.join(f'{name} {value:.0f} °C' for name, value in self.hot.items())}"] if self.hot else []
+        parts += (
+            [f"hot: {', '.join(f'{name} {value:.0f} °C' for name, value in self.hot.items())}"]
+            if self.hot
+            else []
+        )
         return "; ".join(parts)
 
 
 class Hand:
-    """Angles of all joints with their errors, and motions to wanted angles, beside the hand's own SDK.
+    """Angles of all joints with their errors, and motions to wanted angles, beside the hand's own
+    SDK.
 
-    ```python
-    hand = distal.hands.Hand(orca_hand, "hand.toml")  # an orca_core.OrcaHand or aero_open_sdk.AeroHand, connected
-    while True:
+    ```python hand = distal.hands.Hand(orca_hand, "hand.toml")  # an orca_core.OrcaHand or
+    aero_open_sdk.AeroHand, connected while True:
         hand.update()  # read, estimate; once per period, 100 times a second
         print(hand.get_joint_positions(), hand.health().sentence)
     ```
 
-    `update` never fails at a lost packet or a motor that restarts: what is missing is bridged, and `health` says so.
+    `update` never fails at a lost packet or a motor that restarts: what is missing is bridged, and
+    `health` says so.
 
     Args:
-        hand: of one of these SDKs, or an object with `read`, `temperatures` and `write`: see `Motors`.
+        hand: of one of these SDKs, or an object with `read`, `temperatures` and `write`: see
+            `Motors`.
         rig: of that hand, best after `power_on` or `distal calibrate`.
         compensated: whether torque constants follow the motors' temperatures.
 
@@ -76,9 +83,15 @@ class Hand:
         RigError: the rig is unknown or wrong.
     """
 
-    def __init__(self, hand: object, rig: Rig | str | Path, compensated: bool = False, compiled: bool = True) -> None:
+    def __init__(
+        self, hand: object, rig: Rig | str | Path, compensated: bool = False, compiled: bool = True
+    ) -> None:
         self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        self._motors, self._compiled, self._compensated = motors_of(hand, self._rig), compiled, compensated
+        self._motors, self._compiled, self._compensated = (
+            motors_of(hand, self._rig),
+            compiled,
+            compensated,
+        )
         self._joints = tuple(joint.name for joint in self._rig.joints)
         self._live = LiveEstimator(self._rig, compiled=compiled)
         self._monitor, self._units = Monitor(self._live), LogUnits(self._rig, self._live.channels)
@@ -94,7 +107,8 @@ class Hand:
         return self._rig
 
     def update(self, time: float | None = None) -> Reading:
-        """Read the motors once, estimate, send what `set_joint_positions` wants, and return the reading (SI).
+        """Read the motors once, estimate, send what `set_joint_positions` wants, and return the
+        reading (SI).
 
         Args:
             time: stamp of what is read [s]; None takes the clock.
@@ -119,11 +133,16 @@ class Hand:
             values = dict(self._motors.read())
             if time - self._looked >= LOOKS:
                 self._looked = time
-                told, drives = self._motors.temperatures(), [drive.name for drive in self._rig.drives]
+                told, drives = (
+                    self._motors.temperatures(),
+                    [drive.name for drive in self._rig.drives],
+                )
                 self._temperatures = {
                     name: float(value)
                     for name, value in told.items()
-                    if name in drives and isinstance(value, (int, float, np.number)) and isfinite(value)
+                    if name in drives
+                    and isinstance(value, (int, float, np.number))
+                    and isfinite(value)
                 }
         except DistalError:
             raise
@@ -133,8 +152,15 @@ class Hand:
         known = set(self._units.columns) | set(self._units.channels)
         read = {name: value for name, value in values.items() if name in known}
         if values and not read:
-            problem = f"'{next(iter(values))}' was read, no column of the rig: {', '.join(self._units.columns[:4])}, …"
-        silent = [sensor.of for sensor in self._rig.sensors_of("position") if sensor.log_column not in read]
+            problem = (
+                f"'{next(iter(values))}' was read, no column of the rig: "
+                f"{', '.join(self._units.columns[:4])}, …"
+            )
+        silent = [
+            sensor.of
+            for sensor in self._rig.sensors_of("position")
+            if sensor.log_column not in read
+        ]
         self._silent = tuple(dict.fromkeys(silent))
         try:
             temperatures = self._temperatures if self._compensated else None
@@ -144,7 +170,9 @@ class Hand:
             return np.full(len(self._units.channels), nan), str(wrong)
 
     def get_joint_positions(self) -> dict[str, float]:
-        """Return joint → angle [deg] of the last `update`; NaN before the first, and where there was no estimate."""
+        """Return joint → angle [deg] of the last `update`; NaN before the first, and where there
+        was no estimate.
+        """
         return self._degrees(None if self._reading is None else self._reading.angles)
 
     def get_joint_stds(self) -> dict[str, float]:
@@ -152,43 +180,60 @@ class Hand:
         return self._degrees(None if self._reading is None else self._reading.angle_stds)
 
     def _degrees(self, values: tuple[float, ...] | None) -> dict[str, float]:
-        return {name: nan if values is None else degrees(values[i]) for i, name in enumerate(self._joints)}
+        return {
+            name: nan if values is None else degrees(values[i])
+            for i, name in enumerate(self._joints)
+        }
 
     def health(self) -> HandHealth:
         """Return how the hand is, by the last `update`."""
         hot = {name: value for name, value in self._temperatures.items() if value > HOT}
         word, detail = (
-            ("untested", "not updated yet") if self._reading is None else (self._reading.health, self._reading.detail)
+            ("untested", "not updated yet")
+            if self._reading is None
+            else (self._reading.health, self._reading.detail)
         )
         return HandHealth(word, detail, self._silent, hot, self._lost)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
-        """Want these angles [deg]: each `update` sends the motors there, through play, stretch and friction.
+        """Want these angles [deg]: each `update` sends the motors there, through play, stretch and
+        friction.
 
-        Joints that are left out stay where they are wanted, or are; those that follow others are not wanted by themselves.
+        Joints that are left out stay where they are wanted, or are; those that follow others are
+        not wanted by themselves.
 
         Raises:
-            CommandError: a name is unknown, an angle is no number or beyond the joint's range, or where the hand is is not
-                known.
+            CommandError: a name is unknown, an angle is no number or beyond the joint's range, or
+                where the hand is is not known.
         """
         if self._reading is None or not all(map(isfinite, self._reading.angles)):
-            raise CommandError("where the hand is, is not known yet: call update until it has angles")
+            raise CommandError(
+                "where the hand is, is not known yet: call update until it has angles"
+            )
         unknown = _without_zero(self._rig)
         if unknown:
-            known = f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent"
-            raise CommandError(f"{known}: call power_on, or take the rig that distal calibrate wrote")
+            known = (
+                f"where {', '.join(unknown[:3])} have their zero is not known, so nothing is sent"
+            )
+            raise CommandError(
+                f"{known}: call power_on, or take the rig that distal calibrate wrote"
+            )
         ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
         angles = dict(zip(self._joints, self._reading.angles))
         wanted = {name: angles[name] for name in ranges} | self._wanted
         for name, angle in positions.items():
             if name in self._joints and name not in ranges:
                 raise CommandError(
-                    f"'{name}' follows another joint and is not moved by itself: want an angle of that one"
+                    f"'{name}' follows another joint and is not moved by itself: want an angle of "
+                    "that one"
                 )
             if name not in ranges:
                 raise CommandError(f"there is no joint '{name}'{did_you_mean(name, ranges)}")
             low, high = (degrees(end) for end in ranges[name])
-            if not isinstance(angle, (int, float, np.number)) or not low - 1.0 <= angle <= high + 1.0:
+            if (
+                not isinstance(angle, (int, float, np.number))
+                or not low - 1.0 <= angle <= high + 1.0
+            ):
                 raise CommandError(f"'{name}' turns from {low:.4g}° to {high:.4g}°, {angle!r} came")
             wanted[name] = radians(float(np.clip(angle, low, high)))
         self._wanted = wanted
@@ -205,9 +250,13 @@ class Hand:
 
     def _write(self, goals: Mapping[str, float]) -> None:
         """Send the goals that are known [rad], in the unit of the log."""
-        sensors = [sensor for sensor in self._rig.sensors_of("position") if isfinite(goals[sensor.of])]
+        sensors = [
+            sensor for sensor in self._rig.sensors_of("position") if isfinite(goals[sensor.of])
+        ]
         try:
-            self._motors.write({sensor.of: self._units.logged(sensor.name, goals[sensor.of]) for sensor in sensors})
+            self._motors.write(
+                {sensor.of: self._units.logged(sensor.name, goals[sensor.of]) for sensor in sensors}
+            )
         except Exception:  # the next period sends it again
             self._lost += 1
 
@@ -220,20 +269,23 @@ class Hand:
         sleep: Callable[[float], None] = clock.sleep,
         now: Callable[[], float] = clock.monotonic,
     ) -> Calibrated:
-        """Move each motor slowly to both ends and back, calibrate, and go on with the rig that was found.
+        """Move each motor slowly to both ends and back, calibrate, and go on with the rig that was
+        found.
 
         Args:
             options: order, limits, speed; see `RoutineOptions`.
             period: of goals and readings [s].
             show: called with what moves now, in words.
-            record: where to write what was read, as a log for `distal calibrate`; also where the routine is aborted.
+            record: where to write what was read, as a log for `distal calibrate`; also where the
+                routine is aborted.
             sleep: waits [s]; with `now`, for hands that are simulated.
             now: the clock [s].
 
         Raises:
             CommandError: the routine was aborted; says why. The motors stay where they are.
             FitError: no such rig moves as the hand does.
-            OutputError: the record cannot be written; where its folder is missing, before anything moves.
+            OutputError: the record cannot be written; where its folder is missing, before anything
+                moves.
         """
         if record is not None:
             check_writable(Path(record))
@@ -276,7 +328,9 @@ def _without_zero(rig: Rig) -> list[str]:
     """Return the motors whose zero is known to no better than `KNOWN_ZERO` at their joints."""
     found = []
     for drive in rig.drives:
-        place = next((sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None)
+        place = next(
+            (sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None
+        )
         arm = next(tendon.total_arm for tendon in rig.tendons if tendon.drive == drive.name)
         lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         if place is None or place.bias.total_std * lever / arm > KNOWN_ZERO:

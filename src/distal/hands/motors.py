@@ -1,4 +1,6 @@
-"""The motors of a hand as its own SDK gives them: readings, temperatures, goals. `distal` imports no SDK."""
+"""The motors of a hand as its own SDK gives them: readings, temperatures, goals. `distal` imports
+no SDK.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ class Motors(Protocol):
     """What a `Hand` needs of any other hand: write these three methods for it."""
 
     def read(self) -> Mapping[str, float]:
-        """Return column of the rig → what is read, in the unit of the log; a motor that does not answer is left out."""
+        """Return column of the rig → what is read, in the unit of the log; a motor that does not
+        answer is left out.
+        """
 
     def temperatures(self) -> Mapping[str, float]:
         """Return motor → temperature [°C]; none where nothing measures it."""
@@ -90,7 +94,9 @@ class OrcaMotors:
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send angles [rad]."""
-        sent = [(number, goals[name]) for number, name in zip(self._ids, self._names) if name in goals]
+        sent = [
+            (number, goals[name]) for number, name in zip(self._ids, self._names) if name in goals
+        ]
         self._hand.write_motor_pos([number for number, _ in sent], [goal for _, goal in sent])
 
 
@@ -104,8 +110,12 @@ class AeroMotors:
 
     def read(self) -> dict[str, float]:
         """Return actuations [deg] and currents [mA]."""
-        found = _columns(self._names, self._hand.get_actuations(), self._hand.get_actuator_currents())
-        self._last |= {name: found[f"{name}_position"] for name in self._names if f"{name}_position" in found}
+        found = _columns(
+            self._names, self._hand.get_actuations(), self._hand.get_actuator_currents()
+        )
+        self._last |= {
+            name: found[f"{name}_position"] for name in self._names if f"{name}_position" in found
+        }
         return found
 
     def temperatures(self) -> dict[str, float]:
@@ -114,7 +124,9 @@ class AeroMotors:
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Send actuations [deg]; motors without a goal stay where they were read last."""
-        self._hand.set_actuations([float(goals.get(name, self._last[name])) for name in self._names])
+        self._hand.set_actuations(
+            [float(goals.get(name, self._last[name])) for name in self._names]
+        )
 
 
 def motors_of(hand: object, rig: Rig) -> Motors:
@@ -130,7 +142,8 @@ def motors_of(hand: object, rig: Rig) -> Motors:
     if isinstance(hand, AeroLike):
         return AeroMotors(hand, rig)
     raise EstimationError(
-        f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, AeroHand of its SDK, or an "
+        f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, "
+        "AeroHand of its SDK, or an "
         "object with read, temperatures and write (distal.hands.Motors)"
     )
 
@@ -140,12 +153,15 @@ def _known(rig: Rig, names: list[str]) -> list[str]:
     unknown = [name for name in drives if name not in names]
     if unknown:
         raise EstimationError(
-            f"the rig '{rig.name}' has a motor '{unknown[0]}' that this hand has not: {', '.join(names)}"
+            f"the rig '{rig.name}' has a motor '{unknown[0]}' that this hand has not: "
+            f"{', '.join(names)}"
         )
     return names
 
 
-def _columns(names: Sequence[str], places: Iterable[float], currents: Iterable[float]) -> dict[str, float]:
+def _columns(
+    names: Sequence[str], places: Iterable[float], currents: Iterable[float]
+) -> dict[str, float]:
     found = dict[str, float]()
     for name, place, current in zip(names, places, currents):
         for column, value in ((f"{name}_position", place), (f"{name}_current", current)):

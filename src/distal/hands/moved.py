@@ -18,24 +18,36 @@ WATCHED = ("bias", "slack", "pretension", "stiffness", "constant", "radius")
 def moved(before: Rig, after: Rig) -> tuple[str, ...]:
     """Return a line for each number of a hand that two calibrations find clearly different.
 
-    |x₂ − x₁| > 3 √(σ₁² + σ₂²), and where a pair of tendons was slack on one day and under tension on the other, that.
+    |x₂ − x₁| > 3 √(σ₁² + σ₂²), and where a pair of tendons was slack on one day and under tension
+    on the other, that.
 
     Raises:
         RigError: they are two hands.
     """
-    names = [tuple(part.name for part in (*rig.joints, *rig.drives, *rig.tendons)) for rig in (before, after)]
+    names = [
+        tuple(part.name for part in (*rig.joints, *rig.drives, *rig.tendons))
+        for rig in (before, after)
+    ]
     if names[0] != names[1]:
-        raise RigError(f"'{before.name}' and '{after.name}' are two hands: their parts have other names")
+        raise RigError(
+            f"'{before.name}' and '{after.name}' are two hands: their parts have other names"
+        )
     lines = list[str]()
     for one, other in zip(before.tendons, after.tendons):
         if one.slack.absent != other.slack.absent:
-            lines.append(f"{one.name}: was {_state(one.slack.absent)}, is {_state(other.slack.absent)}")
+            lines.append(
+                f"{one.name}: was {_state(one.slack.absent)}, is {_state(other.slack.absent)}"
+            )
     for kind in ("drives", "tendons", "sensors"):
         paths = [
-            path for k, part in enumerate(getattr(after, kind)) for path, _ in parameters_below(part, f"{kind}.{k}")
+            path
+            for k, part in enumerate(getattr(after, kind))
+            for path, _ in parameters_below(part, f"{kind}.{k}")
         ]
         lines += [
-            line for path in paths if path.rsplit(".", 1)[-1] in WATCHED and (line := _changed(before, after, path))
+            line
+            for path in paths
+            if path.rsplit(".", 1)[-1] in WATCHED and (line := _changed(before, after, path))
         ]
     return tuple(lines)
 
@@ -47,11 +59,19 @@ def _changed(before: Rig, after: Rig, path: str) -> str:
     except RigError:
         return ""  # one of them has no such part
     error = hypot(was.std, now.std)
-    if error == 0.0 or was.value == 0.0 or now.value == 0.0 or abs(now.value - was.value) < CLEARLY * error:
+    if (
+        error == 0.0
+        or was.value == 0.0
+        or now.value == 0.0
+        or abs(now.value - was.value) < CLEARLY * error
+    ):
         return ""
     unit, factor = COMMON.get(now.quantity.si, (now.quantity.si, 1.0))
     of = in_words(after, path)
-    return f"{of}: {factor * was.value:.4g}, now {factor * now.value:.4g} ± {2 * factor * now.std:.2g} {unit}".rstrip()
+    return (
+        f"{of}: {factor * was.value:.4g}, now {factor * now.value:.4g} ± "
+        f"{2 * factor * now.std:.2g} {unit}"
+    ).rstrip()
 
 
 def _state(is_stretched: bool) -> str:

@@ -1,4 +1,6 @@
-"""The power-on routine: each motor slowly to both ends of its travel and back, with limits on its torque and on time."""
+"""The power-on routine: each motor slowly to both ends of its travel and back, with limits on its
+torque and on time.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +18,33 @@ from distal.rig import Capstan, Rig
 from distal.suggestions import did_you_mean
 
 OF_PAIR, OF_SINGLE = 0.15, 0.35
-"""Torques at which a sweep turns back, of a motor with two tendons and of one that pulls against springs [N m]."""
+"""Torques at which a sweep turns back, of a motor with two tendons and of one that pulls against
+springs [N m].
+"""
 
 HELD = 0.03
 """A sweep turns back where the torque stays above that for so long [s]."""
 
 BEYOND, MARGIN = 1.3, 0.5
-"""A sweep that nothing ends turns back after this many times the travel that the ranges need, and so many radians."""
+"""A sweep that nothing ends turns back after this many times the travel that the ranges need, and
+so many radians.
+"""
 
 LOOSENED = 0.6
 """A motor that lets its one tendon out goes so far beyond where it should be loose [rad]."""
 
 SLOWS, SLOWEST = 1.2, 0.25
-"""A motor slows down as its torque comes near the limit: its share of the speed is so much less torque/limit."""
+"""A motor slows down as its torque comes near the limit: its share of the speed is so much less
+torque/limit.
+"""
 
 LEAD = 0.35
 """A goal is never further ahead of its motor than this [rad]."""
 
 NEAR, WAITED = 0.03, 1.0
-"""A motor is back where it rests when it is so near [rad], or after so long [s]; the next one moves then."""
+"""A motor is back where it rests when it is so near [rad], or after so long [s]; the next one moves
+then.
+"""
 
 SILENT = 0.5
 """The routine ends where a motor's angle is missing for longer than this [s]."""
@@ -48,11 +58,13 @@ LARGEST = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class RoutineOptions:
-    """How a routine moves: order of motors, each entry moves at one time; torques that turn a sweep back [N m], by motor.
+    """How a routine moves: order of motors, each entry moves at one time; torques that turn a sweep
+    back [N m], by motor.
 
     Args:
         order: groups of motors or joints; None moves one motor after the other, in the rig's order.
-        limits: torque at which a sweep turns back, for all motors, by motor, or None for `OF_PAIR` and `OF_SINGLE`.
+        limits: torque at which a sweep turns back, for all motors, by motor, or None for `OF_PAIR`
+            and `OF_SINGLE`.
         speed: of a motor [rad/s].
         sweeps: of each motor.
         longest: time for a sweep [s]; the routine ends where one takes longer.
@@ -74,14 +86,19 @@ class _Motor:
         joints = {joint.name: joint for joint in rig.joints}
         radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
         self.name, self.limit, self.pair = name, limit, is_pair(rig, name)
-        need = sum(abs(arm) * float(np.ptp(joints[j].travel)) for j, arm in tendon.arms().items()) / radius
+        need = (
+            sum(abs(arm) * float(np.ptp(joints[j].travel)) for j, arm in tendon.arms().items())
+            / radius
+        )
         self.most, self.loose = BEYOND * need + MARGIN, need + LOOSENED
         self.way, self.done, self.over = 1, 0, 0.0
         self.goal, self.begin, self.place, self.started = nan, nan, nan, nan
         self.ends: dict[int, float] = {}
         self.beyond, self.rested = 0.0, False
 
-    def step(self, time: float, dt: float, place: float, torque: float, options: RoutineOptions) -> None:
+    def step(
+        self, time: float, dt: float, place: float, torque: float, options: RoutineOptions
+    ) -> None:
         """Go on by one period."""
         if not isfinite(self.goal):
             self.goal = self.begin = place
@@ -89,18 +106,28 @@ class _Motor:
         self.place = place
         if self.done >= options.sweeps:
             if self.goal != self.rest:
-                self.goal += float(np.clip(self.rest - self.goal, -options.speed * dt, options.speed * dt))
+                self.goal += float(
+                    np.clip(self.rest - self.goal, -options.speed * dt, options.speed * dt)
+                )
                 self.started = time
             self.rested = abs(place - self.rest) < NEAR or time - self.started > WAITED
             return
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
         gone = self.way * (place - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
-        most = 2 * self.most if self.done == 0 else self.most if self.pair or self.way > 0 else self.loose
+        most = (
+            2 * self.most
+            if self.done == 0
+            else self.most
+            if self.pair or self.way > 0
+            else self.loose
+        )
         if self.over >= HELD or gone > most + self.beyond:
             met = self.over >= HELD
             if not met and self.beyond > 0.0:
-                self.done = options.sweeps  # it meets nothing either way: it would only go on turning
+                self.done = (
+                    options.sweeps
+                )  # it meets nothing either way: it would only go on turning
             # back over what it went without meeting anything
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = place
@@ -111,17 +138,25 @@ class _Motor:
 
     @property
     def rest(self) -> float:
-        """Where it rests afterwards: in the middle of its travel, or where its one tendon is loose [rad]."""
-        return sum(self.ends.values()) / 2 if self.pair and len(self.ends) == 2 else self.ends.get(-1, self.goal)
+        """Where it rests afterwards: in the middle of its travel, or where its one tendon is loose
+        [rad].
+        """
+        return (
+            sum(self.ends.values()) / 2
+            if self.pair and len(self.ends) == 2
+            else self.ends.get(-1, self.goal)
+        )
 
 
 class Routine:
-    """Moves a hand's motors for `calibrate`, step by step: it reads angles and torques and returns goals.
+    """Moves a hand's motors for `calibrate`, step by step: it reads angles and torques and returns
+    goals.
 
     ```python
     routine = Routine(rig)
     while not routine.done:
-        goals = routine.step(time, sample)  # sample: channel → value, SI; goals: motor → angle as its sensor reads it [rad]
+        goals = routine.step(time, sample)  # sample: channel → value, SI; goals: motor → angle as
+        its sensor reads it [rad]
     found = calibrate(routine.log(), rig)
     ```
 
@@ -135,11 +170,17 @@ class Routine:
         self._options = options = RoutineOptions() if options is None else options
         _check(rig, options)
         self._channels = {drive.name: channels_of(rig, drive.name) for drive in rig.drives}
-        self._motors = {drive.name: _Motor(rig, drive.name, _limit(rig, drive.name, options)) for drive in rig.drives}
+        self._motors = {
+            drive.name: _Motor(rig, drive.name, _limit(rig, drive.name, options))
+            for drive in rig.drives
+        }
         self._groups = _groups(rig, options.order)
         self._time, self._aborted, self._silent = nan, "", dict.fromkeys(self._motors, 0.0)
         self._rows = list[list[float]]()
-        self._goals, self._places = dict.fromkeys(self._motors, nan), dict.fromkeys(self._motors, nan)
+        self._goals, self._places = (
+            dict.fromkeys(self._motors, nan),
+            dict.fromkeys(self._motors, nan),
+        )
 
     @property
     def done(self) -> bool:
@@ -198,12 +239,17 @@ class Routine:
             return None
         if abs(torque) > LARGEST * motor.limit:
             self._goals[name] = place
-            return self.abort(f"{name}: a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}")
+            return self.abort(
+                f"{name}: a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
+            )
         motor.step(time, dt, place, torque if isfinite(torque) else 0.0, self._options)
         self._goals[name] = motor.goal
         if motor.done < self._options.sweeps and time - motor.started > self._options.longest:
             self._goals[name] = place
-            return self.abort(f"{name}: a sweep took longer than {self._options.longest:g} s: does the motor move?")
+            return self.abort(
+                f"{name}: a sweep took longer than {self._options.longest:g} s: does the motor "
+                "move?"
+            )
         return None
 
     def _ended(self, name: str) -> bool:
@@ -214,16 +260,28 @@ class Routine:
         """Return what it has read, as `calibrate` takes it."""
         rows = np.array(self._rows)
         names = [channel for pair in self._channels.values() for channel in pair]
-        return Log(rows[:, 0], {name: rows[:, 1 + k] for k, name in enumerate(names)}, {}, "power-on routine")
+        return Log(
+            rows[:, 0],
+            {name: rows[:, 1 + k] for k, name in enumerate(names)},
+            {},
+            "power-on routine",
+        )
 
 
 def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:
     limits = options.limits
     usual = OF_PAIR if is_pair(rig, drive) else OF_SINGLE
-    limit = usual if limits is None else limits.get(drive, usual) if isinstance(limits, Mapping) else float(limits)
+    limit = (
+        usual
+        if limits is None
+        else limits.get(drive, usual)
+        if isinstance(limits, Mapping)
+        else float(limits)
+    )
     if not 0.0 < limit <= STRONGEST:
         raise CommandError(
-            f"the limit of motor '{drive}' must be a torque up to {STRONGEST:g} N m, {limit!r} came; another unit?"
+            f"the limit of motor '{drive}' must be a torque up to {STRONGEST:g} N m, {limit!r} "
+            "came; another unit?"
         )
     return limit
 
@@ -248,12 +306,18 @@ def _check(rig: Rig, options: RoutineOptions) -> None:
         ("sweeps", options.sweeps, FEWEST, 1000),
         ("longest [s]", options.longest, 1.0, 3600.0),
     ):
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not least <= value <= most:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not least <= value <= most
+        ):
             raise CommandError(f"{what} must be from {least:g} to {most:g}, {value!r} came")
 
 
 def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, ...]]:
-    """Return the groups of motors that move at one time; a joint stands for the motor that has it first."""
+    """Return the groups of motors that move at one time; a joint stands for the motor that has it
+    first.
+    """
     motors = [drive.name for drive in rig.drives]
     if order is None:
         return [(name,) for name in motors]
@@ -263,7 +327,9 @@ def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, 
             of_joint.setdefault(joint, tendon.drive)
     groups, left = list[tuple[str, ...]](), list(motors)
     for group in order:
-        names = tuple(dict.fromkeys(name if name in motors else of_joint.get(name, "") for name in group))
+        names = tuple(
+            dict.fromkeys(name if name in motors else of_joint.get(name, "") for name in group)
+        )
         if "" in names:
             unknown = next(name for name in group if name not in motors and name not in of_joint)
             raise CommandError(f"order: '{unknown}' is no motor and no joint of '{rig.name}'")

@@ -1,8 +1,10 @@
-"""Springs against one tendon: where the torque of a motor bends says which of its joints came to its stop.
+"""Springs against one tendon: where the torque of a motor bends says which of its joints came to
+its stop.
 
-While a finger closes, the tendon's tension T moves each joint by arm²/k along it; a joint at its stop moves no more, and
-the torque grows faster. The mean of the torques on the way there and back is free of friction, and is compared with the
-model at rest: T arm_j = k_j (θ_j − rest_j), within the joints' ranges.
+While a finger closes, the tendon's tension T moves each joint by arm²/k along it; a joint at its
+stop moves no more, and the torque grows faster. The mean of the torques on the way there and back
+is free of friction, and is compared with the model at rest: T arm_j = k_j (θ_j − rest_j), within
+the joints' ranges.
 """
 
 from __future__ import annotations
@@ -31,13 +33,17 @@ MISSED = 0.006
 """Std of what the model misses of a mean torque, as a share of the largest."""
 
 APART, TOGETHER, TENDON = 0.4, 0.8, 0.5
-"""Logarithmic stds of what is not known of a spring beside the others, of all of them, and of the tendon's stiffness."""
+"""Logarithmic stds of what is not known of a spring beside the others, of all of them, and of the
+tendon's stiffness.
+"""
 
 FACTORS = (0.7, 1.0, 1.4)
 """The search begins with each spring at these times what closes all joints together."""
 
 LIKELY = 6.0
-"""A curve errs alike from place to place: an end is e times less likely where its cost is larger by this [1]."""
+"""A curve errs alike from place to place: an end is e times less likely where its cost is larger by
+this [1].
+"""
 
 MOST_JOINTS = 4
 """Joints of a tendon: of more, a curve does not tell, and the starts of a search would be many."""
@@ -48,18 +54,29 @@ LEAST_SPREAD = 0.1
 
 @dataclass(frozen=True)
 class Springs:
-    """Path → value of a finger's springs, its tendon's stiffness and its motor's zero, and path → std of the springs."""
+    """Path → value of a finger's springs, its tendon's stiffness and its motor's zero, and path →
+    std of the springs.
+    """
 
     values: dict[str, float]
     stds: dict[str, float]
 
 
 def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Springs | None:
-    """Return the springs of a motor whose one tendon crosses joints with springs of their own; None of any other."""
+    """Return the springs of a motor whose one tendon crosses joints with springs of their own; None
+    of any other.
+    """
     tendons = [k for k, tendon in enumerate(rig.tendons) if tendon.drive == drive]
-    crossed = [i for i, joint in enumerate(rig.joints) if joint.name in rig.tendons[tendons[0]].arms()]
+    crossed = [
+        i for i, joint in enumerate(rig.joints) if joint.name in rig.tendons[tendons[0]].arms()
+    ]
     plain = all(rig.joints[i].spring is not None and rig.joints[i].coupled is None for i in crossed)
-    if len(rig.drives) != 1 or len(tendons) != 1 or not 2 <= len(crossed) <= MOST_JOINTS or not plain:
+    if (
+        len(rig.drives) != 1
+        or len(tendons) != 1
+        or not 2 <= len(crossed) <= MOST_JOINTS
+        or not plain
+    ):
         return None
     motor = rig.drives[0]
     assert isinstance(motor, Capstan)
@@ -84,7 +101,9 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
         return np.concatenate([fits, apart / APART, [together / TOGETHER, away[-1] / TENDON]])
 
     largest = MOST * float(torques.max()) / motor.radius.value
-    reached, pulls = (np.array(part).ravel() for part in curve(largest, mechanism.parameters.values))
+    reached, pulls = (
+        np.array(part).ravel() for part in curve(largest, mechanism.parameters.values)
+    )
     zero = float(places[-1] - reached[-1])  # all joints are at their stops
     middle = slice(len(places) // 4, 3 * len(places) // 4)
     expected = np.interp(places[middle] - zero, reached, pulls)
@@ -95,27 +114,37 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
 
     equal = guess[:-1] + together
     ends = [
-        search(equal + factors, guess[-1], zero) for factors in itertools.product(np.log(FACTORS), repeat=len(crossed))
+        search(equal + factors, guess[-1], zero)
+        for factors in itertools.product(np.log(FACTORS), repeat=len(crossed))
     ]
     best = min(ends, key=lambda end: float(end.cost)).x
     # the same bends may be those of other joints
     reach = np.log([_reach(rig, tendons[0], i) for i in crossed])
     bends = best[: len(crossed)] + reach
-    ends += [search(np.array(order) - reach, *best[len(crossed) :]) for order in itertools.permutations(bends)]
+    ends += [
+        search(np.array(order) - reach, *best[len(crossed) :])
+        for order in itertools.permutations(bends)
+    ]
     return _likeliest(ends, paths, f"sensors.{place}.bias")
 
 
 def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) -> Springs:
-    """Return the likeliest end of a search, and how far from its springs the other likely ones are."""
+    """Return the likeliest end of a search, and how far from its springs the other likely ones
+    are.
+    """
     costs, springs = np.array([end.cost for end in ends]), np.array([end.x[:-2] for end in ends])
     best, worth = ends[int(np.argmin(costs))].x, np.exp(-(costs - costs.min()) / LIKELY)
     spreads = np.maximum(np.sqrt(worth @ (springs - best[:-2]) ** 2 / worth.sum()), LEAST_SPREAD)
     values = dict(zip([*paths, zero], [*np.exp(best[:-1]).tolist(), float(best[-1])]))
-    return Springs(values, {path: float(spread) * values[path] for path, spread in zip(paths, spreads)})
+    return Springs(
+        values, {path: float(spread) * values[path] for path, spread in zip(paths, spreads)}
+    )
 
 
 def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Floats, Floats]:
-    """Return places along a motor's travel and the mean there of its torques on the way there and back."""
+    """Return places along a motor's travel and the mean there of its torques on the way there and
+    back.
+    """
     place, torque = (log.channels[name] for name in channels_of(rig, drive))
     full = sweeps[1:]
     rows = np.concatenate([np.arange(s.begin, s.end + 1) for s in full if s.way > 0])
@@ -133,23 +162,29 @@ def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple
 
 
 def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Function:
-    """Return (largest tension, p) → places of the drive and its torques as its tension grows to that, at rest.
+    """Return (largest tension, p) → places of the drive and its torques as its tension grows to
+    that, at rest.
 
-    With the joints' springs linear: T J_j + k_j (θ_j − θ_j0) = τ_j(θ_j0), and the drive turns by what the joints and the
-    stretch take, all others at the middle of their ranges.
+    With the joints' springs linear: T J_j + k_j (θ_j − θ_j0) = τ_j(θ_j0), and the drive turns by
+    what the joints and the stretch take, all others at the middle of their ranges.
     """
     rig, nj, p = mechanism.rig, mechanism.n_joints, mechanism.parameters.symbols
     largest, tension = ca.SX.sym("largest"), ca.SX.sym("T")
     travels = [joint.travel for joint in rig.joints]
     middle = ca.DM([sum(travel) / 2 for travel in travels] + [0.0] * mechanism.n_drives)
-    jacobian, springs = mechanism.length_jacobian(middle)[tendon, :], mechanism.passive_springs(middle)
+    jacobian, springs = (
+        mechanism.length_jacobian(middle)[tendon, :],
+        mechanism.passive_springs(middle),
+    )
     q = ca.SX(middle)
     for j in crossed:
         free = middle[j] + (springs[j, 0] - tension * jacobian[j]) / springs[j, 1]
         q[j] = ca.fmin(ca.fmax(free, travels[j][0]), travels[j][1])
     bodies = ca.SX.sym("q", mechanism.n_bodies)
     force = mechanism.elastic_forces(bodies)[tendon]
-    at_zero, slope = ca.Function("force", [bodies, p], [force, ca.jacobian(force, bodies)[nj]])(q, p)
+    at_zero, slope = ca.Function("force", [bodies, p], [force, ca.jacobian(force, bodies)[nj]])(
+        q, p
+    )
     place = (tension - at_zero) / slope
     point = ca.Function("point", [tension, p], [place, tension * jacobian[nj]])
     tensions = largest * ca.DM(np.linspace(0.0, 1.0, TENSIONS)).T
@@ -158,7 +193,11 @@ def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Func
 
 
 def _reach(rig: Rig, tendon: int, joint: int) -> float:
-    """Return by how much more tension than stiffness a spring's joint comes to its stop, (θ − rest)/arm [rad/m]."""
+    """Return by how much more tension than stiffness a spring's joint comes to its stop, (θ −
+    rest)/arm [rad/m].
+    """
     part, arm = rig.joints[joint], rig.tendons[tendon].arms()[rig.joints[joint].name]
     assert part.spring is not None
-    return max(abs(part.travel[1 if arm > 0 else 0] - part.spring.rest_angle.value) / abs(arm), 1e-3)
+    return max(
+        abs(part.travel[1 if arm > 0 else 0] - part.spring.rest_angle.value) / abs(arm), 1e-3
+    )

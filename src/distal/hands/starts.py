@@ -1,7 +1,8 @@
-"""Where a calibration's search begins: numbers of a motor and its joints that agree with where its sweeps ended.
+"""Where a calibration's search begins: numbers of a motor and its joints that agree with where its
+sweeps ended.
 
-A fit of friction and slack has many local minima. Contacts and slopes leave one number open, the slack of a pair or how
-stiff springs are; of a family of starts the likeliest is taken.
+A fit of friction and slack has many local minima. Contacts and slopes leave one number open, the
+slack of a pair or how stiff springs are; of a family of starts the likeliest is taken.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from distal.hands.sweeps import Sweep
 from distal.rig import Capstan, Rig, Tendon
 
 SLACKS = (0.012, 0.03, 0.055, 0.09, 0.14, 0.21, 0.3, 0.42)
-"""Slack of a pair that is tried, as a share of the joint's moment arm: 0.7 to 24 degrees of play."""
+"""Slack of a pair that is tried, as a share of the joint's moment arm: 0.7 to 24 degrees of play.
+"""
 
 TENSIONS = (0.006, 0.025)
 """What a pair is stretched by that is tried, as a share of the moment arm."""
@@ -26,7 +28,9 @@ SHARES = (0.6, 1.0, 1.6)
 """Factors of the springs' stiffness that are tried."""
 
 STIFFER = 1.2
-"""A tendon's stiffness is this many times the slope at an end, in which stop and sheath give way too."""
+"""A tendon's stiffness is this many times the slope at an end, in which stop and sheath give way
+too.
+"""
 
 OWN = 0.7
 """Share of the torque of moving that is the motor's own friction."""
@@ -46,9 +50,11 @@ def contacts(sweeps: Sequence[Sweep], way: int) -> tuple[float, ...]:
 
 
 def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) -> list[Start]:
-    """Return starts of a motor with two tendons: of each slack the spool with which the travel fits the joint's range.
+    """Return starts of a motor with two tendons: of each slack the spool with which the travel fits
+    the joint's range.
 
-    Travel between contacts · radius = arm · range + slack. With `stretched` they are of a pair under tension.
+    Travel between contacts · radius = arm · range + slack. With `stretched` they are of a pair
+    under tension.
     """
     at, tendons = _index(rig, drive), _tendons(rig, drive)
     joint = next(j for j in rig.joints if j.name == tendons[0][1].joints[0])
@@ -76,9 +82,11 @@ def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) 
 
 
 def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
-    """Return starts of a motor with one tendon against springs: stiffness by which all joints close together, and others.
+    """Return starts of a motor with one tendon against springs: stiffness by which all joints close
+    together, and others.
 
-    At the top radius · (place − zero) = Σ arm · high + stretch, and the torque holds each spring, k (high − rest) = arm T.
+    At the top radius · (place − zero) = Σ arm · high + stretch, and the torque holds each spring, k
+    (high − rest) = arm T.
     """
     at, ((k, tendon),) = _index(rig, drive), _tendons(rig, drive)
     motor, arms = rig.drives[at], tendon.arms()
@@ -86,10 +94,17 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
     up = float(np.mean(contacts(sweeps, 1)))
     ups, downs = ([sweep.level for sweep in sweeps if sweep.way == way] for way in (1, -1))
     # friction adds to the torque on the way up and takes from it on the way down
-    pull, rub = (float(np.mean(ups)) - float(np.mean(downs))) / 2, (float(np.mean(ups)) + float(np.mean(downs))) / 2
+    pull, rub = (
+        (float(np.mean(ups)) - float(np.mean(downs))) / 2,
+        (float(np.mean(ups)) + float(np.mean(downs))) / 2,
+    )
     tension = max(pull, 0.0) / radius
     stiffness = tendon_stiffness(tendon, radius, sweeps)
-    joints = [(i, joint) for i, joint in enumerate(rig.joints) if joint.name in arms and joint.spring is not None]
+    joints = [
+        (i, joint)
+        for i, joint in enumerate(rig.joints)
+        if joint.name in arms and joint.spring is not None
+    ]
     travels = {joint.name: joint.travel for joint in rig.joints}
     top = sum(arm * travels[name][1 if arm > 0 else 0] for name, arm in arms.items())
     starts = list[Start]()
@@ -109,7 +124,8 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
 
 
 def tendon_stiffness(tendon: Tendon, radius: float, sweeps: Sequence[Sweep]) -> float:
-    """Return the stiffness of a tendon by how the torque grows at the ends of its motor's travel, else the rig's [N/m].
+    """Return the stiffness of a tendon by how the torque grows at the ends of its motor's travel,
+    else the rig's [N/m].
 
     Args:
         radius: of the spool [m].
@@ -127,5 +143,9 @@ def _tendons(rig: Rig, drive: str) -> list[tuple[int, Tendon]]:
 
 
 def _bias(rig: Rig, drive: str) -> str:
-    at = next(k for k, sensor in enumerate(rig.sensors) if sensor.measures == "position" and sensor.of == drive)
+    at = next(
+        k
+        for k, sensor in enumerate(rig.sensors)
+        if sensor.measures == "position" and sensor.of == drive
+    )
     return f"sensors.{at}.bias"

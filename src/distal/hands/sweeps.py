@@ -1,4 +1,6 @@
-"""The sweeps of a power-on routine: each motor slowly to one end of its travel and to the other, several times."""
+"""The sweeps of a power-on routine: each motor slowly to one end of its travel and to the other,
+several times.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ SHORTEST = 15
 """Samples of a sweep."""
 
 RISEN = 1.6
-"""A sweep ended against something where the torque is this many times that of moving, and several noises more."""
+"""A sweep ended against something where the torque is this many times that of moving, and several
+noises more.
+"""
 
 MIDDLE = (0.35, 0.7)
 """Share of a sweep in which the motor moves freely."""
@@ -40,7 +44,8 @@ class Sweep:
 
     Args:
         level: torque that moves it, in the way it goes [N m].
-        contact: where the torque begins to rise at the end [rad]; where the sweep ends if it does not.
+        contact: where the torque begins to rise at the end [rad]; where the sweep ends if it does
+            not.
         slope: of the torque there [N m/rad]; 0 if it does not rise.
         noise: standard deviation of the torque while it moves [N m].
         resisted: whether something resisted at the end.
@@ -57,10 +62,12 @@ class Sweep:
 
 
 def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
-    """Return the sweeps of a motor in a log, the first of which begins anywhere; two of one that meets nothing either way.
+    """Return the sweeps of a motor in a log, the first of which begins anywhere; two of one that
+    meets nothing either way.
 
     Raises:
-        LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST` times.
+        LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST`
+            times.
     """
     place, torque = channels_of(rig, drive)
     places, torques = log.channels[place], log.channels[torque]
@@ -77,11 +84,14 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     if len(sweeps) > 1:
         last = sweeps[-1]
         reached = max(last.way * sweep.contact for sweep in sweeps if sweep.way == last.way)
-        if last.way * last.contact < reached - TURNED * float(np.nanmax(places) - np.nanmin(places)):
+        if last.way * last.contact < reached - TURNED * float(
+            np.nanmax(places) - np.nanmin(places)
+        ):
             sweeps = sweeps[:-1]  # it went to rest
     if len(sweeps) < FEWEST and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
         raise LogError(
-            f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a power-on routine has at "
+            f"{log.source}: motor '{drive}' sweeps {len(sweeps)} times to an end of its travel; a "
+            "power-on routine has at "
             f"least {FEWEST} sweeps of each (see distal.hands.Routine)"
         )
     return tuple(sweeps)
@@ -97,13 +107,18 @@ def channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     for measures in ("position", "force"):
         found = [sensor.name for sensor in rig.sensors_of(measures) if sensor.of == drive]
         if not found:
-            raise LogError(f"'{rig.name}': motor '{drive}' has no sensor of its {measures}; a calibration needs both")
+            raise LogError(
+                f"'{rig.name}': motor '{drive}' has no sensor of its {measures}; a calibration "
+                "needs both"
+            )
         names.append(found[0])
     return names[0], names[1]
 
 
 def _turning(places: Floats) -> list[int]:
-    """Return the first sample of a motor's motion, where it turns back, and the last sample of its motion."""
+    """Return the first sample of a motor's motion, where it turns back, and the last sample of its
+    motion.
+    """
     least = max(TURNED * float(np.ptp(places)), LEAST_TURNED)
     moved = np.flatnonzero(np.abs(places - places[0]) > least)
     if not len(moved):
@@ -140,4 +155,13 @@ def _sweep(places: Floats, torques: Floats, begin: int) -> Sweep:
             if slope > 0.0:
                 begins = float(np.mean(going[line]) - (np.mean(pull[line]) - level) / slope)
                 contact = min(max(begins, low), high)
-    return Sweep(way, begin, begin + len(places) - 1, level, way * contact, max(slope, 0.0), noise, bool(resisted))
+    return Sweep(
+        way,
+        begin,
+        begin + len(places) - 1,
+        level,
+        way * contact,
+        max(slope, 0.0),
+        noise,
+        bool(resisted),
+    )

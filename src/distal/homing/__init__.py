@@ -1,7 +1,13 @@
 """Homing: adapt a filter to a run by its first moments, in which the joint's angle is known."""
 
 from distal.homing.apply import numbers_homed, plain_samples, torque_samples
-from distal.homing.reference import added_reference, at_known_angle, check_homing, homing_filter, with_references
+from distal.homing.reference import (
+    added_reference,
+    at_known_angle,
+    check_homing,
+    homing_filter,
+    with_references,
+)
 from distal.homing.window import Window
 
 __all__ = [

@@ -15,14 +15,16 @@ from distal.logs import Log
 from distal.threads import one_blas_thread
 
 ASTRAY_NOTE = (
-    "on the second half of the homing move the filter erred {} and least squares from the first half clearly less: the "
+    "on the second half of the homing move the filter erred {} and least squares from the first "
+    "half clearly less: the "
     "rig is described wrong, so the angle is taken from least squares on the whole move (affine)"
 )
 
 
 @dataclass(frozen=True)
 class Homed:
-    """A run after its homing move: the filter with the maps of this run, its first belief, and values of its channels.
+    """A run after its homing move: the filter with the maps of this run, its first belief, and
+    values of its channels.
 
     The notes say how the move was used.
     """
@@ -34,12 +36,15 @@ class Homed:
 
 
 @one_blas_thread()
-def home(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float) -> Homed:
+def home(
+    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+) -> Homed:
     """Return filter, first belief and samples of a run, adapted by its homing move of `homing` s.
 
-    With a discrepancy the move corrects it. Else the filter reads the reference; where least squares does clearly
-    better within the move, that is reported. The filter's `samples`, (k, n_channels), have the reference within the
-    window; `truths` are the true angles [rad], NaN where not known, (k, n_joints).
+    With a discrepancy the move corrects it. Else the filter reads the reference; where least
+    squares does clearly better within the move, that is reported. The filter's `samples`, (k,
+    n_channels), have the reference within the window; `truths` are the true angles [rad], NaN where
+    not known, (k, n_joints).
     """
     notes = tuple[str, ...]()
     if runner.discrepancy is not None:

@@ -1,15 +1,19 @@
-"""The numbers of a rig from a homing move: their maximum a posteriori over the whole window, by iteration.
+"""The numbers of a rig from a homing move: their maximum a posteriori over the whole window, by
+iteration.
 
-A filter that reads the angle as a sensor linearises at each moment, without the rest of the window: with wide priors it
-finds numbers with which the joint would move away once the reference is gone. Here the numbers are constant
-over the window, the filter runs without the reference, as in later use, and its angle is compared with the reference:
+A filter that reads the angle as a sensor linearises at each moment, without the rest of the window:
+with wide priors it finds numbers with which the joint would move away once the reference is gone.
+Here the numbers are constant over the window, the filter runs without the reference, as in later
+use, and its angle is compared with the reference:
 
-    minimise ½ Σ (θ_ref − θ̂(z))²/(w_θ s_θ²) + ½ Σ ν(z)²/(w_f S₀) + ½ |z|²,    numbers = mean + std · z
+    minimise ½ Σ (θ_ref − θ̂(z))²/(w_θ s_θ²) + ½ Σ ν(z)²/(w_f S₀) + ½ |z|²,    numbers = mean + std
+    · z
 
-Denominators are those at the prior's mean, so that no number can be bought by a wider band. w counts how many samples tell
-as much as one that is independent, and how much larger the errors are than the filter thinks; both are found again after
-each fit. Solved by Gauss–Newton in a trust region (Branch, Coleman and Li, SIAM J. Sci. Comput. 21, 1999;
-`scipy.optimize.least_squares`); the covariance is the inverse of its Hessian.
+Denominators are those at the prior's mean, so that no number can be bought by a wider band. w
+counts how many samples tell as much as one that is independent, and how much larger the errors are
+than the filter thinks; both are found again after each fit. Solved by Gauss–Newton in a trust
+region (Branch, Coleman and Li, SIAM J. Sci. Comput. 21, 1999; `scipy.optimize.least_squares`); the
+covariance is the inverse of its Hessian.
 """
 
 from __future__ import annotations
@@ -33,8 +37,10 @@ STEP = 0.02
 """Change of a number by which its slope is found, in stds of its prior."""
 
 INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED = 0.1, 1.0, 1 / 3
-"""Errors are taken to last at least so long [s]; with a learned map longer, 1 s but at most this share of the window: what
-is wrong with the model is left to the map, instead of bending the numbers (docs/explanation/discrepancy.md)."""
+"""Errors are taken to last at least so long [s]; with a learned map longer, 1 s but at most this
+share of the window: what is wrong with the model is left to the map, instead of bending the numbers
+(docs/explanation/discrepancy.md).
+"""
 
 UNEXPLAINED = 10.0
 """Factor on the filter's variance of the angle with which the weights of its errors begin."""
@@ -43,14 +49,17 @@ LARGEST_RESIDUAL = 1e3
 """A residual is limited to this many standard deviations."""
 
 KEPT = 0.3
-"""Share of the covariance that the filter keeps: with all of it, forces of a wrong model would change the numbers again."""
+"""Share of the covariance that the filter keeps: with all of it, forces of a wrong model would
+change the numbers again.
+"""
 
 
 def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
-    """Return a belief before the first sample: the numbers at their maximum a posteriori, with its covariance.
+    """Return a belief before the first sample: the numbers at their maximum a posteriori, with its
+    covariance.
 
-    The first angle is the reference's own; errors last for `independent` s or more. Where nothing is uncertain, or the
-    filter leaves all bounds with the prior's mean, it is the belief as it was.
+    The first angle is the reference's own; errors last for `independent` s or more. Where nothing
+    is uncertain, or the filter leaves all bounds with the prior's mean, it is the belief as it was.
     """
     from scipy.optimize import least_squares  # not needed before
 
@@ -61,7 +70,9 @@ def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
     bounds = search.low, np.full(len(z), np.inf)
     limits = {"max_nfev": EVALUATIONS, "xtol": 1e-4, "ftol": 1e-4}
     for _ in range(ROUNDS):
-        answer = least_squares(search.residuals, z, search.slopes, bounds, args=(weights,), **limits)
+        answer = least_squares(
+            search.residuals, z, search.slopes, bounds, args=(weights,), **limits
+        )
         z, weights = answer.x, search.weights(answer.x)
     slopes = search.slopes(z, weights)
     covariance = KEPT * np.linalg.inv(slopes.T @ slopes) * np.outer(search.stds, search.stds)
@@ -100,7 +111,9 @@ class _Search:
         return carry
 
     def _ratios(self, z: Floats) -> tuple[Floats, Floats]:
-        """Return errors of the angles and innovations, each over its standard deviation at the prior's mean."""
+        """Return errors of the angles and innovations, each over its standard deviation at the
+        prior's mean.
+        """
         if self._last is not None and self._last[0] == z.tobytes():
             return self._last[1]
         done = self._window.scan(self.carry(z), self._unaided)
@@ -109,19 +122,28 @@ class _Search:
         else:
             errors, innovations = self._window.errors(done[0])[0], self._innovations(done[1])[0]
             ratios = tuple(
-                np.clip(np.nan_to_num(part / np.sqrt(base), nan=0.0), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
+                np.clip(
+                    np.nan_to_num(part / np.sqrt(base), nan=0.0),
+                    -LARGEST_RESIDUAL,
+                    LARGEST_RESIDUAL,
+                )
                 for part, base in zip((errors, innovations), self._bases)
             )
         self._last = (z.tobytes(), (ratios[0], ratios[1]))
         return self._last[1]
 
     def begins(self) -> bool:
-        """Return whether the filter has an answer at the prior's mean, and take its standard deviations from there."""
+        """Return whether the filter has an answer at the prior's mean, and take its standard
+        deviations from there.
+        """
         done = self._window.scan(self.carry(np.zeros(len(self.at))), self._unaided)
         if done is None:
             return False
         errors, variances = self._window.errors(done[0])
-        self._bases = np.broadcast_to(np.mean(variances, axis=0), errors.shape), self._innovations(done[1])[1]
+        self._bases = (
+            np.broadcast_to(np.mean(variances, axis=0), errors.shape),
+            self._innovations(done[1])[1],
+        )
         return True
 
     def _innovations(self, outputs: Floats) -> tuple[Floats, Floats]:
@@ -146,12 +168,16 @@ class _Search:
         return np.column_stack(columns) if columns else np.zeros((len(base), 0))
 
     def weights(self, z: Floats) -> tuple[float, float]:
-        """Return by what the squares of errors and innovations are divided: samples per independent one, and their size."""
+        """Return by what the squares of errors and innovations are divided: samples per independent
+        one, and their size.
+        """
         return _weight(self._ratios(z)[0], self._least), _weight(self._ratios(z)[1], self._least)
 
 
 def _weight(ratios: Floats, least: float) -> float:
-    """Return what sums of squares are divided by; a rig in which nothing is compared has no ratios."""
+    """Return what sums of squares are divided by; a rig in which nothing is compared has no
+    ratios.
+    """
     if not ratios.size:
         return least
     return max(1.0, float(np.mean(ratios**2))) * max(least, correlated_samples(ratios[:, 0]))

@@ -1,4 +1,6 @@
-"""A reference of joints' angles: a sensor that is read while it is there (homing, fitting), or a truth column."""
+"""A reference of joints' angles: a sensor that is read while it is there (homing, fitting), or a
+truth column.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,11 @@ TRUTH_NOISE = np.deg2rad(0.1)
 
 
 def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
-    """Return a rig in which the log's truth is a sensor of each joint whose angle is known, and these sensors.
+    """Return a rig in which the log's truth is a sensor of each joint whose angle is known, and
+    these sensors.
 
-    They are the rig's own where the truth comes from them; else ones called ``reference`` are added, with `TRUTH_NOISE`.
+    They are the rig's own where the truth comes from them; else ones called ``reference`` are
+    added, with `TRUTH_NOISE`.
 
     Raises:
         EstimationError: the log has no truth.
@@ -29,7 +33,8 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     known_joints = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
     if not known_joints:
         raise EstimationError(
-            f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the column of the rig's "
+            f"{log.source}: homing needs the joint's angle for a while; give --truth, or log the "
+            "column of the rig's "
             "angle sensor"
         )
     rate = 1.0 / float(np.median(np.diff(log.time))) if len(log) > 1 else 100.0
@@ -38,8 +43,7 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
         sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
         if sensors and log.truth_kind.by_sensor:
             if sensors[0].noise == 0.0 and sensors[0].resolution == 0.0:
-                path = f"sensors.{[sensor.name for sensor in rig.sensors].index(sensors[0].name)}.noise"
-                rig = rig.with_values({path: TRUTH_NOISE})
+                rig = rig.with_values({f"sensors.{sensors[0].name}.noise": TRUTH_NOISE})
             names.append(sensors[0].name)
         else:
             rig, added = added_reference(rig, rate, joint)
@@ -48,12 +52,16 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
 
 
 def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Rig, Sensor]:
-    """Return the rig with a sensor of some `rate` [Hz] more, of a joint's angle, default the first's, and that sensor."""
+    """Return the rig with a sensor of some `rate` [Hz] more, of a joint's angle, default the
+    first's, and that sensor.
+    """
     joint = rig.joints[0].name if joint is None else joint
     sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
     raw, added = rig.model_dump(), _angle_sensor(rig, "reference", joint, rate)
     if sensors:
-        added["bias"] = sensors[0].bias.model_dump()  # how far the model's angle and the joint's may be apart
+        added["bias"] = sensors[
+            0
+        ].bias.model_dump()  # how far the model's angle and the joint's may be apart
     raw["sensors"] = [*raw["sensors"], added]
     described = build_rig(raw, rig.name)
     return described, described.sensors[-1]
@@ -71,12 +79,13 @@ def _angle_sensor(rig: Rig, stem: str, joint: str, rate: float) -> dict[str, obj
 def at_known_angle(
     log: Log, rig: Rig, homing: float, angle: float, std: float = 0.0, joint: str | None = None
 ) -> tuple[Log, Rig]:
-    """Return a log and a rig with which a filter homes where the joint is known to be: at a mark, or against a hard stop.
+    """Return a log and a rig with which a filter homes where the joint is known to be: at a mark,
+    or against a hard stop.
 
-    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several), with an offset of
-    `std` [rad], and the log's truth is `angle` [rad] for the first `homing` s. Afterwards it is what it was, NaN where
-    there was none. For several joints it is called once for each that stands somewhere known; the truth of the others
-    is not used.
+    The rig gets a sensor ``home`` of the joint's angle (``home_JOINT`` where there are several),
+    with an offset of `std` [rad], and the log's truth is `angle` [rad] for the first `homing` s.
+    Afterwards it is what it was, NaN where there was none. For several joints it is called once for
+    each that stands somewhere known; the truth of the others is not used.
 
     Raises:
         EstimationError: it is not clear which joint is meant, or a number is out of bounds.
@@ -84,17 +93,24 @@ def at_known_angle(
     joints = [joint.name for joint in rig.joints]
     if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
         came = "none was named" if joint is None else f"{joint!r} came"
-        raise EstimationError(f"a homing angle is of one joint; name one of {', '.join(joints)} ('pip: 0 deg'); {came}")
+        raise EstimationError(
+            f"a homing angle is of one joint; name one of {', '.join(joints)} ('pip: 0 deg'); "
+            f"{came}"
+        )
     which = joints[0] if joint is None else joint
     if not abs(angle) <= LARGEST_ANGLE or not 0.0 <= std <= LARGEST_ANGLE:
-        raise EstimationError(f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came")
+        raise EstimationError(
+            f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came"
+        )
     described, _ = _with_home(rig, which, std, log.rate if len(log) > 1 else 100.0)
     columns, early = dict(zip(joints, angle_names(joints))), log.time - log.time[0] < homing
     homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
     if not homed_before:
         # of the joints that nobody says anything of, the truth is not used
-        truth |= {name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth}
+        truth |= {
+            name: np.where(early, np.nan, truth[name]) for name in columns.values() if name in truth
+        }
     column = columns[which]
     truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
     at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
@@ -113,21 +129,27 @@ def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sens
 
 
 def homing_filter(rig: Rig, std: float = 0.0, compiled: bool = True) -> AdaptiveFilter:
-    """Return an `adaptive` that homes while it runs: its samples also say where joints are known to stand.
+    """Return an `adaptive` that homes while it runs: its samples also say where joints are known to
+    stand.
 
-    Behind its other channels it has one more for each joint, ``home`` or ``home_JOINT``: the angle [rad] while the
-    joint is known to stand there, at a mark or against a stop, and NaN at all other times. That may be at the
-    beginning, as in `estimate` with `homing`, and again at any time later. Between that angle and the joint's own is a
-    constant offset of standard deviation `std` [rad].
+    Behind its other channels it has one more for each joint, ``home`` or ``home_JOINT``: the angle
+    [rad] while the joint is known to stand there, at a mark or against a stop, and NaN at all other
+    times. That may be at the beginning, as in `estimate` with `homing`, and again at any time
+    later. Between that angle and the joint's own is a constant offset of standard deviation `std`
+    [rad].
 
     Raises:
-        EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot run on it.
+        EstimationError: the std is out of bounds, the rig has a discrepancy, or the filter cannot
+            run on it.
     """
     if not isinstance(std, (int, float, np.floating)) or not 0.0 <= std <= LARGEST_ANGLE:
-        raise EstimationError(f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came")
+        raise EstimationError(
+            f"a homing angle is known to 0 to {LARGEST_ANGLE:g} rad, {std!r} came"
+        )
     if rig.discrepancy is not None:
         raise EstimationError(
-            f"'{rig.name}' has a [discrepancy], which corrects an angle that no reference has moved: take it out of the "
+            f"'{rig.name}' has a [discrepancy], which corrects an angle that no reference has "
+            "moved: take it out of the "
             "rig file to home while it runs, or home a recorded move (distal fit MOVE.csv)"
         )
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
@@ -148,20 +170,27 @@ def check_homing(homing: float, log: Log, joints: Sequence[str]) -> Floats:
     span = float(log.time[-1] - log.time[0])
     if not np.isfinite(homing) or not 0.0 < homing < span:
         raise EstimationError(
-            f"homing must be longer than 0 s and shorter than the log ({span:g} s), {homing:g} s came"
+            f"homing must be longer than 0 s and shorter than the log ({span:g} s), {homing:g} s "
+            "came"
         )
     truths = true_angles(log, joints)
     if truths is None:
-        raise EstimationError(f"{log.source}: homing needs the joint's angle for a while, and this log has none")
+        raise EstimationError(
+            f"{log.source}: homing needs the joint's angle for a while, and this log has none"
+        )
     if not np.isfinite(truths[log.time - log.time[0] < homing]).any():
-        raise EstimationError(f"{log.source}: the reference has no value in the first {homing:g} s; homing needs one")
+        raise EstimationError(
+            f"{log.source}: the reference has no value in the first {homing:g} s; homing needs one"
+        )
     return truths
 
 
 def homed(angles: Floats, truths: Floats, early: Bools) -> Floats:
-    """Return `angles` [rad], (k, n_joints), shifted so that their mean errors over the first moments are zero.
+    """Return `angles` [rad], (k, n_joints), shifted so that their mean errors over the first
+    moments are zero.
 
-    The reference's angles are `truths`, NaN where it has none, (k, n_joints); it is used where it is `early`, (k,).
+    The reference's angles are `truths`, NaN where it has none, (k, n_joints); it is used where it
+    is `early`, (k,).
     """
     shifted = angles.copy()
     for j in range(angles.shape[1]):

@@ -18,10 +18,12 @@ START_STD = float(np.deg2rad(0.2))
 
 @dataclass(frozen=True)
 class Window:
-    """The first seconds of a log, in which a reference is known, and the filter's belief before the first sample.
+    """The first seconds of a log, in which a reference is known, and the filter's belief before the
+    first sample.
 
-    Among the channels of the filter, `runner`, is the reference. At the times [s], (k,), there are samples of the
-    channels, (k, n_channels), and true angles [rad], NaN where not known, (k, n_joints).
+    Among the channels of the filter, `runner`, is the reference. At the times [s], (k,), there are
+    samples of the channels, (k, n_channels), and true angles [rad], NaN where not known, (k,
+    n_joints).
     """
 
     runner: AdaptiveFilter
@@ -31,7 +33,14 @@ class Window:
     truths: Floats
 
     @staticmethod
-    def of(runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float) -> Window:
+    def of(
+        runner: AdaptiveFilter,
+        start: Belief,
+        log: Log,
+        samples: Floats,
+        truths: Floats,
+        homing: float,
+    ) -> Window:
         """Return the first `homing` s of a log, with `samples` and `truths` of all of it."""
         until = int(np.searchsorted(log.time - log.time[0], homing))
         return Window(runner, start, log.time[:until], samples[:until], truths[:until])
@@ -40,14 +49,18 @@ class Window:
     def references(self) -> dict[int, int]:
         """Channel → joint of each reference, by index."""
         joints = [joint.name for joint in self.runner.rig.joints]
-        sensors = {sensor.name: joints.index(sensor.of) for sensor in self.runner.rig.sensors_of("angle")}
+        sensors = {
+            sensor.name: joints.index(sensor.of) for sensor in self.runner.rig.sensors_of("angle")
+        }
         return {i: sensors[name] for i, name in enumerate(self.runner.channels) if name in sensors}
 
     @property
     def _biases(self) -> dict[str, int]:
         """Channel → index of the state that is its offset."""
         runner = self.runner
-        return states_of(StateKind.SENSOR_BIAS, runner.channels, runner.state_kinds, runner.state_parts)
+        return states_of(
+            StateKind.SENSOR_BIAS, runner.channels, runner.state_kinds, runner.state_parts
+        )
 
     @property
     def unaided(self) -> Floats:
@@ -57,14 +70,21 @@ class Window:
         return samples
 
     def scan(self, carry: Floats, samples: Floats) -> Advanced | None:
-        """Return carries and outputs after each of the `samples`, begun at a `carry`; None where the filter diverges."""
+        """Return carries and outputs after each of the `samples`, begun at a `carry`; None where
+        the filter diverges.
+        """
         runner, size = self.runner, self.start.size
         run = runner.advanced(Belief(self.start.time, frozen(carry), size), self.time, samples)
-        bounded = np.isfinite(mean_of(run.carries, size)).all() and np.isfinite(covariance_of(run.carries, size)).all()
+        bounded = (
+            np.isfinite(mean_of(run.carries, size)).all()
+            and np.isfinite(covariance_of(run.carries, size)).all()
+        )
         return run if bounded else None
 
     def errors(self, carries: Floats) -> tuple[Floats, Floats]:
-        """Return the errors of the angles, less their references' offsets, and the variances of these, (k, n_joints)."""
+        """Return the errors of the angles, less their references' offsets, and the variances of
+        these, (k, n_joints).
+        """
         n, nj, biases = self.start.size, self.truths.shape[1], self._biases
         errors, variances = self.truths - carries[:, :nj], variances_of(carries, n)[:, :nj].copy()
         sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
@@ -79,7 +99,11 @@ class Window:
         """Return a carry before the first sample whose first angles are those of the reference."""
         n, states = self.start.size, self.runner.states
         names, biases = self.runner.channels, self._biases
-        offsets = {j: float(states.stds[biases[names[c]]]) for c, j in self.references.items() if names[c] in biases}
+        offsets = {
+            j: float(states.stds[biases[names[c]]])
+            for c, j in self.references.items()
+            if names[c] in biases
+        }
         carry = carry.copy()
         covariance = covariance_of(carry, n)
         for joint, column in enumerate(self.truths.T):
@@ -91,7 +115,8 @@ class Window:
         return carry
 
     def within(self, carry: Floats, times: float) -> bool:
-        """Return whether a run without reference keeps its angles in their bands: mean e²/P of each joint at most `times`.
+        """Return whether a run without reference keeps its angles in their bands: mean e²/P of each
+        joint at most `times`.
 
         It begins at a `carry` before the first sample.
         """

@@ -1,7 +1,8 @@
-"""What holds joints that are moved by drives: the torques that they need, the pulls of tendons, what drives feel.
+"""What holds joints that are moved by drives: the torques that they need, the pulls of tendons,
+what drives feel.
 
-At wanted θ, ω and α a joint needs  τ = M α + b ω − passive(θ) + d l(T) − τ_ext  from its tendons, with the friction limit l
-in the direction of motion d; all by the equations of `Mechanism`.
+At wanted θ, ω and α a joint needs  τ = M α + b ω − passive(θ) + d l(T) − τ_ext  from its tendons,
+with the friction limit l in the direction of motion d; all by the equations of `Mechanism`.
 """
 
 from __future__ import annotations
@@ -18,14 +19,18 @@ from distal.rig import Rig
 
 @dataclass(frozen=True)
 class Part:
-    """Joints that move by themselves and the drives that move them, together with no others: indices of both."""
+    """Joints that move by themselves and the drives that move them, together with no others:
+    indices of both.
+    """
 
     joints: tuple[int, ...]
     drives: tuple[int, ...]
 
 
 class Balance:
-    """What holds the joints of a rig, as expressions of the joints' angles and the drives' places."""
+    """What holds the joints of a rig, as expressions of the joints' angles and the drives'
+    places.
+    """
 
     def __init__(self, rig: Rig) -> None:
         self.mechanism = mechanism = Mechanism(rig, remembers=True)
@@ -36,12 +41,17 @@ class Balance:
             mechanism.n_tendons,
             len(self.free),
         )
-        self.tendons_of = [[i for i in range(self.nt) if mechanism.drive_of[i] == self.nj + d] for d in range(self.nd)]
+        self.tendons_of = [
+            [i for i in range(self.nt) if mechanism.drive_of[i] == self.nj + d]
+            for d in range(self.nd)
+        ]
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
         """The parts of the rig that share neither joints nor drives."""
-        pattern = self.arms(ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols)
+        pattern = self.arms(
+            ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
+        )
         moved = {(int(r), int(c)) for r, c in zip(*ca.sparsify(pattern).sparsity().get_triplet())}
         left, parts = set(range(self.nf)), []
         while left:
@@ -62,7 +72,9 @@ class Balance:
         return [len(tendons) == 1 for tendons in self.tendons_of]
 
     def all_joints(self, free: Vector, offsets: bool = True) -> Vector:
-        """Return the joints' angles, (n_joints,) [rad], or speeds, of those of `free` joints, (n_free,)."""
+        """Return the joints' angles, (n_joints,) [rad], or speeds, of those of `free` joints,
+        (n_free,).
+        """
         mechanism = self.mechanism
         return ca.mtimes(ca.SX(mechanism.spread), free) + (mechanism.offsets if offsets else 0)
 
@@ -70,7 +82,9 @@ class Balance:
         return self.mechanism.length_jacobian(ca.vertcat(angles, places))
 
     def _shares(self, angles: Vector, places: Vector) -> Vector:
-        """Return what each tendon adds to its drive's pull, (n_tendons,): its arms along those of the drive's first one."""
+        """Return what each tendon adds to its drive's pull, (n_tendons,): its arms along those of
+        the drive's first one.
+        """
         levers = self._levers(angles, places)[:, : self.nj]
         shares = ca.SX.ones(self.nt)
         for tendons in self.tendons_of:
@@ -80,7 +94,9 @@ class Balance:
         return shares
 
     def arms(self, angles: Vector, places: Vector, p: Vector) -> Matrix:
-        """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`, `places` and parameters `p`."""
+        """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`, `places`
+        and parameters `p`.
+        """
         first = [tendons[0] for tendons in self.tendons_of]
         levers = self._levers(angles, places)[first, : self.nj]
         arms = -ca.mtimes(levers, ca.SX(self.mechanism.spread)).T
@@ -88,18 +104,30 @@ class Balance:
 
     @cached_property
     def pull(self) -> ca.Function:
-        """(θ, s, shares, p) → pulls of the drives at their joints' ends, and their slopes by the places, (n_drives,)."""
+        """(θ, s, shares, p) → pulls of the drives at their joints' ends, and their slopes by the
+        places, (n_drives,).
+        """
         mechanism = self.mechanism
-        angles, places, shares = ca.SX.sym("angles", self.nj), ca.SX.sym("places", self.nd), ca.SX.sym("c", self.nt)
-        tensions = mechanism.pulls(ca.vertcat(angles, places), ca.SX.zeros(mechanism.n_bodies)).joint
-        pulls = ca.vertcat(*(sum((shares[i] * tensions[i] for i in own), ca.SX(0)) for own in self.tendons_of))
+        angles, places, shares = (
+            ca.SX.sym("angles", self.nj),
+            ca.SX.sym("places", self.nd),
+            ca.SX.sym("c", self.nt),
+        )
+        tensions = mechanism.pulls(
+            ca.vertcat(angles, places), ca.SX.zeros(mechanism.n_bodies)
+        ).joint
+        pulls = ca.vertcat(
+            *(sum((shares[i] * tensions[i] for i in own), ca.SX(0)) for own in self.tendons_of)
+        )
         slopes = ca.jtimes(pulls, places, ca.SX.ones(self.nd))
         arguments = [angles, places, shares, mechanism.parameters.symbols]
         return ca.Function("pull", arguments, ca.cse([ca.densify(pulls), ca.densify(slopes)]))
 
     @cached_property
     def geometry(self) -> ca.Function:
-        """(θ, s, p) → arms (n_free, n_drives), shares (n_tendons,), steepest slopes of the pulls (n_drives,)."""
+        """(θ, s, p) → arms (n_free, n_drives), shares (n_tendons,), steepest slopes of the pulls
+        (n_drives,).
+        """
         angles, places, p = (
             ca.SX.sym("angles", self.nj),
             ca.SX.sym("places", self.nd),
@@ -108,16 +136,23 @@ class Balance:
         levers, steepest = self._levers(angles, places), []
         shares = self._shares(angles, places)
         for d, tendons in enumerate(self.tendons_of):
-            stiff = (ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i) for i in tendons)
+            stiff = (
+                ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i)
+                for i in tendons
+            )
             steepest.append(sum(stiff, ca.SX(0)))
         outputs = [ca.densify(self.arms(angles, places, p)), shares, ca.vertcat(*steepest)]
         return ca.Function("geometry", [angles, places, p], outputs)
 
     @cached_property
     def needed(self) -> ca.Function:
-        """(θ_free, ω_free, α_free, s, d, τ_ext, p) → torques that tendons have to make, friction limits, (n_free,) each."""
+        """(θ_free, ω_free, α_free, s, d, τ_ext, p) → torques that tendons have to make, friction
+        limits, (n_free,) each.
+        """
         mechanism, nf = self.mechanism, self.nf
-        free, speeds, accelerations, turned = (ca.SX.sym(name, nf) for name in ("free", "omega", "alpha", "turned"))
+        free, speeds, accelerations, turned = (
+            ca.SX.sym(name, nf) for name in ("free", "omega", "alpha", "turned")
+        )
         places, external = ca.SX.sym("places", self.nd), ca.SX.sym("tau", self.nj)
         q = ca.vertcat(self.all_joints(free), places)
         v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
@@ -128,7 +163,15 @@ class Balance:
         moving += (mechanism.dampings() * v - mechanism.passive_forces(q))[: self.nj] - external
         friction = ca.mtimes(ca.fabs(spread).T, ca.vertcat(*(limit.mean for limit in limits)))
         torques = ca.mtimes(spread.T, moving) + turned * friction
-        arguments = [free, speeds, accelerations, places, turned, external, mechanism.parameters.symbols]
+        arguments = [
+            free,
+            speeds,
+            accelerations,
+            places,
+            turned,
+            external,
+            mechanism.parameters.symbols,
+        ]
         return ca.Function("needed", arguments, ca.cse([ca.densify(torques), ca.densify(friction)]))
 
     @cached_property
@@ -136,15 +179,22 @@ class Balance:
         """(θ, s, s in its range, ṡ, d_s, p) → force of each drive, and tensions at the drives."""
         mechanism = self.mechanism
         angles = ca.SX.sym("angles", self.nj)
-        places, within, rates, turned = (ca.SX.sym(name, self.nd) for name in ("s", "within", "r", "d"))
+        places, within, rates, turned = (
+            ca.SX.sym(name, self.nd) for name in ("s", "within", "r", "d")
+        )
         q, v = ca.vertcat(angles, places), ca.vertcat(ca.SX.zeros(self.nj), rates)
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
-        friction = [limit.mean * turned[d] + limit.asymmetry * ca.fabs(turned[d]) for d, limit in enumerate(limits)]
+        friction = [
+            limit.mean * turned[d] + limit.asymmetry * ca.fabs(turned[d])
+            for d, limit in enumerate(limits)
+        ]
         drag = mechanism.dampings() * v - mechanism.passive_forces(ca.vertcat(angles, within))
         force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
         return ca.Function(
-            "driven", [angles, places, within, rates, turned, mechanism.parameters.symbols], [force, pulls.drive]
+            "driven",
+            [angles, places, within, rates, turned, mechanism.parameters.symbols],
+            [force, pulls.drive],
         )
 
     @cached_property
@@ -157,23 +207,43 @@ class Balance:
 
     @cached_property
     def tangent(self) -> ca.Function:
-        """(θ_free, f, s, d, τ_ext, p) → what the joints lack, A f − τ, and its slopes by θ_free at pulls that stay."""
+        """(θ_free, f, s, d, τ_ext, p) → what the joints lack, A f − τ, and its slopes by θ_free at
+        pulls that stay.
+        """
         nf, p = self.nf, self.mechanism.parameters.symbols
-        free, pulls, places = ca.SX.sym("free", nf), ca.SX.sym("pulls", self.nd), ca.SX.sym("places", self.nd)
-        turned, external, zeros = ca.SX.sym("turned", nf), ca.SX.sym("tau", self.nj), ca.SX.zeros(nf)
+        free, pulls, places = (
+            ca.SX.sym("free", nf),
+            ca.SX.sym("pulls", self.nd),
+            ca.SX.sym("places", self.nd),
+        )
+        turned, external, zeros = (
+            ca.SX.sym("turned", nf),
+            ca.SX.sym("tau", self.nj),
+            ca.SX.zeros(nf),
+        )
         arms = self.arms(self.all_joints(free), places, p)
-        lacking = ca.mtimes(arms, pulls) - self.needed(free, zeros, zeros, places, turned, external, p)[0]
+        lacking = (
+            ca.mtimes(arms, pulls) - self.needed(free, zeros, zeros, places, turned, external, p)[0]
+        )
         arguments = [free, pulls, places, turned, external, p]
-        return ca.Function("tangent", arguments, ca.cse([lacking, ca.densify(ca.jacobian(lacking, free))]))
+        return ca.Function(
+            "tangent", arguments, ca.cse([lacking, ca.densify(ca.jacobian(lacking, free))])
+        )
 
     def radius(self, drive: int) -> float:
-        """Return by how much a drive's motion moves its tendon [m per its unit], for the scale of its friction."""
+        """Return by how much a drive's motion moves its tendon [m per its unit], for the scale of
+        its friction.
+        """
         part = self.rig.drives[drive]
         return part.radius.value if part.kind == "capstan" else 1.0
 
     def winds(self, drive: int) -> int:
         """Return +1 where a positive motion of a drive draws its first tendon in, else −1."""
-        return self.rig.tendons[self.tendons_of[drive][0]].winding if self.rig.drives[drive].kind == "capstan" else 1
+        return (
+            self.rig.tendons[self.tendons_of[drive][0]].winding
+            if self.rig.drives[drive].kind == "capstan"
+            else 1
+        )
 
     def spread(self) -> ca.Function:
         """Return the function of joints that move by themselves to the angles of all joints."""

@@ -1,8 +1,9 @@
 """One sample of the inverse: from wanted angles to what the drives do.
 
-Of the torques that the joints need (`Balance`) follow pulls f with A f = τ (`distribution`), and each drive goes to the
-place s at which its tendons pull so: T(θ, s) of the model, solved by Newton's steps within a bracket, since T grows with s.
-What moves inside (plays, points of sheaths, creep) is remembered and goes on with the commands.
+Of the torques that the joints need (`Balance`) follow pulls f with A f = τ (`distribution`), and
+each drive goes to the place s at which its tendons pull so: T(θ, s) of the model, solved by
+Newton's steps within a bracket, since T grows with s. What moves inside (plays, points of sheaths,
+creep) is remembered and goes on with the commands.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ ROUNDS = 3
 """Friction depends on tensions, and these on friction: so often one follows from the other."""
 
 NEWTON_STEPS = 14
-"""Steps to a drive's place: halving the bracket where a tendon is slack or a play is open, Newton's elsewhere."""
+"""Steps to a drive's place: halving the bracket where a tendon is slack or a play is open, Newton's
+elsewhere.
+"""
 
 FARTHEST = 0.1
 """A drive's place is looked for within so much along its tendon from where it is [m]."""
@@ -45,7 +48,9 @@ REACHES = 8
 
 
 class CommandModel(Balance):
-    """The inverse of a rig as a kernel: layouts of its carry, its wanted sample and its output, and the function."""
+    """The inverse of a rig as a kernel: layouts of its carry, its wanted sample and its output, and
+    the function.
+    """
 
     def __init__(self, rig: Rig, prefer: Prefer = "tension") -> None:
         super().__init__(rig)
@@ -53,22 +58,41 @@ class CommandModel(Balance):
         self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
         inside = len(self.mechanism.plays) + len(self.mechanism.strains)
         self.carry = Layout(
-            places=self.nd, pulls=self.nd, turned=self.nf, drives_turned=self.nd, rubbed=self.nd, inside=inside, begun=1
+            places=self.nd,
+            pulls=self.nd,
+            turned=self.nf,
+            drives_turned=self.nd,
+            rubbed=self.nd,
+            inside=inside,
+            begun=1,
         )
-        self.x = Layout(dt=1, angles=self.nf, speeds=self.nf, accelerations=self.nf, torques=self.nj, lowest=1)
+        self.x = Layout(
+            dt=1, angles=self.nf, speeds=self.nf, accelerations=self.nf, torques=self.nj, lowest=1
+        )
         self.y = Layout(
-            angles=self.nf, places=self.nd, speeds=self.nd, forces=self.nd, tensions=self.nt, friction=self.nf
+            angles=self.nf,
+            places=self.nd,
+            speeds=self.nd,
+            forces=self.nd,
+            tensions=self.nt,
+            friction=self.nf,
         )
 
     def function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, y): the next command; p are the rig's numbers without what moves inside."""
+        """Return (carry, x, p) → (carry⁺, y): the next command; p are the rig's numbers without
+        what moves inside.
+        """
         carry, x = ca.MX.sym("carry", self.carry.size), ca.MX.sym("x", self.x.size)
         inside_count = self.carry["inside"].stop - self.carry["inside"].start
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel() - inside_count)
         was, wanted = self.carry.parts(carry), self.x.parts(x)
         numbers = ca.vertcat(p, was["inside"]) if inside_count else p
         step = self._sample()
-        out = step(*(was[name] for name in was if name != "inside"), *(wanted[name] for name in wanted), numbers)
+        out = step(
+            *(was[name] for name in was if name != "inside"),
+            *(wanted[name] for name in wanted),
+            numbers,
+        )
         named = dict(zip(step.name_out(), out))
         bodies = ca.vertcat(named.pop("joints"), named["places"])
         inside = self.moved(bodies, wanted["dt"], numbers) if inside_count else ca.MX(0, 1)
@@ -77,19 +101,29 @@ class CommandModel(Balance):
             inside=inside,
             begun=ca.MX(1),
         )
-        # where a drive's range ends, it goes no further; what it would have to pull is still its force
+        # where a drive's range ends, it goes no further; what it would have to pull is still its
+        # force
         named["places"] = named.pop("within")
         y = self.y.joined(**{name: named[name] for name in self.y.names})
         return ca.Function("command", [carry, x, p], [after, y], ["carry", "x", "p"], ["next", "y"])
 
     def _sample(self) -> ca.Function:
-        """Return one sample as a function of the carry's parts, the wanted sample's, and all numbers."""
+        """Return one sample as a function of the carry's parts, the wanted sample's, and all
+        numbers.
+        """
         nf, nd = self.nf, self.nd
         places, pulls, drives_turned, rubbed = (
             ca.MX.sym(n, nd) for n in ("places", "pulls", "drives_turned", "rubbed")
         )
-        turned, begun, dt, lowest = ca.MX.sym("turned", nf), ca.MX.sym("begun"), ca.MX.sym("dt"), ca.MX.sym("lowest")
-        angles, speeds, accelerations = (ca.MX.sym(n, nf) for n in ("angles", "speeds", "accelerations"))
+        turned, begun, dt, lowest = (
+            ca.MX.sym("turned", nf),
+            ca.MX.sym("begun"),
+            ca.MX.sym("dt"),
+            ca.MX.sym("lowest"),
+        )
+        angles, speeds, accelerations = (
+            ca.MX.sym(n, nf) for n in ("angles", "speeds", "accelerations")
+        )
         external = ca.MX.sym("external", self.nj)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         turning = ca.fmin(ca.fmax(turned + speeds * dt / TURNS, -1), 1)
@@ -107,7 +141,9 @@ class CommandModel(Balance):
             s = self._places()(joints, s, sprung, shares, steepest, p)
         rates = ca.if_else(begun > 0, (s - places) / ca.if_else(dt > 0, dt, 1), 0)
         along = ca.DM([self.radius(d) for d in range(nd)])
-        drives_turning = ca.fmin(ca.fmax(drives_turned + begun * along * (s - places) / DRIVE_TURNS, -1), 1)
+        drives_turning = ca.fmin(
+            ca.fmax(drives_turned + begun * along * (s - places) / DRIVE_TURNS, -1), 1
+        )
         within = self._within_range(s)
         forces, tensions = self.driven(joints, s, within, rates, drives_turning, p)
         names = ("places", "pulls", "drives_turned", "rubbed", "turned", "begun")
@@ -138,7 +174,9 @@ class CommandModel(Balance):
         return ca.fmin(ca.fmax(places, low), high)
 
     def _pulls(self) -> ca.Function:
-        """Return (arms, τ, lowest, f) → pulls: the least where there are enough drives; those of fewer stay."""
+        """Return (arms, τ, lowest, f) → pulls: the least where there are enough drives; those of
+        fewer stay.
+        """
         arms, torques = ca.SX.sym("arms", self.nf, self.nd), ca.SX.sym("torques", self.nf)
         lowest, before = ca.SX.sym("lowest"), ca.SX.sym("before", self.nd)
         pulls, one_sided = ca.SX(before), self.one_sided
@@ -157,22 +195,32 @@ class CommandModel(Balance):
         return ca.Function("pulls", [arms, torques, lowest, before], [ca.cse(ca.densify(pulls))])
 
     def _margin(self, drive: int) -> float:
-        """Return by which factor a pull is above what is asked for, for all but 2.5 % of the rigs as built to keep it.
+        """Return by which factor a pull is above what is asked for, for all but 2.5 % of the rigs
+        as built to keep it.
 
-        At its place a drive whose tendons are as much softer as the rig file allows pulls so much less.
+        At its place a drive whose tendons are as much softer as the rig file allows pulls so much
+        less.
         """
         tendons = [self.rig.tendons[i] for i in self.tendons_of[drive]]
-        return 1.0 + BAND * max(tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons)
+        return 1.0 + BAND * max(
+            tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons
+        )
 
     def _pattern(self, joints: Sequence[int], drives: Sequence[int]) -> list[tuple[int, int]]:
-        symbols = ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
+        symbols = (
+            ca.SX.sym("q", self.nj),
+            ca.SX.sym("s", self.nd),
+            self.mechanism.parameters.symbols,
+        )
         arms = ca.sparsify(self.arms(*symbols))[list(joints), list(drives)]
         return [(int(r), int(c)) for r, c in zip(*arms.sparsity().get_triplet())]
 
     def _reached(self) -> ca.Function:
-        """Return (wanted, θ, f, s, d, τ_ext, lowest, p) → the nearest angles that pulls can hold, and these pulls.
+        """Return (wanted, θ, f, s, d, τ_ext, lowest, p) → the nearest angles that pulls can hold,
+        and these pulls.
 
-        At θ, f the joints lack r = A f − τ: after a change of the pulls they come to rest at θ − (∂r/∂θ)⁻¹ (r + A df).
+        At θ, f the joints lack r = A f − τ: after a change of the pulls they come to rest at θ −
+        (∂r/∂θ)⁻¹ (r + A df).
         """
         nf, nd = self.nf, self.nd
         wanted, angles, turned = (ca.SX.sym(n, nf) for n in ("wanted", "angles", "turned"))
@@ -200,7 +248,11 @@ class CommandModel(Balance):
     def _places(self) -> ca.Function:
         """Return (θ, s, f, shares, steepest, p) → places at which the drives pull f."""
         nd = self.nd
-        angles, before, pulls = ca.MX.sym("angles", self.nj), ca.MX.sym("before", nd), ca.MX.sym("pulls", nd)
+        angles, before, pulls = (
+            ca.MX.sym("angles", self.nj),
+            ca.MX.sym("before", nd),
+            ca.MX.sym("pulls", nd),
+        )
         shares, steepest = ca.MX.sym("shares", self.nt), ca.MX.sym("steepest", nd)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         rising = ca.DM([self.winds(d) for d in range(nd)])
@@ -213,7 +265,8 @@ class CommandModel(Balance):
         return ca.Function("places", [angles, before, pulls, shares, steepest, p], [s])
 
     def _internal(self) -> ca.Function:
-        """Return (θ, s, f, f before, e, p) → what is left for the springs, e⁺: friction in transmissions (`Hysteresis`).
+        """Return (θ, s, f, f before, e, p) → what is left for the springs, e⁺: friction in
+        transmissions (`Hysteresis`).
 
         It is e h, with e in [−1, 1] that turns over as the pull changes by h: f_spring = f − e h.
         """
@@ -231,7 +284,9 @@ class CommandModel(Balance):
         return ca.Function("internal", arguments, ca.cse([ca.densify(sprung), ca.densify(after)]))
 
     def _refine(self) -> ca.Function:
-        """Return (s, low, high, excess, slope, steepest) → the next of each: Newton's step, or the bracket's middle."""
+        """Return (s, low, high, excess, slope, steepest) → the next of each: Newton's step, or the
+        bracket's middle.
+        """
         names = ("s", "low", "high", "excess", "slope", "steepest")
         s, low, high, excess, slope, steepest = (ca.SX.sym(name, self.nd) for name in names)
         below = excess < 0

@@ -29,8 +29,8 @@ class Commands:
         angles: those that can be reached, (k, n_joints) [rad].
         stds: of the true angles about these, in an open loop, (k, n_joints) [rad].
         places: of the drives, (k, n_drives) [m, rad].
-        sent: what is sent to drives that follow places, for them to be there then (a rig's `servo`), as
-            their sensors read it, (k, n_drives).
+        sent: what is sent to drives that follow places, for them to be there then (a rig's
+            `servo`), as their sensors read it, (k, n_drives).
         speeds: (k, n_drives) [m/s, rad/s].
         forces: of the drives, (k, n_drives) [N, N m].
         tensions: of the tendons at their drives, (k, n_tendons) [N].
@@ -50,30 +50,48 @@ class Commands:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Commands({self.rig.name}, {len(self.time)} samples, {self.time[-1] - self.time[0]:g} s)"
+        return (
+            f"Commands({self.rig.name}, {len(self.time)} samples, "
+            f"{self.time[-1] - self.time[0]:g} s)"
+        )
 
     def columns(self) -> dict[str, Floats]:
-        """Return the commands as the rig's sensors would read them, then the angles that they reach and their stds [rad].
+        """Return the commands as the rig's sensors would read them, then the angles that they reach
+        and their stds [rad].
 
         Columns and units are the rig's own; a position is what is sent.
 
-        A drive without a sensor of its place or force has columns in SI: ``DRIVE_position [m]``, ``DRIVE_force [N]``.
+        A drive without a sensor of its place or force has columns in SI: ``DRIVE_position [m]``,
+        ``DRIVE_force [N]``.
         """
         rig = self.rig
         columns = {rig.log.time.column: self.time / unit_factor(rig.log.time.unit, "s")}
         for i, drive in enumerate(rig.drives):
-            units = {"position": position_unit(drive), "force": "N" if drive.kind == "slider" else "N m"}
+            units = {
+                "position": position_unit(drive),
+                "force": "N" if drive.kind == "slider" else "N m",
+            }
             for kind, values in (("position", self.sent[:, i]), ("force", self.forces[:, i])):
-                sensor = next((one for one in rig.sensors if one.of == drive.name and one.measures == kind), None)
+                sensor = next(
+                    (one for one in rig.sensors if one.of == drive.name and one.measures == kind),
+                    None,
+                )
                 if sensor is None:
                     columns[f"{drive.name}_{kind} [{units[kind]}]"] = values
                 else:
                     # what is sent is a reading already
-                    read = values if kind == "position" else gain_of(sensor).value * values + sensor.bias.value
+                    read = (
+                        values
+                        if kind == "position"
+                        else gain_of(sensor).value * values + sensor.bias.value
+                    )
                     columns[sensor.log_column] = sensor.sign * read / log_factor(sensor)
             columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
         for j, name in enumerate(angle_names([joint.name for joint in rig.joints])):
-            columns[f"{name} [rad]"], columns[f"{std_name(name)} [rad]"] = self.angles[:, j], self.stds[:, j]
+            columns[f"{name} [rad]"], columns[f"{std_name(name)} [rad]"] = (
+                self.angles[:, j],
+                self.stds[:, j],
+            )
         return columns
 
     def write(self, path: str | Path) -> None:
@@ -84,23 +102,43 @@ class Commands:
         """
         write_columns(self.columns(), path)
 
-    def plot(self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None) -> Figure:
-        """Draw what is wanted, what is reached and its 95 % band, then the drives' places; `truth` by joint [rad]."""
+    def plot(
+        self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None
+    ) -> Figure:
+        """Draw what is wanted, what is reached and its 95 % band, then the drives' places; `truth`
+        by joint [rad].
+        """
         names = [joint.name for joint in self.rig.joints]
         rows = len(names) + 1
         with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
             for j, (name, axis) in enumerate(zip(names, axes)):
-                wanted, angle, half = (np.rad2deg(part[:, j]) for part in (self.wanted, self.angles, BAND * self.stds))
-                axis.fill_between(self.time, angle - half, angle + half, color=COLOURS[0], alpha=BAND_ALPHA, lw=0)
-                axis.plot(self.time, angle, color=COLOURS[0], lw=1.2, label="reached by the commands, 95 % band")
-                axis.plot(self.time, wanted, color=COLOURS[1], lw=1.0, dashes=(4, 2), label="wanted")
+                wanted, angle, half = (
+                    np.rad2deg(part[:, j]) for part in (self.wanted, self.angles, BAND * self.stds)
+                )
+                axis.fill_between(
+                    self.time, angle - half, angle + half, color=COLOURS[0], alpha=BAND_ALPHA, lw=0
+                )
+                axis.plot(
+                    self.time,
+                    angle,
+                    color=COLOURS[0],
+                    lw=1.2,
+                    label="reached by the commands, 95 % band",
+                )
+                axis.plot(
+                    self.time, wanted, color=COLOURS[1], lw=1.0, dashes=(4, 2), label="wanted"
+                )
                 if truth is not None:
                     axis.plot(self.time, np.rad2deg(truth[name]), color=BLACK, lw=1.0, label="true")
                 axis.set_ylabel(f"{name} [°]")
             legend_above(axes[0])
             for i, drive in enumerate(self.rig.drives):
                 scale, unit = (1e3, "mm") if drive.kind == "slider" else (180 / np.pi, "°")
-                look = {"color": COLOURS[i % 6], "linestyle": DASHES[i % 6], "label": f"{drive.name} [{unit}]"}
+                look = {
+                    "color": COLOURS[i % 6],
+                    "linestyle": DASHES[i % 6],
+                    "label": f"{drive.name} [{unit}]",
+                }
                 axes[-1].plot(self.time, scale * self.places[:, i], **look)
             axes[-1].set_ylabel("place")
             axes[-1].set_xlabel("time [s]")

@@ -1,8 +1,9 @@
 """Which pulls make the torques that are needed, where there are more tendons than joints, all taut.
 
-A f = τ with f ≥ f_min. Least Σ f is a linear programme: at its solution as many pulls are at their minimum as there are
-more of them than torques (a vertex). Least Σ f², the heat of alike motors, is a quadratic one: some pulls are at their
-minimum, the others are the shortest that make the rest. The few sets are tried one by one: no iteration, in C too.
+A f = τ with f ≥ f_min. Least Σ f is a linear programme: at its solution as many pulls are at their
+minimum as there are more of them than torques (a vertex). Least Σ f², the heat of alike motors, is
+a quadratic one: some pulls are at their minimum, the others are the shortest that make the rest.
+The few sets are tried one by one: no iteration, in C too.
 """
 
 from __future__ import annotations
@@ -19,20 +20,26 @@ Prefer = Literal["tension", "heat"]
 """What is least: the sum of the pulls, or of their squares."""
 
 VIOLATED = 1e6
-"""A newton below the minimum weighs as much as so many above it: where no choice keeps all taut, the nearest is taken."""
+"""A newton below the minimum weighs as much as so many above it: where no choice keeps all taut,
+the nearest is taken.
+"""
 
 SINGULAR = 1e-12
 """Determinants below this, of arms in their largest, count as none."""
 
 
-def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool], prefer: Prefer) -> Vector:
-    """Return the pulls f, (m,), with A f = τ and the least sum, or of squares; those of one side are at least `lowest`.
+def least_pulls(
+    arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequence[bool], prefer: Prefer
+) -> Vector:
+    """Return the pulls f, (m,), with A f = τ and the least sum, or of squares; those of one side
+    are at least `lowest`.
 
     Args:
         arms: A, (n, m), n ≤ m: torque per pull [m].
         torques: τ, (n,) [N m].
         lowest: (m,) [N].
-        one_sided: which pulls are of single tendons; a motor that winds two of them pulls either way.
+        one_sided: which pulls are of single tendons; a motor that winds two of them pulls either
+            way.
     """
     n, m = arms.shape
     if n == m:
@@ -48,7 +55,11 @@ def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequen
         pulls = ca.SX(m, 1)
         pulls[at] = lowest[at]
         left = torques - ca.mtimes(arms[:, at], lowest[at])
-        pulls[free] = solved(own, left) if len(free) == n else ca.mtimes(own.T, solved(ca.mtimes(own, own.T), left))
+        pulls[free] = (
+            solved(own, left)
+            if len(free) == n
+            else ca.mtimes(own.T, solved(ca.mtimes(own, own.T), left))
+        )
         total = ca.sumsqr(pulls) if prefer == "heat" else ca.sum1(ca.fabs(pulls))
         for i in free:
             if one_sided[i]:
@@ -59,7 +70,8 @@ def least_pulls(arms: Matrix, torques: Vector, lowest: Vector, one_sided: Sequen
 
 
 def solved(matrix: Matrix, right: Vector) -> Vector:
-    """Return M⁻¹ b by Cramer's rule to three rows, beyond by Gauss; a singular M gives zero, in double and in float.
+    """Return M⁻¹ b by Cramer's rule to three rows, beyond by Gauss; a singular M gives zero, in
+    double and in float.
 
     The `matrix` is M, (n, n), `right` is b, (n,).
     """

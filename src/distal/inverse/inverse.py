@@ -62,18 +62,21 @@ def least_tension_of(value: float | str) -> float:
 
 
 class Inverse:
-    """What drives have to do so that the joints get to wanted angles: places, speeds and forces, and the band of the angle.
+    """What drives have to do so that the joints get to wanted angles: places, speeds and forces,
+    and the band of the angle.
 
     ```python
     commands = distal.Inverse("finger-2n")(time, {"mcp": mcp, "pip": pip})  # [s], [rad]
     commands.write("commands.csv")
     ```
 
-    Friction is made up for in the direction of motion, and stretch, plays and creep by the model; see `CommandModel`.
+    Friction is made up for in the direction of motion, and stretch, plays and creep by the model;
+    see `CommandModel`.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        least_tension: that every tendon keeps where there are more of them than joints: newtons, or a text with a unit.
+        least_tension: that every tendon keeps where there are more of them than joints: newtons, or
+            a text with a unit.
         prefer: what is least there, "tension" or "heat": the sum of the pulls, or of their squares.
 
     Raises:
@@ -103,15 +106,19 @@ class Inverse:
         """Names of the joints that move by themselves, whose angles are wanted."""
         return tuple(self.rig.joints[j].name for j in self.model.free)
 
-    def __call__(self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]) -> Commands:
+    def __call__(
+        self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]
+    ) -> Commands:
         """Return the commands for wanted angles over time.
 
         Args:
             time: rising stamps [s], (k,); the closer, the better jumps are resolved.
-            angles: of the joints that move by themselves [rad], (k, n_free) in their order, or by their names.
+            angles: of the joints that move by themselves [rad], (k, n_free) in their order, or by
+                their names.
 
         Raises:
-            CommandError: the shapes do not fit, a joint is missing or unknown, or a number is not finite.
+            CommandError: the shapes do not fit, a joint is missing or unknown, or a number is not
+                finite.
         """
         stamps = np.asarray(time, dtype=np.float64)
         wanted = self._wanted(stamps, angles)
@@ -128,7 +135,9 @@ class Inverse:
         mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
         offsets, places = np.array(mechanism.offsets).ravel(), read["places"]
         reached = read["angles"] + added[:, self.model.free]
-        ahead = np.column_stack([sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)])
+        ahead = np.column_stack(
+            [sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]
+        )
         stds = np.sqrt(self._variances(read["angles"], places, run.carries))
         notes += [*self._not_reached(stamps, held, reached), *self._beyond(stamps, read)]
         return Commands(
@@ -159,12 +168,20 @@ class Inverse:
         view, rig = self.model.y.view, self.rig
         at = readings(self.model, view(run.ys, "places"))
         of = {"position": at, "force": view(run.ys, "forces")}
-        found = {kind: {drive.name: part[:, i] for i, drive in enumerate(rig.drives)} for kind, part in of.items()}
+        found = {
+            kind: {drive.name: part[:, i] for i, drive in enumerate(rig.drives)}
+            for kind, part in of.items()
+        }
         tensions = view(run.ys, "tensions")
-        return found | {"tension": {tendon.name: tensions[:, i] for i, tendon in enumerate(rig.tendons)}}
+        return found | {
+            "tension": {tendon.name: tensions[:, i] for i, tendon in enumerate(rig.tendons)}
+        }
 
-    def stiffness(self, angles: Sequence[float] | Floats | Mapping[str, float], tension: float | str) -> Floats:
-        """Return how stiff each free joint is at rest, its drives and the other joints held, (n_free,) [N m/rad].
+    def stiffness(
+        self, angles: Sequence[float] | Floats | Mapping[str, float], tension: float | str
+    ) -> Floats:
+        """Return how stiff each free joint is at rest, its drives and the other joints held,
+        (n_free,) [N m/rad].
 
         Args:
             angles: of the free joints [rad], in their order or by name.
@@ -174,22 +191,33 @@ class Inverse:
             CommandError: an angle is missing, or the tension is none.
         """
         still = np.array([0.0, 1.0])
-        each = {name: np.full(2, angle) for name, angle in angles.items()} if isinstance(angles, Mapping) else None
+        each = (
+            {name: np.full(2, angle) for name, angle in angles.items()}
+            if isinstance(angles, Mapping)
+            else None
+        )
         wanted = self._wanted(
-            still, each if each is not None else np.tile(np.asarray(angles, dtype=np.float64), (2, 1))
+            still,
+            each if each is not None else np.tile(np.asarray(angles, dtype=np.float64), (2, 1)),
         )
         row = self._rows(still, wanted)[0]
         row[self.model.x["lowest"]] = least_tension_of(tension)
         carry = self._begin(row)
         places, inside = carry[self.model.carry["places"]], carry[self.model.carry["inside"]]
-        found: Floats = self._stiffness(wanted[0], places, np.concatenate([self._numbers, inside])).full().ravel()
+        found: Floats = (
+            self._stiffness(wanted[0], places, np.concatenate([self._numbers, inside]))
+            .full()
+            .ravel()
+        )
         return found
 
     @cached_property
     def _stiffness(self) -> ca.Function:
         return stiffness_function(self.model)
 
-    def pretension(self, angles: Sequence[float] | Floats | Mapping[str, float], stiffness: float) -> float:
+    def pretension(
+        self, angles: Sequence[float] | Floats | Mapping[str, float], stiffness: float
+    ) -> float:
         """Return the least tension of the tendons at which each free joint is so stiff [N].
 
         Args:
@@ -208,8 +236,10 @@ class Inverse:
         if lacks(TAUTEST) > 0.0:
             ends = [f"{stiffness - lacks(tension):.3g}" for tension in (SLACKEST, TAUTEST)]
             raise CommandError(
-                f"stiffness: {stiffness:.3g} N m/rad is more than the tendons give: {ends[0]} at {SLACKEST:g} N, {ends[1]} "
-                f"at {TAUTEST:g} N; tendons whose stiffness does not grow with their tension hardly change it"
+                f"stiffness: {stiffness:.3g} N m/rad is more than the tendons give: {ends[0]} at "
+                f"{SLACKEST:g} N, {ends[1]} "
+                f"at {TAUTEST:g} N; tendons whose stiffness does not grow with their tension "
+                "hardly change it"
             )
         return float(brentq(lacks, SLACKEST, TAUTEST, xtol=1e-3))
 
@@ -218,19 +248,27 @@ class Inverse:
         if isinstance(angles, Mapping):
             if set(angles) != set(names):
                 raise CommandError(
-                    f"angles are wanted of the joints {', '.join(names)} (coupled ones follow), {', '.join(angles)} came"
+                    f"angles are wanted of the joints {', '.join(names)} (coupled ones follow), "
+                    f"{', '.join(angles)} came"
                 )
             angles = np.column_stack([np.asarray(angles[name], dtype=np.float64) for name in names])
-        wanted = np.asarray(angles, dtype=np.float64).reshape(len(time), -1) if len(time) else np.zeros((0, 0))
+        wanted = (
+            np.asarray(angles, dtype=np.float64).reshape(len(time), -1)
+            if len(time)
+            else np.zeros((0, 0))
+        )
         if time.ndim != 1 or len(time) < 2 or wanted.shape != (len(time), len(names)):
             raise CommandError(
-                f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or more; "
+                f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or "
+                "more; "
                 f"{wanted.shape[-1]} at {len(time)} came"
             )
         unknown = np.argwhere(~np.isfinite(wanted))
         if len(unknown) or not np.isfinite(time).all():
             where = (
-                f"{names[unknown[0][1]]} has none at {time[unknown[0][0]]:g} s" if len(unknown) else "a stamp is none"
+                f"{names[unknown[0][1]]} has none at {time[unknown[0][0]]:g} s"
+                if len(unknown)
+                else "a stamp is none"
             )
             raise CommandError(f"wanted angles and their stamps are finite numbers; {where}")
         if not np.all(np.diff(time) > 0.0):
@@ -249,7 +287,8 @@ class Inverse:
             if beyond.max() > NEAR:
                 low, high = np.rad2deg(joint.stops)
                 notes.append(
-                    f"{joint.name} is wanted {np.rad2deg(beyond.max()):.3g}° beyond its stops ({low:.4g} to {high:.4g}°), "
+                    f"{joint.name} is wanted {np.rad2deg(beyond.max()):.3g}° beyond its stops "
+                    f"({low:.4g} to {high:.4g}°), "
                     f"first at {time[beyond > NEAR][0]:.4g} s"
                 )
         return notes, held
@@ -272,7 +311,9 @@ class Inverse:
         return values[: len(values) - (inside.stop - inside.start)]
 
     def _begin(self, row: Floats) -> Floats:
-        """Return the carry before the first sample: drives where they hold the first angles, at rest for long."""
+        """Return the carry before the first sample: drives where they hold the first angles, at
+        rest for long.
+        """
         model, carry = self.model, np.zeros(self.model.carry.size)
         for _ in range(SETTLES):
             first = advance(self._kernel, Feed(carry, row, self._numbers))
@@ -280,14 +321,23 @@ class Inverse:
             carry[model.carry["pulls"]] = model.carry.view(first.carries[-1], "pulls")
             if model.carry["inside"].stop > model.carry["inside"].start:
                 joints = np.array(model.mechanism.spread) @ model.y.view(first.ys[-1], "angles")
-                q = np.concatenate([joints + np.array(model.mechanism.offsets).ravel(), carry[model.carry["places"]]])
-                carry[model.carry["inside"]] = np.array(inside_function(model.mechanism)(q, self._numbers)).ravel()
+                q = np.concatenate(
+                    [
+                        joints + np.array(model.mechanism.offsets).ravel(),
+                        carry[model.carry["places"]],
+                    ]
+                )
+                carry[model.carry["inside"]] = np.array(
+                    inside_function(model.mechanism)(q, self._numbers)
+                ).ravel()
         return carry
 
     def _variances(self, angles: Floats, places: Floats, carries: Floats) -> Floats:
         view = self.model.carry.view
         unsure = np.tile(place_variances(self.rig), (len(angles), 1))
-        rows = np.column_stack([angles, places, view(carries, "turned"), unsure, view(carries, "inside")])
+        rows = np.column_stack(
+            [angles, places, view(carries, "turned"), unsure, view(carries, "inside")]
+        )
         return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys
 
     def _not_reached(self, time: Floats, wanted: Floats, reached: Floats) -> list[str]:
@@ -297,7 +347,10 @@ class Inverse:
             return []
         each = [f"{self.joints[k]} {np.rad2deg(away[:, k].max()):.2g}°" for k in far[:NAMED]]
         more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
-        return [f"fewer drives than joints, these follow their springs, off by up to: {', '.join(each)}{more}"]
+        return [
+            "fewer drives than joints, these follow their springs, off by up to: "
+            f"{', '.join(each)}{more}"
+        ]
 
     def _beyond(self, time: Floats, read: Mapping[str, Floats]) -> list[str]:
         """Return which limits of drives are passed, and which tendons would go slack, in words."""
@@ -306,18 +359,26 @@ class Inverse:
             unit = "N" if drive.kind == "slider" else "N m"
             largest = float(np.abs(read["forces"][:, i]).max())
             if drive.limit is not None and largest > SHARE * drive.limit:
-                notes.append(f"{drive.name} would need {largest:.3g} {unit}, its limit is {drive.limit:.3g} {unit}")
-            servo, fastest = drive.servo, float(np.abs(np.gradient(read["places"][:, i], time)).max())
+                notes.append(
+                    f"{drive.name} would need {largest:.3g} {unit}, its limit is "
+                    f"{drive.limit:.3g} {unit}"
+                )
+            servo, fastest = (
+                drive.servo,
+                float(np.abs(np.gradient(read["places"][:, i], time)).max()),
+            )
             if servo is not None and servo.fastest is not None and fastest > SHARE * servo.fastest:
                 notes.append(
-                    f"{drive.name} would need a speed of {fastest:.3g}, it reaches {servo.fastest:.3g}: it is late there"
+                    f"{drive.name} would need a speed of {fastest:.3g}, it reaches "
+                    f"{servo.fastest:.3g}: it is late there"
                 )
             if drive.stops is not None:
                 low, high = drive.stops
                 cut = (read["places"][:, i] <= low) | (read["places"][:, i] >= high)
                 if cut.any():
                     notes.append(
-                        f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], first at "
+                        f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
+                        "first at "
                         f"{time[cut][0]:.4g} s"
                     )
         for i, tendon in enumerate(self.rig.tendons):

@@ -1,8 +1,9 @@
-"""What a map that a fit learned adds to the angles at what the drives' sensors would read, and how sure it is of that.
+"""What a map that a fit learned adds to the angles at what the drives' sensors would read, and how
+sure it is of that.
 
-It corrects what the filter makes of readings. A command has none: those that the model foresees often lie outside of what
-the logs had, where terms that cancelled in the logs do not. So only a constant is followed; of other maps the band counts
-(docs/results/control.md).
+It corrects what the filter makes of readings. A command has none: those that the model foresees
+often lie outside of what the logs had, where terms that cancelled in the logs do not. So only a
+constant is followed; of other maps the band counts (docs/results/control.md).
 """
 
 from __future__ import annotations
@@ -31,9 +32,13 @@ class LearnedShift:
     @property
     def is_constant(self) -> bool:
         """Whether the map is the same everywhere."""
-        return self._runner.discrepancy is not None and self._runner.discrepancy.terms == (CONSTANT,)
+        return self._runner.discrepancy is not None and self._runner.discrepancy.terms == (
+            CONSTANT,
+        )
 
-    def __call__(self, time: Floats, readings: Mapping[str, Mapping[str, Floats]]) -> tuple[Floats, Floats]:
+    def __call__(
+        self, time: Floats, readings: Mapping[str, Mapping[str, Floats]]
+    ) -> tuple[Floats, Floats]:
         """Return what maps add to the joints' angles [rad] and their variances, (k, n_joints) each.
 
         Args:
@@ -45,7 +50,9 @@ class LearnedShift:
             of = readings.get(sensor.measures, {})
             if sensor.name in runner.channels and sensor.of in of:
                 offset = sensor.bias.value if sensor.measures != "position" else 0.0
-                samples[:, runner.channels.index(sensor.name)] = gain_of(sensor).value * of[sensor.of] + offset
+                samples[:, runner.channels.index(sensor.name)] = (
+                    gain_of(sensor).value * of[sensor.of] + offset
+                )
         begin = runner.initial(time[0], first_values(samples))
         carries, ys = runner.advanced(begin, time, samples)
         n, joints = begin.size, len(rig.joints)

@@ -1,4 +1,6 @@
-"""The inverse in a control loop: readings in, commands of the drives out, with the same filter as `LiveEstimator`."""
+"""The inverse in a control loop: readings in, commands of the drives out, with the same filter as
+`LiveEstimator`.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ class Feedback:
 
     Args:
         follow: rate at which an error of the angle is taken out [1/s]; 0 for none.
-        deadband: error that is left alone [rad], so that a loop with friction and play does not hunt.
+        deadband: error that is left alone [rad], so that a loop with friction and play does not
+            hunt.
         proportional: for drives that follow forces [N m/rad].
         integral: the same [N m/(rad s)].
         derivative: the same [N m s/rad].
@@ -69,23 +72,33 @@ class Command:
 
 
 def gains_of(
-    model: CommandModel, lowest: float, feedback: Feedback | Mapping[str, Feedback] | None, fastest: float | None
+    model: CommandModel,
+    lowest: float,
+    feedback: Feedback | Mapping[str, Feedback] | None,
+    fastest: float | None,
 ) -> Floats:
-    """Return the gains of `live_function`, (n_gains,): `lowest` tension [N], `fastest` motion [rad/s]; see `LiveInverse`.
+    """Return the gains of `live_function`, (n_gains,): `lowest` tension [N], `fastest` motion
+    [rad/s]; see `LiveInverse`.
 
     Raises:
         CommandError: a joint is unknown, or a speed is none.
     """
     joints = [model.rig.joints[j] for j in model.free]
     names = [joint.name for joint in joints]
-    given = feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
+    given = (
+        feedback if isinstance(feedback, Mapping) else dict.fromkeys(names, feedback or Feedback())
+    )
     if not set(given) <= set(names):
-        raise CommandError(f"feedback is for the joints {', '.join(names)}; {', '.join(given)} came")
+        raise CommandError(
+            f"feedback is for the joints {', '.join(names)}; {', '.join(given)} came"
+        )
     if fastest is not None and not fastest > 0.0:
         raise CommandError(f"fastest: a speed above 0 rad/s, {fastest} came")
     of = [given.get(name, Feedback(follow=0.0)) for name in names]
     parts = {
-        "fastest": [np.ptp(joint.travel) / ACROSS if fastest is None else fastest for joint in joints],
+        "fastest": [
+            np.ptp(joint.travel) / ACROSS if fastest is None else fastest for joint in joints
+        ],
         "lowest": [lowest],
         "follow": [one.follow for one in of],
         "deadband": [one.deadband for one in of],
@@ -100,20 +113,20 @@ def gains_of(
 class LiveInverse:
     """Commands sample by sample, from wanted angles and what the sensors read.
 
-    ```python
-    inverse = distal.LiveInverse("finger-2n")
-    command = inverse.step(time, {"mcp": 0.5, "pip": 0.3}, sample)  # sample: values of inverse.channels, SI
-    send(command.places)
-    ```
+    ```python inverse = distal.LiveInverse("finger-2n") command = inverse.step(time, {"mcp": 0.5,
+    "pip": 0.3}, sample)  # sample: values of inverse.channels, SI send(command.places) ```
 
-    What the filter learns (friction, stretch, loads) is made up for. While the estimate is not known, its correction stays
-    as it was. The first command is for where the joints are; from there they go to what is wanted.
+    What the filter learns (friction, stretch, loads) is made up for. While the estimate is not
+    known, its correction stays as it was. The first command is for where the joints are; from there
+    they go to what is wanted.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        least_tension: that every tendon keeps where there are more of them than joints: newtons, or a text with a unit.
+        least_tension: that every tendon keeps where there are more of them than joints: newtons, or
+            a text with a unit.
         feedback: see `Feedback`; of all joints, or by their names.
-        fastest: largest speed of the joints that move by themselves [rad/s]; default all of their range in 0.25 s.
+        fastest: largest speed of the joints that move by themselves [rad/s]; default all of their
+            range in 0.25 s.
 
     Raises:
         CommandError: a number is none, or the filter cannot run on this rig.
@@ -143,9 +156,14 @@ class LiveInverse:
         self._kernel = Kernel(live_function(model, runner.states), compiled)
         gains = gains_of(model, least_tension_of(least_tension), feedback, fastest)
         self._monitor = Monitor(self._live)
-        self._loop = self._kernel.loop(np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]]))
+        self._loop = self._kernel.loop(
+            np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])
+        )
         self._has_map = bool(runner.report.states)
-        at = {sensor.of: runner.channels.index(sensor.name) for sensor in self._rig.sensors_of("position")}
+        at = {
+            sensor.of: runner.channels.index(sensor.name)
+            for sensor in self._rig.sensors_of("position")
+        }
         drives = enumerate(self._rig.drives)
         self._places = [(d, at[drive.name]) for d, drive in drives if drive.name in at]
         self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
@@ -182,27 +200,39 @@ class LiveInverse:
         """The filter, at the last sample."""
         return self._live
 
-    def step(self, time: float, wanted: Sequence[float] | Floats | Mapping[str, float], sample: Floats) -> Command:
+    def step(
+        self, time: float, wanted: Sequence[float] | Floats | Mapping[str, float], sample: Floats
+    ) -> Command:
         """Take in a sample and return the drives' next commands.
 
         A sample without an estimate (late, or of the wrong shape) leaves the last command as it is.
 
         Args:
             time: of the sample [s].
-            wanted: angles of `joints` now [rad], in their order or by name; what is not finite stays as it was.
+            wanted: angles of `joints` now [rad], in their order or by name; what is not finite
+                stays as it was.
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
             CommandError: an angle is missing, or there are more of them than joints.
         """
         if isinstance(wanted, Mapping):
-            wanted = [wanted.get(name, nan) for name in self.joints] if set(wanted) <= set(self.joints) else []
+            wanted = (
+                [wanted.get(name, nan) for name in self.joints]
+                if set(wanted) <= set(self.joints)
+                else []
+            )
         angles = np.atleast_1d(np.asarray(wanted, dtype=np.float64))
         if angles.shape != (len(self.joints),):
-            raise CommandError(f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another joint's")
+            raise CommandError(
+                f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another "
+                "joint's"
+            )
         reading = self._monitor.take(time, sample)
         if isnan(reading.angles[0]):
-            return self._command(reading, f"{reading.health} {reading.detail}: the last command stays")
+            return self._command(
+                reading, f"{reading.health} {reading.detail}: the last command stays"
+            )
         x, y, unusable = self._x, self._y, reading.unusable
         np.copyto(x["wanted"], angles, where=np.isfinite(angles))
         x["state"][:] = self._live.mean

@@ -1,11 +1,12 @@
-"""One sample of the inverse in a control loop: at what the filter believes, with feedback on the angle that it estimates.
+"""One sample of the inverse in a control loop: at what the filter believes, with feedback on the
+angle that it estimates.
 
-A reference r follows the wanted angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one sample h before, no
-faster and with no more acceleration a than the joints may. Commanded is  r + T dr/dt + c,  T lag and delay of the drives
-(`Servo`), c a correction by the estimated angle θ̂:  dc/dt = k (r − θ̂)  outside of a dead band, which ends stick-slip
-(Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
-Drives that follow forces get a torque
-K_p e + K_i ∫ e dt − K_d dθ̂/dt  in its place.
+A reference r follows the wanted angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one
+sample h before, no faster and with no more acceleration a than the joints may. Commanded is  r + T
+dr/dt + c,  T lag and delay of the drives (`Servo`), c a correction by the estimated angle θ̂:
+dc/dt = k (r − θ̂)  outside of a dead band, which ends stick-slip (Armstrong-Hélouvry, Dupont and
+Canudas de Wit, Automatica 30, 1994). Drives that follow forces get a torque K_p e + K_i ∫ e dt −
+K_d dθ̂/dt  in its place.
 """
 
 from __future__ import annotations
@@ -65,7 +66,13 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
     """Return the layouts of a rig's live inverse."""
     nf, nd = model.nf, model.nd
     return LiveLayouts(
-        carry=Layout(**dict.fromkeys((*GUIDED, "last"), nf), mapped=nf, at_end=1, started=1, command=model.carry.size),
+        carry=Layout(
+            **dict.fromkeys((*GUIDED, "last"), nf),
+            mapped=nf,
+            at_end=1,
+            started=1,
+            command=model.carry.size,
+        ),
         x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1),
         gains=Layout(**dict.fromkeys(GAINS, nf) | {"lowest": 1}),
         y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
@@ -73,24 +80,37 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
 
 
 def live_function(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y), p the gains and then the filter's numbers; y are the drives' commands.
+    """Return (carry, x, p) → (carry⁺, y), p the gains and then the filter's numbers; y are the
+    drives' commands.
 
-    The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`. Places are those that
-    the drives' sensors would read; `read` is what they do.
+    The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`.
+    Places are those that the drives' sensors would read; `read` is what they do.
     """
     layout = layouts(model, states)
     carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
     p = ca.MX.sym("p", layout.gains.size + states.context.mechanism.parameters.symbols.numel())
-    was, came, gains, own = layout.carry.parts(carry), layout.x.parts(x), layout.gains.parts(p), p[layout.gains.size :]
+    was, came, gains, own = (
+        layout.carry.parts(carry),
+        layout.x.parts(x),
+        layout.gains.parts(p),
+        p[layout.gains.size :],
+    )
     command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
-    # maps that are not trusted, far from where they were learned, are not followed, nor torques from outside
+    # maps that are not trusted, far from where they were learned, are not followed, nor torques
+    # from outside
     mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
     numbers, torques = _believed(model, states)(came["state"], own)
     inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
     # nothing winds up against a stop, nor against the end of a drive's range
-    inputs |= {"dt": came["dt"], "wanted": _within_stops(model, came["wanted"]), "trusted": came["trusted"]}
+    inputs |= {
+        "dt": came["dt"],
+        "wanted": _within_stops(model, came["wanted"]),
+        "trusted": came["trusted"],
+    }
     inputs["winds"] = came["trusted"] * (1 - at_end)
-    guided = _guide(model)(angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"})
+    guided = _guide(model)(
+        angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"}
+    )
     later = _lead(model)
     bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
     ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
@@ -105,7 +125,9 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     )
     command, y = model.function()(command, row, numbers)
     commanded = model.y.parts(y)
-    commanded["at_end"] = ca.fabs(model.carry.part(command, "places") - commanded["places"]) > BEYOND
+    commanded["at_end"] = (
+        ca.fabs(model.carry.part(command, "places") - commanded["places"]) > BEYOND
+    )
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
     commanded["forces"] = _within_limits(model, commanded["forces"])
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
@@ -119,12 +141,21 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
         command=command,
     )
     y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
-    return ca.Function("live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 def _guide(model: CommandModel) -> ca.Function:
-    """Return the function of the reference and its motion, of the correction and of the torque that feedback adds."""
-    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {"dt": 1, "trusted": 1, "winds": 1, "started_before": 1}
+    """Return the function of the reference and its motion, of the correction and of the torque that
+    feedback adds.
+    """
+    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {
+        "dt": 1,
+        "trusted": 1,
+        "winds": 1,
+        "started_before": 1,
+    }
     sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
     sizes |= dict.fromkeys((name for name in GAINS if name != "lowest"), model.nf)
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
@@ -132,11 +163,15 @@ def _guide(model: CommandModel) -> ca.Function:
     safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)
     # it begins where the joint is, if that is known
     first = ca.if_else(trusted > 0, angles, v["wanted"])
-    before, wished = (ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before"))
+    before, wished = (
+        ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before")
+    )
     most = v["fastest"] / SPEEDS_UP
     behind = wished - before
     catching_up = _limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))
-    rate = _limited(_limited((v["wanted"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"])
+    rate = _limited(
+        _limited((v["wanted"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"]
+    )
     rate = v["rate_before"] + _limited(rate - v["rate_before"], most * dt)
     reference = before + rate * dt
     speed = v["speed_before"] + share * (rate - v["speed_before"])
@@ -171,7 +206,10 @@ def _limited(value: Vector, most: Scalar) -> Vector:
 def _lead(model: CommandModel) -> float:
     """Return the lag and delay of the slowest drive as far as its servo is stated [s]."""
     servos = [drive.servo for drive in model.rig.drives if drive.servo is not None]
-    lags = [(0.0 if servo.bandwidth is None else 1 / (2 * pi * servo.bandwidth)) + servo.delay for servo in servos]
+    lags = [
+        (0.0 if servo.bandwidth is None else 1 / (2 * pi * servo.bandwidth)) + servo.delay
+        for servo in servos
+    ]
     return max(lags, default=0.0)
 
 
@@ -190,12 +228,16 @@ def _within_limits(model: CommandModel, forces: Vector) -> Vector:
 
 
 def _believed(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (state, p) → the numbers of the inverse as the filter believes them, and external torques, (n_joints,)."""
+    """Return (state, p) → the numbers of the inverse as the filter believes them, and external
+    torques, (n_joints,).
+    """
     state, known = ca.SX.sym("state", len(states)), states.context.mechanism.parameters
     learned, wanted = states.parameters(state), model.mechanism.parameters
     inside = model.carry["inside"].stop - model.carry["inside"].start
     at = {name: i for i, name in enumerate(known.names)}
     names = wanted.names[: len(wanted) - inside]
-    numbers = [learned[at[name]] if name in at else ca.SX(wanted.values[i]) for i, name in enumerate(names)]
+    numbers = [
+        learned[at[name]] if name in at else ca.SX(wanted.values[i]) for i, name in enumerate(names)
+    ]
     outputs = [ca.densify(ca.vertcat(*numbers)), ca.densify(states.torques(state))]
     return ca.Function("believed", [state, known.symbols], outputs)

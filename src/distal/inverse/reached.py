@@ -1,8 +1,8 @@
 """How far the joints may be from where commands should bring them: the band of an open loop.
 
-A drive at s holds the joints where they lack nothing, r(θ, s, p) = 0, so that dθ/dp = −(∂r/∂θ)⁻¹ ∂r/∂p. The numbers p
-have the stds of the rig file, and places those of their sensors; a joint whose friction has not turned over rests anywhere
-within l of that.
+A drive at s holds the joints where they lack nothing, r(θ, s, p) = 0, so that dθ/dp = −(∂r/∂θ)⁻¹
+∂r/∂p. The numbers p have the stds of the rig file, and places those of their sensors; a joint whose
+friction has not turned over rests anywhere within l of that.
 """
 
 from __future__ import annotations
@@ -22,13 +22,18 @@ SOFTEST = 1e-9
 
 
 def spread_function(model: CommandModel) -> ca.Function:
-    """Return (θ_free, s, d, σ_s², τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of the rig's numbers.
+    """Return (θ_free, s, d, σ_s², τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of
+    the rig's numbers.
 
     Places of drives err by variances σ_s², (n_drives,), of their own.
     """
     nf, p = model.nf, model.mechanism.parameters.symbols
     root = covariance_root(model.mechanism.parameters)
-    free, places, turned = ca.SX.sym("free", nf), ca.SX.sym("places", model.nd), ca.SX.sym("turned", nf)
+    free, places, turned = (
+        ca.SX.sym("free", nf),
+        ca.SX.sym("places", model.nd),
+        ca.SX.sym("turned", nf),
+    )
     place_variances, external = ca.SX.sym("place_variances", model.nd), ca.SX.sym("tau", model.nj)
     lacking, friction = _lacking(model, free, places, turned, external)
     slopes = ca.jacobian(lacking, free) - SOFTEST * ca.SX.eye(nf)
@@ -44,7 +49,9 @@ def spread_function(model: CommandModel) -> ca.Function:
         unit[j] = 1
         variances += solved(slopes, unit) ** 2 * left[j]
     return ca.Function(
-        "variances", [free, places, turned, place_variances, external, p], [ca.cse(ca.densify(variances))]
+        "variances",
+        [free, places, turned, place_variances, external, p],
+        [ca.cse(ca.densify(variances))],
     )
 
 
@@ -54,13 +61,19 @@ def _lacking(
     """Return what joints at rest lack, (n_free,) [N m], and their friction limits."""
     mechanism, zeros = model.mechanism, ca.SX.zeros(model.nf)
     joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
-    needed, friction = model.needed(free, zeros, zeros, places, turned, external, mechanism.parameters.symbols)
-    forces = mechanism.pulls(ca.vertcat(joints, places), ca.SX.zeros(mechanism.n_bodies), settled=True).forces
+    needed, friction = model.needed(
+        free, zeros, zeros, places, turned, external, mechanism.parameters.symbols
+    )
+    forces = mechanism.pulls(
+        ca.vertcat(joints, places), ca.SX.zeros(mechanism.n_bodies), settled=True
+    ).forces
     return ca.mtimes(ca.SX(mechanism.spread).T, forces[: model.nj]) - needed, friction
 
 
 def stiffness_function(model: CommandModel) -> ca.Function:
-    """Return (θ_free, s, p) → stiffness of each joint, drives and other joints held, (n_free,) [N m/rad]."""
+    """Return (θ_free, s, p) → stiffness of each joint, drives and other joints held, (n_free,) [N
+    m/rad].
+    """
     free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
     lacking, _ = _lacking(model, free, places, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
     arguments = [free, places, model.mechanism.parameters.symbols]
@@ -68,7 +81,9 @@ def stiffness_function(model: CommandModel) -> ca.Function:
 
 
 def spread_kernel(model: CommandModel) -> ca.Function:
-    """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, σ_s², what is inside)."""
+    """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, σ_s²,
+    what is inside).
+    """
     inside = model.carry["inside"].stop - model.carry["inside"].start
     ends = np.cumsum([0, model.nf, model.nd, model.nf, model.nd, inside]).tolist()
     carry, x = ca.MX.sym("carry", 1), ca.MX.sym("x", ends[-1])
@@ -77,11 +92,15 @@ def spread_kernel(model: CommandModel) -> ca.Function:
     variances = spread_function(model)(
         free, places, turned, place_variances, ca.DM.zeros(model.nj), ca.vertcat(p, within)
     )
-    return ca.Function("spread", [carry, x, p], [carry, variances], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "spread", [carry, x, p], [carry, variances], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 def covariance_root(parameters: Parameters) -> Floats:
-    """Return R of the numbers' covariance R Rᵀ, (n_p, k): a column for each, and one for what several err by together."""
+    """Return R of the numbers' covariance R Rᵀ, (n_p, k): a column for each, and one for what
+    several err by together.
+    """
     at = np.flatnonzero(parameters.independent_stds > 0.0)
     own = np.zeros((len(parameters), len(at)))
     own[at, np.arange(len(at))] = parameters.independent_stds[at]
@@ -92,8 +111,12 @@ def covariance_root(parameters: Parameters) -> Floats:
 
 
 def place_variances(rig: Rig) -> Floats:
-    """Return how unsure the places of drives are by their sensors, (n_drives,) [m², rad²]: zeros and linearity."""
+    """Return how unsure the places of drives are by their sensors, (n_drives,) [m², rad²]: zeros
+    and linearity.
+    """
     sensors = {sensor.of: sensor for sensor in rig.sensors_of("position")}
     found = [sensors.get(drive.name) for drive in rig.drives]
     # the largest error by a curve counts as two standard deviations, as in the filter
-    return np.array([0.0 if one is None else one.bias.total_std**2 + (one.linearity / 2) ** 2 for one in found])
+    return np.array(
+        [0.0 if one is None else one.bias.total_std**2 + (one.linearity / 2) ** 2 for one in found]
+    )

@@ -1,4 +1,6 @@
-"""What the sensors of the drives read at their places: offsets and curves, as the filter has them."""
+"""What the sensors of the drives read at their places: offsets and curves, as the filter has
+them.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,15 @@ def read_function(model: CommandModel, states: StateVector) -> ca.Function:
 
 
 def readings(model: CommandModel, places: Floats) -> Floats:
-    """Return the same over time by what the rig file says, (k, n_drives); places themselves where no filter reads it."""
+    """Return the same over time by what the rig file says, (k, n_drives); places themselves where
+    no filter reads it.
+    """
     try:
         states = state_vector(model.rig)
     except EstimationError:
         return places
     read = read_function(model, states).map(len(places))
-    found: Floats = read(places.T, states.means, states.context.mechanism.parameters.values).full().T
+    found: Floats = (
+        read(places.T, states.means, states.context.mechanism.parameters.values).full().T
+    )
     return found

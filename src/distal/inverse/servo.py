@@ -1,4 +1,6 @@
-"""What is sent to a drive so that it is where it has to be: its speed limit, its lag and its delay are made up for."""
+"""What is sent to a drive so that it is where it has to be: its speed limit, its lag and its delay
+are made up for.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,12 @@ from distal.rig import Capstan, Slider
 
 
 def followable(time: Floats, places: Floats, fastest: float) -> Floats:
-    """Return a drive's places over `time` [s], (k,), no faster than `fastest`, jumps spread to both sides of them.
+    """Return a drive's places over `time` [s], (k,), no faster than `fastest`, jumps spread to both
+    sides of them.
 
-    The mean of the fastest way there from before and the latest way there from after (a rate limiter run forwards and
-    backwards): half of a reversal's stretch is taken up before the joint turns.
+    The mean of the fastest way there from before and the latest way there from after (a rate
+    limiter run forwards and backwards): half of a reversal's stretch is taken up before the joint
+    turns.
     """
     if fastest == inf:
         return places

@@ -1,4 +1,6 @@
-"""Where compiled kernels are kept: by content, compiler and CPU, safe for several processes at once."""
+"""Where compiled kernels are kept: by content, compiler and CPU, safe for several processes at
+once.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ def check_own(folder: Path) -> None:
     if status.st_uid != os.geteuid():
         raise PermissionError(0, f"it belongs to another user (number {status.st_uid})")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise PermissionError(0, f"others can write to it (mode {stat.S_IMODE(status.st_mode):o}); chmod go-w helps")
+        raise PermissionError(
+            0, f"others can write to it (mode {stat.S_IMODE(status.st_mode):o}); chmod go-w helps"
+        )
 
 
 def cpu() -> str:
@@ -64,7 +68,9 @@ def digest(*parts: str | bytes) -> str:
 
 
 class Cache:
-    """A folder of shared libraries; each has a note with its digest, so that a damaged one is never loaded."""
+    """A folder of shared libraries; each has a note with its digest, so that a damaged one is never
+    loaded.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -79,7 +85,8 @@ class Cache:
             return None
 
     def work_folder(self) -> tempfile.TemporaryDirectory[str]:
-        """Return a temporary folder inside the cache, so that what is built there can be moved in at once.
+        """Return a temporary folder inside the cache, so that what is built there can be moved in
+        at once.
 
         Raises:
             OSError: the cache cannot be written.
@@ -99,6 +106,8 @@ class Cache:
         library = self.folder / f"{key}-{fingerprint[:16]}.so"
         os.replace(built, library)
         note = built.parent / "note.json"
-        note.write_text(json.dumps({"library": library.name, "digest": fingerprint}), encoding="utf-8")
+        note.write_text(
+            json.dumps({"library": library.name, "digest": fingerprint}), encoding="utf-8"
+        )
         os.replace(note, self.folder / f"{key}.json")
         return library

@@ -17,10 +17,19 @@ import casadi as ca
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.kernels.cache import Cache, cache_folder, check_own, cpu, digest
 
-# no fast-math and no fused multiply-add: the same numbers as the interpreter
-# with 512-bit vectors GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
+# no fast-math and no fused multiply-add: the same numbers as the interpreter with 512-bit vectors
+# GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
 NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()
-FLAGS = ("-O3", "-march=native", *NARROW, "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+FLAGS = (
+    "-O3",
+    "-march=native",
+    *NARROW,
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fPIC",
+    "-shared",
+    "-w",
+)
 
 LOG = logging.getLogger("distal.kernels")
 """Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
@@ -85,11 +94,18 @@ def find_compiler() -> Compiler | str:
         if command and shutil.which(command[0]):
             try:
                 process = subprocess.run(
-                    [*command, "--version"], capture_output=True, text=True, errors="replace", timeout=20, check=True
+                    [*command, "--version"],
+                    capture_output=True,
+                    text=True,
+                    errors="replace",
+                    timeout=20,
+                    check=True,
                 )
             except (OSError, subprocess.SubprocessError) as problem:
                 return f"the C compiler '{command[0]}' does not run ({type(problem).__name__})"
-            return Compiler(tuple(command), process.stdout.splitlines()[0] if process.stdout else command[0])
+            return Compiler(
+                tuple(command), process.stdout.splitlines()[0] if process.stdout else command[0]
+            )
     tried = ", ".join(command[0] if command else "$CC" for command in commands)
     return f"no C compiler was found (tried {tried}); install gcc or clang, or set CC"
 
@@ -105,7 +121,8 @@ def c_source(function: ca.Function) -> str:
 
 @lru_cache(maxsize=64)
 def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: int) -> str:
-    """Return the C of a kernel and of a loop over it, a template that names the kernel and its sizes in braces.
+    """Return the C of a kernel and of a loop over it, a template that names the kernel and its
+    sizes in braces.
 
     Raises:
         CompileError: the function has an operation that has no C here.
@@ -137,12 +154,16 @@ def compiled_source(source: str) -> Path:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
     compiler = _needed_compiler()
-    key = digest(source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__)
+    key = digest(
+        source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__
+    )
     cache = Cache(cache_folder())
     try:
         check_own(cache.folder)
     except OSError as problem:
-        raise CompileError(f"the cache {cache.folder} is not used: {problem.strerror}; set DISTAL_CACHE") from None
+        raise CompileError(
+            f"the cache {cache.folder} is not used: {problem.strerror}; set DISTAL_CACHE"
+        ) from None
     library = cache.find(key)
     if library is not None:
         return library
@@ -152,7 +173,9 @@ def compiled_source(source: str) -> Path:
             return cache.keep(key, _build(compiler, source, Path(folder)))
     except OSError as problem:
         reason = problem.strerror or str(problem)
-        raise CompileError(f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE") from None
+        raise CompileError(
+            f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE"
+        ) from None
     finally:
         LOG.info("")
 
@@ -169,10 +192,14 @@ def _build(compiler: Compiler, source: str, folder: Path) -> Path:
     code.write_text(source, encoding="utf-8")
     command = [*compiler.command, *FLAGS, str(code), "-o", str(library), "-lm"]
     try:
-        process = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=300, check=False)
+        process = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=300, check=False
+        )
     except (OSError, subprocess.SubprocessError) as problem:
         raise CompileError(f"the C compiler did not run ({type(problem).__name__})") from None
     if process.returncode != 0 or not library.exists():
         lines = (process.stderr or process.stdout).strip().splitlines()
-        raise CompileError(f"the C compiler failed: {lines[0] if lines else f'exit code {process.returncode}'}")
+        raise CompileError(
+            f"the C compiler failed: {lines[0] if lines else f'exit code {process.returncode}'}"
+        )
     return library

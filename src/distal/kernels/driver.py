@@ -1,4 +1,6 @@
-"""The one driver of kernels: the carries and outputs of a run in order, alone or side by side with others in lanes."""
+"""The one driver of kernels: the carries and outputs of a run in order, alone or side by side with
+others in lanes.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +16,11 @@ def advance(kernel: Kernel, feed: Feed) -> Advanced:
     return Advanced(*kernel.scan(*feed))
 
 
-def advance_all(kernel: Kernel, feeds: Sequence[Feed], keep: Sequence[int] | None = None) -> list[Advanced]:
-    """Return what several runs give, side by side where there are lanes for that: the same numbers as one by one.
+def advance_all(
+    kernel: Kernel, feeds: Sequence[Feed], keep: Sequence[int] | None = None
+) -> list[Advanced]:
+    """Return what several runs give, side by side where there are lanes for that: the same numbers
+    as one by one.
 
     Args:
         keep: indices of the numbers of the carry that are kept; default all.
@@ -23,7 +28,9 @@ def advance_all(kernel: Kernel, feeds: Sequence[Feed], keep: Sequence[int] | Non
     lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
     if lanes is None:
         runs = (advance(kernel, feed) for feed in feeds)
-        return [run if keep is None else Advanced(run.carries[:, list(keep)], run.ys) for run in runs]
+        return [
+            run if keep is None else Advanced(run.carries[:, list(keep)], run.ys) for run in runs
+        ]
     columns = range(kernel.n_carry) if keep is None else keep
     groups = (feeds[k : k + lanes.lanes] for k in range(0, len(feeds), lanes.lanes))
     return [run for group in groups for run in lanes.scan(group, columns)]

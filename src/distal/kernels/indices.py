@@ -30,7 +30,9 @@ def placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) ->
 
 @dataclass(frozen=True)
 class PlacedKernel:
-    """A part's function (carry, x, p) → (carry⁺, y), and where the numbers of each stand in those of the whole."""
+    """A part's function (carry, x, p) → (carry⁺, y), and where the numbers of each stand in those
+    of the whole.
+    """
 
     function: ca.Function
     carry: Indices
@@ -39,7 +41,9 @@ class PlacedKernel:
     y: Indices
 
 
-def side_by_side(name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]) -> ca.Function:
+def side_by_side(
+    name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]
+) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y), of such `sizes`, of parts that do not touch each other.
 
     What stands between parts in the carry stays as it is; in y it is zero.

@@ -1,4 +1,6 @@
-"""A kernel: one function of a carry and a sample, compiled where that is possible, interpreted otherwise."""
+"""A kernel: one function of a carry and a sample, compiled where that is possible, interpreted
+otherwise.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,13 @@ _building = threading.Lock()
 
 
 class Kernel:
-    """A function (carry, x, p) → (carry⁺, y) for a log (`scan`), sample by sample (`loop`) or several logs (`lanes`).
+    """A function (carry, x, p) → (carry⁺, y) for a log (`scan`), sample by sample (`loop`) or
+    several logs (`lanes`).
 
     Args:
         function: the CasADi function; its inputs and outputs are dense columns.
-        compiled: compile it if possible; False keeps the interpreter, "lanes" keeps it for one run alone.
+        compiled: compile it if possible; False keeps the interpreter, "lanes" keeps it for one run
+            alone.
     """
 
     def __init__(self, function: ca.Function, compiled: bool | Literal["lanes"] = True) -> None:
@@ -55,12 +59,17 @@ class Kernel:
             external = ca.external(f"{name}_kernel", str(library))
             scan = getattr(ctypes.CDLL(str(library)), f"{name}_scan")
         except (OSError, RuntimeError, AttributeError) as problem:
-            raise CompileError(f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})") from None
+            raise CompileError(
+                f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})"
+            ) from None
         scan.restype = ctypes.c_longlong
         scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
         self._scan = scan
         compiler = find_compiler()
-        self.backend, self.reason = "compiled", compiler if isinstance(compiler, str) else compiler.version
+        self.backend, self.reason = (
+            "compiled",
+            compiler if isinstance(compiler, str) else compiler.version,
+        )
         return external
 
     @property
@@ -81,7 +90,9 @@ class Kernel:
         start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)
         parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
         if self._scan is not None:
-            done = self._scan(len(xs), *(array.ctypes.data for array in (start, xs, parameters, carries, ys)))
+            done = self._scan(
+                len(xs), *(array.ctypes.data for array in (start, xs, parameters, carries, ys))
+            )
             if done != len(xs):
                 raise RuntimeError(f"kernel {self._interpreted.name()} failed at sample {done}")
             return carries, ys
@@ -98,7 +109,9 @@ class Kernel:
         return Loop(self._call, np.array(p, dtype=np.float64).reshape(self.n_p))
 
     def lanes(self) -> LaneKernel | None:
-        """Return the same kernel for several runs at once, built when first asked for; None where that cannot be."""
+        """Return the same kernel for several runs at once, built when first asked for; None where
+        that cannot be.
+        """
         with _building:
             if not self._laned:
                 self._laned = True
@@ -117,7 +130,9 @@ class Kernel:
 
 
 class Evaluation:
-    """A function of arrays to arrays, called without CasADi's own matrices; threads that share it take turns."""
+    """A function of arrays to arrays, called without CasADi's own matrices; threads that share it
+    take turns.
+    """
 
     def __init__(self, function: ca.Function) -> None:
         self._arguments = [np.zeros(int(function.numel_in(i))) for i in range(function.n_in())]
@@ -126,7 +141,9 @@ class Evaluation:
         self._lock = threading.Lock()
 
     def __call__(self, *arguments: object) -> list[Floats]:
-        """Return the outputs for arguments with as many numbers as the inputs have, each as a column."""
+        """Return the outputs for arguments with as many numbers as the inputs have, each as a
+        column.
+        """
         with self._lock:
             for array, argument in zip(self._arguments, arguments):
                 array[:] = argument  # type: ignore[call-overload]
@@ -135,12 +152,16 @@ class Evaluation:
 
 
 class Loop:
-    """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one thread."""
+    """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one
+    thread.
+    """
 
     def __init__(self, call: ca.Function, p: Floats) -> None:
         self.carry, self.x, self._p = np.zeros(call.numel_in(0)), np.zeros(call.numel_in(1)), p
         self._next, self.y = np.zeros(call.numel_out(0)), np.zeros(call.numel_out(1))
-        self._trigger, self._buffer = _attached(call, (self.carry, self.x, self._p), (self._next, self.y))
+        self._trigger, self._buffer = _attached(
+            call, (self.carry, self.x, self._p), (self._next, self.y)
+        )
 
     def step(self) -> None:
         """Advance the carry by one sample."""
@@ -151,7 +172,9 @@ class Loop:
 def _attached(
     function: ca.Function, arguments: Sequence[Floats], outputs: Sequence[Floats]
 ) -> tuple[Callable[[], None], object]:
-    """Return what evaluates a function from and into arrays, and the buffer that has to live as long."""
+    """Return what evaluates a function from and into arrays, and the buffer that has to live as
+    long.
+    """
     buffer, trigger = function.buffer()
     for i, array in enumerate(arguments):
         buffer.set_arg(i, array.data)
@@ -165,4 +188,6 @@ def _warn(reason: str) -> None:
     if reason in _warned:
         return
     _warned.add(reason)
-    warnings.warn(f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4)
+    warnings.warn(
+        f"kernels are interpreted, about 15 times slower: {reason}", KernelWarning, stacklevel=4
+    )

@@ -59,7 +59,8 @@ def lanes_here() -> int:
 
 
 class LaneKernel:
-    """A kernel (carry, x, p) → (carry⁺, y) over several runs at once, with the same numbers as one by one.
+    """A kernel (carry, x, p) → (carry⁺, y) over several runs at once, with the same numbers as one
+    by one.
 
     Raises:
         CompileError: there is no compiler, or it does not know vectors, or the function has no C.
@@ -73,19 +74,30 @@ class LaneKernel:
         try:
             batch = getattr(ctypes.CDLL(str(library)), f"{function.name()}_batch")
         except (OSError, AttributeError) as problem:
-            raise CompileError(f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})") from None
+            raise CompileError(
+                f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})"
+            ) from None
         batch.restype = None
         self._batch: Callable[..., None] = batch
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
-        """Return what several runs give: the numbers `keep` of the carry after every row, (k, len(keep)), and the outputs.
+        """Return what several runs give: the numbers `keep` of the carry after every row, (k,
+        len(keep)), and the outputs.
 
         Args:
             feeds: at most `lanes` runs, which may differ in length.
         """
-        starts = [np.ascontiguousarray(feed.carry, dtype=np.float64).reshape(self.n_carry) for feed in feeds]
-        rows = [np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x) for feed in feeds]
-        numbers = [np.ascontiguousarray(feed.p, dtype=np.float64).reshape(self.n_p) for feed in feeds]
+        starts = [
+            np.ascontiguousarray(feed.carry, dtype=np.float64).reshape(self.n_carry)
+            for feed in feeds
+        ]
+        rows = [
+            np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x)
+            for feed in feeds
+        ]
+        numbers = [
+            np.ascontiguousarray(feed.p, dtype=np.float64).reshape(self.n_p) for feed in feeds
+        ]
         out = [Advanced(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
         lengths = np.zeros(self.lanes, dtype=np.int64)
         lengths[: len(feeds)] = [len(x) for x in rows]

@@ -1,4 +1,6 @@
-"""Named parts of a vector, the same for NumPy and CasADi: the carry of a filter, what is remembered of a drive."""
+"""Named parts of a vector, the same for NumPy and CasADi: the carry of a filter, what is remembered
+of a drive.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ class Layout:
     """
 
     def __init__(self, **parts: int | tuple[int, int]) -> None:
-        self._shapes = {name: (part,) if isinstance(part, int) else part for name, part in parts.items()}
+        self._shapes = {
+            name: (part,) if isinstance(part, int) else part for name, part in parts.items()
+        }
         ends = np.cumsum([0, *(prod(shape) for shape in self._shapes.values())])
         self._slices = {name: slice(int(a), int(b)) for name, a, b in zip(parts, ends, ends[1:])}
         self.size = int(ends[-1])
@@ -51,7 +55,8 @@ class Layout:
         return {name: self.part(vector, name) for name in self._shapes}
 
     def view(self, array: NDArray[Number], name: str) -> NDArray[Number]:
-        """Return a part of arrays (…, size), with its shape behind the other axes; a view where it can be.
+        """Return a part of arrays (…, size), with its shape behind the other axes; a view where it
+        can be.
 
         Args:
             array: it may be longer than this layout.
@@ -67,7 +72,9 @@ class Layout:
 
 @lru_cache(maxsize=64)
 def carry_layout(states: int, **memory: int) -> Layout:
-    """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of its inputs."""
+    """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of
+    its inputs.
+    """
     return Layout(mean=states, covariance=(states, states), **memory)
 
 

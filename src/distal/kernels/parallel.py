@@ -1,4 +1,6 @@
-"""Work on many items at once, all workers busy, their results in order, and no more in memory than is in work."""
+"""Work on many items at once, all workers busy, their results in order, and no more in memory than
+is in work.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ AHEAD = 2
 
 
 def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Yield items in groups for the lanes; those that came before an error are yielded before it is raised."""
+    """Yield items in groups for the lanes; those that came before an error are yielded before it is
+    raised.
+    """
     group: list[Item] = []
     try:
         for item in items:
@@ -34,7 +38,9 @@ def grouped(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
 def in_order(
     items: Iterable[Item], size: int, work: Callable[[list[Item]], list[Result]], workers: int
 ) -> Iterator[tuple[Item, Result]]:
-    """Yield each item with its result, in order; those that came before an error are yielded before it is raised."""
+    """Yield each item with its result, in order; those that came before an error are yielded before
+    it is raised.
+    """
     groups = grouped(items, size)
     waiting: deque[tuple[list[Item], Future[list[Result]]]] = deque()
     ended: BaseException | None = None

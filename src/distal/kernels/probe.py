@@ -11,13 +11,20 @@ from distal.kernels.kernel import Backend, Kernel
 
 
 def probe() -> tuple[Backend, str, float]:
-    """Return the backend in use, why, and the largest difference between it and the interpreter on a small scan."""
+    """Return the backend in use, why, and the largest difference between it and the interpreter on
+    a small scan.
+    """
     carry, x, p = ca.MX.sym("carry", 2), ca.MX.sym("x", 1), ca.MX.sym("p", 2)
     following = ca.vertcat(
-        carry[0] + 0.01 * carry[1], carry[1] * ca.exp(-p[1] * 0.01) - 0.01 * p[0] * ca.sin(carry[0]) + x
+        carry[0] + 0.01 * carry[1],
+        carry[1] * ca.exp(-p[1] * 0.01) - 0.01 * p[0] * ca.sin(carry[0]) + x,
     )
     function = ca.Function(
-        "probe", [carry, x, p], [following, ca.sum1(following**2)], ["carry", "x", "p"], ["next", "y"]
+        "probe",
+        [carry, x, p],
+        [following, ca.sum1(following**2)],
+        ["carry", "x", "p"],
+        ["next", "y"],
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -26,4 +33,8 @@ def probe() -> tuple[Backend, str, float]:
     start, parameters = np.array([0.3, 0.0]), np.array([9.0, 0.5])
     run = kernel.scan(start, inputs, parameters)
     interpreted = Kernel(function, compiled=False).scan(start, inputs, parameters)
-    return kernel.backend, kernel.reason, float(max(np.abs(a - b).max() for a, b in zip(run, interpreted)))
+    return (
+        kernel.backend,
+        kernel.reason,
+        float(max(np.abs(a - b).max() for a, b in zip(run, interpreted))),
+    )

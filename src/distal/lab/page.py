@@ -1,4 +1,6 @@
-"""The lab of a rig: one HTML file in which it moves and is estimated, with sliders for what is true."""
+"""The lab of a rig: one HTML file in which it moves and is estimated, with sliders for what is
+true.
+"""
 
 from __future__ import annotations
 
@@ -45,17 +47,28 @@ FACTORS = {
 }
 """The plant's numbers that a slider multiplies."""
 
-LABELS = {"friction": "friction", "stiffness": "tendon stiffness", "pretension": "pre-tension", "arm": "moment arms"}
+LABELS = {
+    "friction": "friction",
+    "stiffness": "tendon stiffness",
+    "pretension": "pre-tension",
+    "arm": "moment arms",
+}
 
 EXPERIMENTS = {
-    "As described": "Everything is as the rig file says: the band is as wide as what the file leaves unknown.",
-    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns how much, as far as its "
+    "As described": "Everything is as the rig file says: the band is as wide as what the file "
+    "leaves unknown.",
+    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns "
+    "how much, as far as its "
     "prior allows.",
-    "Soft tendons": "Tendons half as stiff stretch twice as far: that is what inextensible tendons leave out.",
-    "Hang a load on": "A constant torque pulls the joint. What is not declared is taken for friction or something else.",
-    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. A reference is needed once, "
+    "Soft tendons": "Tendons half as stiff stretch twice as far: that is what inextensible "
+    "tendons leave out.",
+    "Hang a load on": "A constant torque pulls the joint. What is not declared is taken for "
+    "friction or something else.",
+    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. A "
+    "reference is needed once, "
     "to fit.",
-    "Unplug a sensor": f"$sensor$ is dead. After {DEAD:g} s the health says so, and the band grows: what the "
+    "Unplug a sensor": f"$sensor$ is dead. After {DEAD:g} s the health says so, and the band "
+    "grows: what the "
     "sensor told is not known any more.",
 }
 """What to look at in an experiment."""
@@ -74,9 +87,11 @@ STIFF = 20.0
 
 
 def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: str = "RIG") -> Path:
-    """Write the lab of a rig as one HTML file, and return where it is; nothing is fetched when it is opened.
+    """Write the lab of a rig as one HTML file, and return where it is; nothing is fetched when it
+    is opened.
 
-    The rig is what the filter believes, and what is true until a slider is moved; `source` is its name for a command.
+    The rig is what the filter believes, and what is true until a slider is moved; `source` is its
+    name for a command.
 
     Raises:
         ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
@@ -91,8 +106,10 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
         script_with("lab-data", constants, chain_script() + _resource("lab.js")),
     ]
     lead = (
-        "The rig moves in your browser, and a filter says where its joints are from what its motors measure. Change what "
-        "is true, while the filter still believes the rig file, and see when you can leave the encoder out."
+        "The rig moves in your browser, and a filter says where its joints are from what its "
+        "motors measure. Change what "
+        "is true, while the filter still believes the rig file, and see when you can leave the "
+        "encoder out."
     )
     write_whole(path, page(f"Lab: {rig.name}", lead, parts))
     return Path(path)
@@ -108,7 +125,10 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     names = [joint.name for joint in rig.joints]
     zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
     touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
-    scales = [unit_factor(rig.log.time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in sensors)]
+    scales = [
+        unit_factor(rig.log.time.unit, "s"),
+        *(sensor.sign * log_factor(sensor) for sensor in sensors),
+    ]
     columns = [rig.log.time.column, *(sensor.log_column for sensor in sensors)]
     columns += [f"true_{name}" for name in angle_names(names)]
     return {
@@ -126,7 +146,9 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "numbers": len(plant.numbers),
         "told": list(module.outputs),
         "plain": module.inextensible,
-        "torques": [[field, std_name(field), names.index(joint)] for field, joint in touched.items()],
+        "torques": [
+            [field, std_name(field), names.index(joint)] for field, joint in touched.items()
+        ],
         "health": [[word, meaning] for word, meaning in HEALTH.items()],
         "start": plant.start.tolist(),
         "effort": resting_pull(mechanism).tolist(),
@@ -149,7 +171,9 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
 
 
 def _motion(rig: Rig) -> list[dict[str, float]]:
-    """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the others'."""
+    """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the
+    others'.
+    """
     rows = []
     for j, joint in enumerate(rig.joints):
         start = centre = joint.initial.value
@@ -157,12 +181,16 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
         if joint.stops is not None:
             low, high = joint.stops
             centre, amplitude = (low + high) / 2, min(0.35 * (high - low), 2 * SWING)
-        rows.append({"from": start, "centre": centre, "amplitude": amplitude, "pace": 1.0 - 0.27 * j % 1})
+        rows.append(
+            {"from": start, "centre": centre, "amplitude": amplitude, "pace": 1.0 - 0.27 * j % 1}
+        )
     return rows
 
 
 def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
-    """Return of each joint how far the drives stand from the start at some of its angles, with nominal pulls."""
+    """Return of each joint how far the drives stand from the start at some of its angles, with
+    nominal pulls.
+    """
     mechanism, tables = plant.plant, []
     n, nj = mechanism.n_bodies, mechanism.n_joints
     held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
@@ -174,29 +202,45 @@ def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
             angles = plant.start[:nj].copy()
             if rig.joints[j].coupled is None:
                 angles[j] = angle
-            placed = (mechanism.spread.full() @ angles[mechanism.free]) + mechanism.offsets.full().ravel()
+            placed = (
+                mechanism.spread.full() @ angles[mechanism.free]
+            ) + mechanism.offsets.full().ravel()
             rows.append((equilibrium(mechanism, placed, held)[nj:] - plant.start[nj:]).tolist())
         tables.append({"from": low, "to": high, "rows": rows})
     return tables
 
 
 def _servo(plant: ExportedPlant) -> list[list[float]]:
-    """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well damped."""
+    """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well
+    damped.
+    """
     mechanism = plant.plant
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
-    stiffness = ca.mtimes(mechanism.length_jacobian(q).T, ca.jacobian(mechanism.elastic_forces(q), q))
+    stiffness = ca.mtimes(
+        mechanism.length_jacobian(q).T, ca.jacobian(mechanism.elastic_forces(q), q)
+    )
     function = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), mechanism.inertias()])
     diagonals = function(plant.start, p.values)
-    stiffnesses, inertias = (np.abs(np.array(bodies)).ravel()[mechanism.n_joints :] for bodies in diagonals)
+    stiffnesses, inertias = (
+        np.abs(np.array(bodies)).ravel()[mechanism.n_joints :] for bodies in diagonals
+    )
     k = STIFF * np.maximum(stiffnesses, 1e-6)
     return np.column_stack([k, 1.4 * np.sqrt(k * inertias)]).tolist()  # type: ignore[no-any-return]
 
 
 def _largest_load(rig: Rig, tensions: Floats) -> float:
-    """Return the largest torque that slider and hand put on a joint [N m]: half of what the tendons hold."""
+    """Return the largest torque that slider and hand put on a joint [N m]: half of what the tendons
+    hold.
+    """
     # a tendon that is just straight at the start holds what half a millimetre gives it
-    pulls = [pull if pull > 0.1 else 5e-4 * tendon.stiffness.value for tendon, pull in zip(rig.tendons, tensions)]
-    held = [sum(abs(arm) for arm in tendon.arms().values()) * pull for tendon, pull in zip(rig.tendons, pulls)]
+    pulls = [
+        pull if pull > 0.1 else 5e-4 * tendon.stiffness.value
+        for tendon, pull in zip(rig.tendons, tensions)
+    ]
+    held = [
+        sum(abs(arm) for arm in tendon.arms().values()) * pull
+        for tendon, pull in zip(rig.tendons, pulls)
+    ]
     return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
 
 
@@ -205,7 +249,9 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
     most, joints = constants["loadMost"], [escape(joint.name) for joint in rig.joints]
     sliders = []
     for name, label in LABELS.items():
-        present = bool(constants["factors"][name]) or (name == "pretension" and any(constants["effort"]))
+        present = bool(constants["factors"][name]) or (
+            name == "pretension" and any(constants["effort"])
+        )
         reach = 0.3 if name == "arm" else 2.0  # a power of two
         sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
     sliders.append(_slider("load", "load torque", (-most, most, 0.0), "N m"))
@@ -216,19 +262,22 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
         motion += "<label><input type='checkbox' id='bring'> go to wanted angle</label>"
         motion += _slider("wanted", "wanted angle", (-most_turned, most_turned, 0.0), "°")
     torque = (
-        "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true and estimated'></canvas>"
+        "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true "
+        "and estimated'></canvas>"
         "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
     )
     plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
     blanks = {
         "experiments": "".join(
-            f"<button type='button' aria-pressed='{str(not settings).lower()}' data-set='{escape(json.dumps(settings))}' "
+            f"<button type='button' aria-pressed='{str(not settings).lower()}' "
+            f"data-set='{escape(json.dumps(settings))}' "
             f"data-why='{escape(why)}'>{name}</button>"
             for name, settings, why in _experiments(rig, module, constants)
         ),
         "scale": tension_scale("<span id='most'></span> N"),
         "rows": "".join(
-            f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' id='true-{j}'></td></tr>"
+            f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' "
+            f"id='true-{j}'></td></tr>"
             for j, name in enumerate(joints)
         ),
         "choices": "".join(
@@ -241,7 +290,8 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
         "torque": torque if constants["torques"] else "",
         "sliders": "".join(sliders),
         "dead": "".join(
-            f"<label><input type='checkbox' id='dead-{i}'> {escape(constants['sensors'][i])}</label>"
+            f"<label><input type='checkbox' id='dead-{i}'> "
+            f"{escape(constants['sensors'][i])}</label>"
             for i in constants["read"]
         ),
         "motion": motion,
@@ -254,18 +304,28 @@ def _resource(name: str) -> str:
 
 
 def _slider(
-    name: str, label: str, ends: tuple[float, float, float], unit: str, mark: str = "", hidden: bool = False
+    name: str,
+    label: str,
+    ends: tuple[float, float, float],
+    unit: str,
+    mark: str = "",
+    hidden: bool = False,
 ) -> str:
     """Return a slider with its label; ends are the lowest, the highest and the first value."""
     low, high, first = ends
-    numbers = f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' data-unit='{unit}'"
+    numbers = (
+        f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' "
+        f"data-unit='{unit}'"
+    )
     return (
         f"<label for='set-{name}'{' hidden' * hidden}>{label} <output id='{name}-said'></output>"
         f"<input type='range' id='set-{name}' name='{name}' {numbers} {mark}></label>"
     )
 
 
-def _experiments(rig: Rig, module: LabModule, constants: dict[str, Any]) -> list[tuple[str, dict[str, Any], str]]:
+def _experiments(
+    rig: Rig, module: LabModule, constants: dict[str, Any]
+) -> list[tuple[str, dict[str, Any], str]]:
     """Return what can be tried with a rig: a name, the settings, and what to look at."""
     settings: dict[str, dict[str, Any]] = {
         "As described": {},
@@ -276,16 +336,26 @@ def _experiments(rig: Rig, module: LabModule, constants: dict[str, Any]) -> list
         "Unplug a sensor": {"dead": constants["read"][:1]},
     }
     factors = constants["factors"]
-    possible = [name for name, changes in settings.items() if all(factors.get(key, [0]) for key in changes)]
+    possible = [
+        name for name, changes in settings.items() if all(factors.get(key, [0]) for key in changes)
+    ]
     dead = {"sensor": ", ".join(constants["sensors"][i] for i in constants["read"][:1])}
     return [
-        (name, settings[name], filled(EXPERIMENTS[name], dead) + _allowed(rig, module, constants, settings[name]))
+        (
+            name,
+            settings[name],
+            filled(EXPERIMENTS[name], dead) + _allowed(rig, module, constants, settings[name]),
+        )
         for name in possible
     ]
 
 
-def _allowed(rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]) -> str:
-    """Return in words whether the rig file's stds allow for a change of what is true: whether the band should hold."""
+def _allowed(
+    rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]
+) -> str:
+    """Return in words whether the rig file's stds allow for a change of what is true: whether the
+    band should hold.
+    """
     factor = next((key for key in changes if key in LABELS), None)
     if factor is not None:
         numbers = [number(rig, module.plant.numbers[i]) for i in constants["factors"][factor]]

@@ -1,4 +1,6 @@
-"""The lab's WebAssembly: plant, sensors and filters of a rig as the exported C, and a few lines that join them."""
+"""The lab's WebAssembly: plant, sensors and filters of a rig as the exported C, and a few lines
+that join them.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ class LabModule:
     Args:
         outputs: names of what `lab_step` leaves in the array of the estimates, in order.
         inextensible: whether the angles of inextensible tendons are among them.
-        commanded: indices of the joints that it can bring to wanted angles; none where the filter is not `adaptive`.
+        commanded: indices of the joints that it can bring to wanted angles; none where the filter
+            is not `adaptive`.
     """
 
     code: bytes
@@ -44,7 +47,8 @@ def check_ziglang() -> None:
 
 
 def lab_module(rig: Rig, estimator: str) -> LabModule:
-    """Return plant, sensors and filters of a rig as a WebAssembly module; the plant begins with the rig's values.
+    """Return plant, sensors and filters of a rig as a WebAssembly module; the plant begins with the
+    rig's values.
 
     Raises:
         ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
@@ -82,7 +86,12 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
     for export in exports:
         files |= {f"{export.name}.h": export.header, f"{export.name}.c": export.source}
     return LabModule(
-        _compiled(files), plant, filter_, tuple(names), plain is not None, command.joints if command else ()
+        _compiled(files),
+        plant,
+        filter_,
+        tuple(names),
+        plain is not None,
+        command.joints if command else (),
     )
 
 
@@ -90,7 +99,9 @@ def _plain(rig: Rig, plain: Exported | None, plant: ExportedPlant, at: int) -> s
     """Return the C of the estimate by inextensible tendons, or of nothing."""
     if plain is None:
         return "static void follow(int begins) { (void)begins; }"
-    outputs = "\n".join(f"  told[{at + i}] = out.{field};" for i, (field, _) in enumerate(angle_fields(rig)))
+    outputs = "\n".join(
+        f"  told[{at + i}] = out.{field};" for i, (field, _) in enumerate(angle_fields(rig))
+    )
     return filled(_PLAIN, {"channels": _channels(plant, plain), "told": outputs})
 
 
@@ -103,16 +114,30 @@ def _compiled(files: dict[str, str]) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in files.items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-wasi", "-Os", "-s", "-std=c99"]
+        command = [
+            sys.executable,
+            "-m",
+            "ziglang",
+            "cc",
+            "-target",
+            "wasm32-wasi",
+            "-Os",
+            "-s",
+            "-std=c99",
+        ]
         command += ["-mexec-model=reactor", "-fno-math-errno", "-ffp-contract=off"]
         command += [*sorted(name for name in files if name.endswith(".c")), "-lm", "-o", "lab.wasm"]
         try:
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600)
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600
+            )
         except (OSError, subprocess.SubprocessError) as problem:
             raise ExportError(f"ziglang did not run ({type(problem).__name__})") from None
         if done.returncode != 0:
             lines = done.stderr.strip().splitlines() or ["no message"]
-            raise ExportError(f"ziglang failed: {next((line for line in lines if 'error' in line), lines[0])}")
+            raise ExportError(
+                f"ziglang failed: {next((line for line in lines if 'error' in line), lines[0])}"
+            )
         return Path(folder, "lab.wasm").read_bytes()
 
 

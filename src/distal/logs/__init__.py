@@ -7,7 +7,15 @@ from distal.logs.formats import TABLES
 from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.header_units import header
 from distal.logs.log import LARGEST_READING, Log, frozen
-from distal.logs.log_files import check_format, file_of, read_angles, read_log, read_truth, write_columns, write_log
+from distal.logs.log_files import (
+    check_format,
+    file_of,
+    read_angles,
+    read_log,
+    read_truth,
+    write_columns,
+    write_log,
+)
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import from_mujoco

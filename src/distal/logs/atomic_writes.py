@@ -21,15 +21,18 @@ def check_writable(path: Path) -> None:
 
 
 def write_whole(path: str | Path, data: bytes | str) -> None:
-    """Write a file through a temporary one beside it: a failure leaves the old one unchanged. See `write_together`."""
+    """Write a file through a temporary one beside it: a failure leaves the old one unchanged. See
+    `write_together`.
+    """
     write_together({Path(path): data})
 
 
 def write_together(files: Mapping[Path, bytes | str]) -> None:
     """Write several files that belong together: all of them, or none, so that the old files stay.
 
-    Every file is first written beside its place. They are moved in only after the last one is complete; if a move
-    fails, those before it are moved back. Folders must exist; text is written as UTF-8.
+    Every file is first written beside its place. They are moved in only after the last one is
+    complete; if a move fails, those before it are moved back. Folders must exist; text is written
+    as UTF-8.
 
     Raises:
         OutputError: one of them cannot be written.
@@ -37,7 +40,8 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
     written: list[_Written] = []
     try:
         for path, data in files.items():
-            # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose what is written
+            # a byte of a file's name that is no text has no UTF-8 either; it is no reason to lose
+            # what is written
             content = data.encode(errors="replace") if isinstance(data, str) else data
             check_writable(path)
             with _as_output_error(path):
@@ -66,10 +70,14 @@ def _as_output_error(path: Path) -> Iterator[None]:
     except OutputError:
         raise
     except OSError as problem:
-        raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror or problem})") from None
+        raise OutputError(
+            f"{shown(path)}: cannot be written ({problem.strerror or problem})"
+        ) from None
     except (RuntimeError, ValueError) as problem:
         # a link to itself, a name with a zero byte or with half a character
-        raise OutputError(f"{shown(path)}: cannot be written ({problem}); give another name") from None
+        raise OutputError(
+            f"{shown(path)}: cannot be written ({problem}); give another name"
+        ) from None
 
 
 class _Written:
@@ -90,7 +98,10 @@ class _Written:
                 file.write(content)
             umask = os.umask(0)
             os.umask(umask)
-            os.chmod(self._temporary, self._target.stat().st_mode & 0o777 if self._replaces else 0o666 & ~umask)
+            os.chmod(
+                self._temporary,
+                self._target.stat().st_mode & 0o777 if self._replaces else 0o666 & ~umask,
+            )
         except BaseException:
             os.unlink(self._temporary)
             raise
@@ -113,11 +124,15 @@ class _Written:
         self._moved = True
 
     def move_back(self) -> None:
-        """Put what stood there back in its place; where that is not possible, it stays beside it."""
+        """Put what stood there back in its place; where that is not possible, it stays beside
+        it.
+        """
         with suppress(OSError):
             if self._backup is not None:
                 os.replace(self._backup, self._target)
-                if os.path.exists(self._backup):  # two names of one file: replacing one by the other does nothing
+                if os.path.exists(
+                    self._backup
+                ):  # two names of one file: replacing one by the other does nothing
                     os.unlink(self._backup)
                 self._backup = None
             elif self._moved and not self._replaces:

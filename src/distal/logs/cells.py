@@ -28,7 +28,8 @@ class Cells:
     """An open table, its cells as they came.
 
     Args:
-        blocks: names of columns → their cells, some rows after the others: a long text is never taken apart as a whole.
+        blocks: names of columns → their cells, some rows after the others: a long text is never
+            taken apart as a whole.
         first_row: row number of the first value in the file, as an editor counts.
         names: of all its columns; without units where they were asked for so.
         units: name → unit, of those whose header says it beside the name that was asked for.
@@ -42,7 +43,9 @@ class Cells:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def without_units(self, headers: Mapping[str, tuple[str, str]]) -> Cells:
-        """Return the same table where columns are called by their names alone, by the `headers` of `units_of`."""
+        """Return the same table where columns are called by their names alone, by the `headers` of
+        `units_of`.
+        """
         header_of = {name: header for name, (header, _) in headers.items()}
         name_of = {header: name for name, header in header_of.items()}
         return replace(
@@ -58,7 +61,9 @@ class Cells:
         return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
 
     def numbers(self, names: Sequence[str]) -> dict[str, Floats]:
-        """Return columns as numbers, NaN where a cell is missing; a `LogError` says where one is no finite number."""
+        """Return columns as numbers, NaN where a cell is missing; a `LogError` says where one is no
+        finite number.
+        """
         parts: dict[str, list[Floats]] = {name: [] for name in names}
         row = self.first_row
         for columns in self.blocks(names) if names else ():
@@ -71,24 +76,36 @@ class Cells:
         """Raise a `LogError` where the table lacks one of these columns, or has no row."""
         for name in names:
             if name not in self.names:
-                raise LogError(f"{self.path}: column '{name}' is missing{did_you_mean(name, self.names)}")
+                raise LogError(
+                    f"{self.path}: column '{name}' is missing{did_you_mean(name, self.names)}"
+                )
         if self.rows == 0:
             raise LogError(f"{self.path}: has a header but no rows")
 
 
-def in_memory(columns: Mapping[str, Column], path: Path, first_row: int, names: Iterable[str]) -> Cells:
-    """Return a table of columns that are in memory; `names` are those of all columns that the file has."""
+def in_memory(
+    columns: Mapping[str, Column], path: Path, first_row: int, names: Iterable[str]
+) -> Cells:
+    """Return a table of columns that are in memory; `names` are those of all columns that the file
+    has.
+    """
     rows = len(next(iter(columns.values()), ()))
-    return Cells(lambda wanted: [[columns[name] for name in wanted]], path, first_row, tuple(names), rows)
+    return Cells(
+        lambda wanted: [[columns[name] for name in wanted]], path, first_row, tuple(names), rows
+    )
 
 
 def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
-    """Return a column as numbers, NaN where a cell is missing; a `LogError` says where one is no finite number."""
+    """Return a column as numbers, NaN where a cell is missing; a `LogError` says where one is no
+    finite number.
+    """
     if isinstance(column, list):
         values = _plain_numbers(column)
         if values is None:
             cells = enumerate(column, first_row)
-            values = np.array([_number(cell, path, name, row) for row, cell in cells], dtype=np.float64)
+            values = np.array(
+                [_number(cell, path, name, row) for row, cell in cells], dtype=np.float64
+            )
         return values
     if column.dtype.kind not in "iuf":
         raise LogError(f"{path}: column '{name}' holds {column.dtype}; numbers are expected")
@@ -100,7 +117,9 @@ def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
 
 
 def _plain_numbers(cells: list[str]) -> Floats | None:
-    """Return the numbers of cells that hold nothing else, else None; this is fast, and enough for most logs."""
+    """Return the numbers of cells that hold nothing else, else None; this is fast, and enough for
+    most logs.
+    """
     try:
         values = np.fromiter(map(float, cells), np.float64, len(cells))
     except ValueError:
@@ -109,7 +128,9 @@ def _plain_numbers(cells: list[str]) -> Floats | None:
 
 
 def is_plain(text: str) -> bool:
-    """Return whether Python's numbers in a text are those of a log, with no ``1_000`` and no digits of other scripts."""
+    """Return whether Python's numbers in a text are those of a log, with no ``1_000`` and no digits
+    of other scripts.
+    """
     return text.isascii() and "_" not in text
 
 
@@ -129,5 +150,6 @@ def _number(cell: str, path: Path, name: str, row: int) -> float:
 def _no_number(path: Path, row: int, column: str, came: str) -> LogError:
     hint = "; write a decimal point, not a comma" if "," in came else ""
     return LogError(
-        f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty cell is a missing value)"
+        f"{path}: row {row}, column '{column}': '{came}' is not a finite number{hint} (an empty "
+        "cell is a missing value)"
     )

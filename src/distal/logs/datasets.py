@@ -50,15 +50,18 @@ TORQUE = 0.04872866 / 1224
 FACTORS = (1e-3, 360.0 / 8192.0, TORQUE, 1e-3, 0.09, TORQUE)
 COLUMNS = ("t_s", "theta_prox_deg", "tau_prox_Nm", "i_motor_A", "theta_true_deg", "tau_true_Nm")
 RAW = (0, 1, 2, 3, 4, 5)
-"""Columns of the raw files: time, proximal encoder and torque, motor current, jaw encoder and torque."""
+"""Columns of the raw files: time, proximal encoder and torque, motor current, jaw encoder and
+torque.
+"""
 
 
 def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
-    """Return the paths of 12 logs of a da Vinci grasper (CSV) in a folder, by default the user's cache, or fetch them.
+    """Return the paths of 12 logs of a da Vinci grasper (CSV) in a folder, by default the user's
+    cache, or fetch them.
 
-    Run XY: X = motion frequency class, Y = resistive torque class; 20 s each. Columns are those that the shipped rig
-    ``da-vinci-grasper`` names. Where $DISTAL_DATA is set, the logs are taken from its folder ``da_vinci_grasper`` and
-    nothing is fetched.
+    Run XY: X = motion frequency class, Y = resistive torque class; 20 s each. Columns are those
+    that the shipped rig ``da-vinci-grasper`` names. Where $DISTAL_DATA is set, the logs are taken
+    from its folder ``da_vinci_grasper`` and nothing is fetched.
 
     Raises:
         LogError: they cannot be fetched, or are not what they were when distal was made.
@@ -71,7 +74,10 @@ def da_vinci_grasper(folder: str | Path | None = None) -> tuple[Path, ...]:
     if shared:
         missing = [path for path in paths if not path.is_file()]
         if missing:
-            raise LogError(f"{missing[0]}: is not there; DISTAL_DATA must be the folder that holds da_vinci_grasper")
+            raise LogError(
+                f"{missing[0]}: is not there; DISTAL_DATA must be the folder that holds "
+                "da_vinci_grasper"
+            )
         return paths
     for run, path in zip(FINGERPRINTS, paths):
         if not path.is_file():
@@ -96,20 +102,28 @@ def _fetched(run: str, folder: Path) -> str:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # what is used of the file is checked by its own fingerprint
-        path = pooch.retrieve(url, known_hash=None, fname=f"{run}.TXT", path=folder / "raw", progressbar=False)
+        path = pooch.retrieve(
+            url, known_hash=None, fname=f"{run}.TXT", path=folder / "raw", progressbar=False
+        )
         return Path(path).read_text(encoding="utf-8", errors="replace")
     except Exception as problem:  # pooch hands on whatever its downloader raises
-        raise LogError(f"{url}: cannot be fetched ({type(problem).__name__}); are you online?") from None
+        raise LogError(
+            f"{url}: cannot be fetched ({type(problem).__name__}); are you online?"
+        ) from None
 
 
 def counts_of(text: str) -> NDArray[np.int64]:
-    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6); lines that begin with % are comments."""
+    """Return stamps [ms] and counts of every fifth row of a raw file, (n, 6); lines that begin with
+    % are comments.
+    """
     lines = [line for line in text.splitlines() if line and not line.startswith("%")]
     try:
         rows = np.array([[float(cell) for cell in line.split(",")[:6]] for line in lines[::5]])
         scaled = rows[:, RAW] * np.array([1e3, 1.0, 1.0, 1e3, 1.0, 1.0])
     except (ValueError, IndexError):
-        raise LogError("the fetched file is not a table of numbers; the source has changed") from None
+        raise LogError(
+            "the fetched file is not a table of numbers; the source has changed"
+        ) from None
     counts: NDArray[np.int64] = np.round(scaled).astype(np.int64)
     return counts
 
@@ -120,16 +134,22 @@ def fingerprint(counts: NDArray[np.int64]) -> str:
 
 
 def check_fingerprint(run: str, counts: NDArray[np.int64]) -> None:
-    """Raise a `LogError` where the counts of a run do not have the fingerprint that they had when distal was made."""
+    """Raise a `LogError` where the counts of a run do not have the fingerprint that they had when
+    distal was made.
+    """
     digest = fingerprint(counts)
     if digest != FINGERPRINTS[run]:
         raise LogError(
-            f"run {run}: the fetched file is not the one that is known (its counts have SHA-256 {digest[:16]}…, not "
+            f"run {run}: the fetched file is not the one that is known (its counts have SHA-256 "
+            f"{digest[:16]}…, not "
             f"{FINGERPRINTS[run][:16]}…); nothing was kept"
         )
 
 
 def csv_of(counts: NDArray[np.int64]) -> str:
     """Return a run as CSV, its counts in the columns' units."""
-    rows = [",".join(f"{cell:.8f}".rstrip("0").rstrip(".") for cell in row) for row in counts * np.array(FACTORS)]
+    rows = [
+        ",".join(f"{cell:.8f}".rstrip("0").rstrip(".") for cell in row)
+        for row in counts * np.array(FACTORS)
+    ]
     return "\n".join([",".join(COLUMNS), *rows]) + "\n"

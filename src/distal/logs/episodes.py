@@ -66,7 +66,9 @@ def episodes_of(folder: Path) -> list[Episode]:
         if not np.isfinite(numbers).all():
             raise LogError(f"{file}: '{EPISODE}' lacks values")
         found += [Episode(file, int(number)) for number in dict.fromkeys(numbers.tolist())]
-    twice = [episode for episode in found if [other.number for other in found].count(episode.number) > 1]
+    twice = [
+        episode for episode in found if [other.number for other in found].count(episode.number) > 1
+    ]
     if twice:
         raise LogError(f"{twice[0]}: is in two files")
     return found
@@ -74,9 +76,12 @@ def episodes_of(folder: Path) -> list[Episode]:
 
 def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
     """Return the cells of an episode."""
-    # a rig whose columns are motors finds them in the vector of the state, and its time in the stamps
+    # a rig whose columns are motors finds them in the vector of the state, and its time in the
+    # stamps
     alias = (
-        {} if columns is None else {other: name for name in columns for other in (STATE + name, *STAMPS.get(name, ()))}
+        {}
+        if columns is None
+        else {other: name for name in columns for other in (STATE + name, *STAMPS.get(name, ()))}
     )
     asked = None if columns is None else (*columns, *alias, EPISODE)
     try:
@@ -85,14 +90,22 @@ def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
         raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
     cells, numbers = _file(episode.path, written, asked)
     mine = numbers == episode.number
-    held = {name: np.asarray(cells.column(name))[mine] for name in cells.names if asked is None or name in asked}
+    held = {
+        name: np.asarray(cells.column(name))[mine]
+        for name in cells.names
+        if asked is None or name in asked
+    }
     named = {alias[name]: values for name, values in held.items() if name in alias} | held
-    return in_memory(named, episode.path, 1, [*cells.names, *(name for name in named if name not in cells.names)])
+    return in_memory(
+        named, episode.path, 1, [*cells.names, *(name for name in named if name not in cells.names)]
+    )
 
 
 @lru_cache(maxsize=2)
 def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Cells, Floats]:
-    """Return a file's cells and the episode of each row: its episodes are read one after the other."""
+    """Return a file's cells and the episode of each row: its episodes are read one after the
+    other.
+    """
     cells = table_by_process(path, columns)
     cells.check([EPISODE])
     return cells, cells.numbers([EPISODE])[EPISODE]

@@ -24,19 +24,28 @@ def name_and_unit(text: str) -> tuple[str, str | None]:
 
 
 def needed(text: str, columns: Collection[str] | None) -> bool:
-    """Return whether the column of a header is needed: `columns` holds headers or the names in them, None needs all."""
+    """Return whether the column of a header is needed: `columns` holds headers or the names in
+    them, None needs all.
+    """
     return columns is None or text in columns or name_and_unit(text)[0] in columns
 
 
-def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> dict[str, tuple[str, str]]:
-    """Return wanted name → its header and unit, for columns whose header is not the name alone; none may have two."""
+def units_of(
+    headers: Sequence[str], wanted: Collection[str], source: str
+) -> dict[str, tuple[str, str]]:
+    """Return wanted name → its header and unit, for columns whose header is not the name alone;
+    none may have two.
+    """
     units: dict[str, tuple[str, str]] = {}
     for text in headers:
         name, unit = name_and_unit(text)
         if unit is None or name not in wanted or name in headers:
             continue
         if name in units:
-            raise LogError(f"{source}: column '{name}' is there twice, as '{units[name][0]}' and '{text}'; remove one")
+            raise LogError(
+                f"{source}: column '{name}' is there twice, as '{units[name][0]}' and '{text}'; "
+                "remove one"
+            )
         units[name] = text, unit
     return units
 
@@ -44,8 +53,8 @@ def units_of(headers: Sequence[str], wanted: Collection[str], source: str) -> di
 def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     """Return the factor that turns a column's numbers into SI, without the sensor's sign.
 
-    The `unit` is the header's, which counts where the rig gives the sensor none. A `LogError` says where it is not one of
-    what the sensor measures, or not the rig's.
+    The `unit` is the header's, which counts where the rig gives the sensor none. A `LogError` says
+    where it is not one of what the sensor measures, or not the rig's.
     """
     if unit is None:
         return log_factor(sensor)
@@ -57,25 +66,33 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     except UnitError as problem:
         raise LogError(f"{place}: {problem}") from None
     if sensor.unit is not None and abs(factor - log_factor(sensor)) > 1e-9 * factor:
-        raise LogError(f"{place}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct one of them")
+        raise LogError(
+            f"{place}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct "
+            "one of them"
+        )
     return factor
 
 
 def time_factor(rig: Rig, unit: str | None, source: str) -> float:
-    """Return the factor that turns a log's stamps into seconds; as in `factor_of`, the header may give their `unit`."""
+    """Return the factor that turns a log's stamps into seconds; as in `factor_of`, the header may
+    give their `unit`.
+    """
     factor = unit_factor(rig.log.time.unit, "s")
     if unit is None:
         return factor
     header_factor = scale(unit, "s", f"{source}: column '{header(rig.log.time.column, unit)}'")
     if factor not in (1.0, header_factor):
         raise LogError(
-            f"{source}: time is in '{unit}' by its header, in '{rig.log.time.unit}' by the rig file (log.time)"
+            f"{source}: time is in '{unit}' by its header, in '{rig.log.time.unit}' by the rig "
+            "file (log.time)"
         )
     return header_factor
 
 
 def scale(unit: str | None, si: str, place: str) -> float:
-    """Return the factor from a header's unit to the SI unit of its dimension, 1 where the header has no unit."""
+    """Return the factor from a header's unit to the SI unit of its dimension, 1 where the header
+    has no unit.
+    """
     if unit is None:
         return 1.0
     try:

@@ -46,10 +46,12 @@ class Log:
     Args:
         time: stamps [s], rising, (n,).
         channels: sensor name → values, (n,) each; NaN = missing.
-        truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it knows.
+        truth: name → values, (n,) each: joint angles [rad] and, from a simulation, whatever else it
+            knows.
         source: what to call it in messages.
         truth_source: where the truth comes from; of a text alone the kind is not known.
-        stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a log that has dates.
+        stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a
+            log that has dates.
 
     Raises:
         LogError: lengths differ, a stamp is not finite, repeats or goes back.
@@ -77,17 +79,25 @@ class Log:
             stamps.flags.writeable = False
             object.__setattr__(self, "stamps", stamps)
             if stamps.shape != self.time.shape:
-                raise LogError(f"{self.source}: stamps have shape {stamps.shape}, time has {self.time.shape}")
+                raise LogError(
+                    f"{self.source}: stamps have shape {stamps.shape}, time has {self.time.shape}"
+                )
         for key, values in {**self.channels, **self.truth}.items():
             if values.shape != self.time.shape:
-                raise LogError(f"{self.source}: '{key}' has shape {values.shape}, time has {self.time.shape}")
+                raise LogError(
+                    f"{self.source}: '{key}' has shape {values.shape}, time has {self.time.shape}"
+                )
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __repr__(self) -> str:
         """Return what it is in a few words."""
-        span = f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz" if len(self) > 1 else ""
+        span = (
+            f", {self.time[0]:g} to {self.time[-1]:g} s, {self.rate:.4g} Hz"
+            if len(self) > 1
+            else ""
+        )
         truth = f"; truth: {', '.join(self.truth)}" if self.truth else ""
         return f"Log {self.source}: {len(self)} samples{span}; {', '.join(self.channels)}{truth}"
 
@@ -118,7 +128,11 @@ class Log:
 
     def columns(self) -> dict[str, Floats]:
         """Return time, channels and truth (prefixed ``true_``), SI."""
-        return {"t": self.time, **self.channels, **{f"true_{name}": values for name, values in self.truth.items()}}
+        return {
+            "t": self.time,
+            **self.channels,
+            **{f"true_{name}": values for name, values in self.truth.items()},
+        }
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the `columns` as a pandas frame, if pandas is installed."""
@@ -132,12 +146,16 @@ class Log:
 def check_stamps(time: Floats, source: str, first_row: int | None = None) -> None:
     """Raise a `LogError` where a stamp of `time` [s], (n,), is not finite, repeats or goes back.
 
-    It names the stamp and its row, counted from `first_row` in the file; without it samples are counted from 0.
+    It names the stamp and its row, counted from `first_row` in the file; without it samples are
+    counted from 0.
     """
     place, offset = ("sample", 0) if first_row is None else ("row", first_row)
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
-        raise LogError(f"{source}: {place} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is needed")
+        raise LogError(
+            f"{source}: {place} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is "
+            "needed"
+        )
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):
         i = int(back[0]) + 1
@@ -145,5 +163,6 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
         if time[i] == time[i - 1]:
             fault, remedy = "repeats", "--repeated last keeps the last of such rows"
         raise LogError(
-            f"{source}: {place} {i + offset}: time {fault} ({time[i]:.15g} s after {time[i - 1]:.15g} s); {remedy}"
+            f"{source}: {place} {i + offset}: time {fault} ({time[i]:.15g} s after "
+            f"{time[i - 1]:.15g} s); {remedy}"
         )

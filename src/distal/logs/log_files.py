@@ -30,39 +30,52 @@ from distal.units import unit_factor
 def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     """Read a log by the columns and units that a rig's sensors name.
 
-    Sensors that measure a joint's angle are references: read where the log has them, and used as truth if no other is
-    given (a simulated log's own ``true_theta`` comes first). All other sensors must be there. A header may say its unit,
-    ``x1 [mm]``: it counts where the rig gives none, and must be the same where it does.
+    Sensors that measure a joint's angle are references: read where the log has them, and used as
+    truth if no other is given (a simulated log's own ``true_theta`` comes first). All other sensors
+    must be there. A header may say its unit, ``x1 [mm]``: it counts where the rig gives none, and
+    must be the same where it does.
 
     Args:
-        path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see `open_recording`); or a frame of
-            pandas or polars with the same columns and units.
-        truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta`` (rad, or as its
-            header says).
+        path: CSV or Parquet; an MCAP file or a ROS bag, with columns ``/topic.field`` (see
+            `open_recording`); or a frame of pandas or polars with the same columns and units.
+        truth: the true joint angle: a column of the log, or a second file with ``t`` and ``theta``
+            (rad, or as its header says).
 
     Raises:
-        LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the log.
+        LogError: see `read_table`; stamps that repeat or go back; a truth that does not overlap the
+            log.
     """
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
     wanted = [sensor.log_column for sensor in needed]
-    references = [sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)]
+    references = [
+        sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)
+    ]
     joints = [joint.name for joint in rig.joints]
-    optional = [*references, *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints)))]
+    optional = [
+        *references,
+        *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
+    ]
     time_column = rig.log.time.column
     asked = [time_column, *wanted, *optional, *([] if truth is None else [str(truth)])]
     recorded = None
     if is_recording(path):
-        cells, recorded = recording_by_process(Path(path), asked, time_column, unit_factor(rig.log.time.unit, "s"))
+        cells, recorded = recording_by_process(
+            Path(path), asked, time_column, unit_factor(rig.log.time.unit, "s")
+        )
     else:
         cells = open_table(path, asked, time_column)
     column = str(truth) if truth is not None and _is_column(cells.names, str(truth)) else None
     cells.check([time_column])
-    clock = clock_of(cells, time_column, time_factor(rig, cells.units.get(time_column), str(cells.path)))
+    clock = clock_of(
+        cells, time_column, time_factor(rig, cells.units.get(time_column), str(cells.path))
+    )
     table = table_of(cells, wanted, [*optional, *([column] if column else [])])
     time, stamps = clock.time, clock.stamps if recorded is None else np.asarray(recorded)
     if rig.log.time.repeated != "refused":
         rows = _distinct(time, last=rig.log.time.repeated == "last")
-        table = replace(table, columns={name: values[rows] for name, values in table.columns.items()})
+        table = replace(
+            table, columns={name: values[rows] for name, values in table.columns.items()}
+        )
         time, stamps = time[rows], None if stamps is None else stamps[rows]
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
@@ -76,7 +89,9 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     for theta in angles.values():
         largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
         if largest > 1e6:
-            raise LogError(f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle")
+            raise LogError(
+                f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
+            )
     log = Log(time, channels, angles | _known_torques(rig, table), table.source, origin, stamps)
     for message in _doubts(log, rig):
         warnings.warn(message, DistalWarning, stacklevel=2)
@@ -90,18 +105,30 @@ def _distinct(time: Floats, last: bool) -> Bools:
 
 
 def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
-    """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a torque sensor's."""
+    """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a
+    torque sensor's.
+    """
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, torque_names(joints)))
-    read = {names[s.of]: _in_si(s, table) for s in rig.sensors_of("torque") if s.log_column in table.columns}
-    simulated = {n: table.in_si(f"true_{n}", "N m") for n in names.values() if f"true_{n}" in table.columns}
-    return {name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()}
+    read = {
+        names[s.of]: _in_si(s, table)
+        for s in rig.sensors_of("torque")
+        if s.log_column in table.columns
+    }
+    simulated = {
+        n: table.in_si(f"true_{n}", "N m") for n in names.values() if f"true_{n}" in table.columns
+    }
+    return {
+        name: values for name, values in {**read, **simulated}.items() if np.isfinite(values).any()
+    }
 
 
 def _known_angles(
     rig: Rig, table: Table, column: str | None, truth: str | Path | None, clock: Clock
 ) -> tuple[dict[str, Floats], TruthSource]:
-    """Return name → true angle [rad] as far as a log or a file beside it has them, and where they come from."""
+    """Return name → true angle [rad] as far as a log or a file beside it has them, and where they
+    come from.
+    """
     joints = [joint.name for joint in rig.joints]
     names = dict(zip(joints, angle_names(joints)))
     references = {sensor.log_column: sensor for sensor in rig.sensors_of("angle")}
@@ -109,18 +136,31 @@ def _known_angles(
         sensor = references.get(column)
         if sensor is None and len(joints) > 1:
             raise LogError(
-                f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; give a file with t, "
+                f"truth '{column}' is one column, but the rig has the joints {', '.join(joints)}; "
+                "give a file with t, "
                 f"{', '.join(names.values())}, or an angle sensor for each joint in the rig file"
             )
         if sensor is None:
-            return {names[joints[0]]: table.in_si(column, "rad")}, TruthSource(TruthKind.COLUMN, f"column '{column}'")
-        return {names[sensor.of]: _in_si(sensor, table)}, TruthSource(TruthKind.SENSOR, f"column '{column}'")
+            return {names[joints[0]]: table.in_si(column, "rad")}, TruthSource(
+                TruthKind.COLUMN, f"column '{column}'"
+            )
+        return {names[sensor.of]: _in_si(sensor, table)}, TruthSource(
+            TruthKind.SENSOR, f"column '{column}'"
+        )
     if truth is not None:
-        return read_truth(truth, clock.time, joints, clock.start), TruthSource(TruthKind.FILE, str(truth))
+        return read_truth(truth, clock.time, joints, clock.start), TruthSource(
+            TruthKind.FILE, str(truth)
+        )
     simulated = {name: f"true_{name}" for name in names.values()}
-    angles = {name: table.in_si(header, "rad") for name, header in simulated.items() if header in table.columns}
+    angles = {
+        name: table.in_si(header, "rad")
+        for name, header in simulated.items()
+        if header in table.columns
+    }
     if angles:
-        return angles, TruthSource(TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in angles))
+        return angles, TruthSource(
+            TruthKind.COLUMN, "column " + ", ".join(f"'{simulated[name]}'" for name in angles)
+        )
     read = {names[s.of]: s for s in references.values() if s.log_column in table.columns}
     listed = ", ".join(f"'{sensor.log_column}'" for sensor in read.values())
     origin = TruthSource(TruthKind.SENSOR, f"column {listed}") if read else NO_SOURCE
@@ -133,19 +173,23 @@ def _is_column(names: tuple[str, ...], name: str) -> bool:
         return True
     if Path(name).exists() or Path(name).suffix.lower() in TABLES:
         return False
-    raise LogError(f"truth '{name}' is neither a file nor a column (the log has {', '.join(names)})")
+    raise LogError(
+        f"truth '{name}' is neither a file nor a column (the log has {', '.join(names)})"
+    )
 
 
 def read_truth(
     path: str | Path, time: Floats, joints: Sequence[str] = ("joint",), start: int | None = None
 ) -> dict[str, Floats]:
-    """Return name → true angle [rad] at `time`, by straight lines between the stamps of a file with ``t`` and ``theta``.
+    """Return name → true angle [rad] at `time`, by straight lines between the stamps of a file with
+    ``t`` and ``theta``.
 
     Args:
-        path: CSV or Parquet, in SI or in the units that its header says (``theta [deg]``); with several joints, a column
-            for each (`distal.rig.angle_names`).
+        path: CSV or Parquet, in SI or in the units that its header says (``theta [deg]``); with
+            several joints, a column for each (`distal.rig.angle_names`).
         time: stamps of the log [s], (n,).
-        start: when the log begins, since 1970 [ns], if it has dates; a file with dates is then aligned with it by date.
+        start: when the log begins, since 1970 [ns], if it has dates; a file with dates is then
+            aligned with it by date.
 
     Raises:
         LogError: it cannot be read, or does not overlap the log.
@@ -163,8 +207,11 @@ def read_truth(
     return angles
 
 
-def read_angles(path: str | Path, names: Sequence[str], start: int | None = None) -> tuple[Floats, dict[str, Floats]]:
-    """Return stamps [s] and angles [rad] by the names of their columns, of a file with ``t``; see `read_truth`.
+def read_angles(
+    path: str | Path, names: Sequence[str], start: int | None = None
+) -> tuple[Floats, dict[str, Floats]]:
+    """Return stamps [s] and angles [rad] by the names of their columns, of a file with ``t``; see
+    `read_truth`.
 
     Raises:
         LogError: it cannot be read, or lacks a column.
@@ -185,7 +232,9 @@ def _in_si(sensor: Sensor, table: Table) -> Floats:
 
 
 def _doubts(log: Log, rig: Rig) -> Iterator[str]:
-    """Yield what makes the units of a log doubtful: readings, intervals or angles of an unlikely size."""
+    """Yield what makes the units of a log doubtful: readings, intervals or angles of an unlikely
+    size.
+    """
     drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
         values = log.channels[sensor.name]
@@ -198,19 +247,23 @@ def _doubts(log: Log, rig: Rig) -> Iterator[str]:
         span = float(np.nanmax(values) - np.nanmin(values))
         lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
         # a joint turns by a few radians at most, and a tendon stretches by less than that
-        travel = span * lever / max(*(t.total_arm for t in rig.tendons if t.drive == sensor.of), 1e-12)
+        travel = (
+            span * lever / max(*(t.total_arm for t in rig.tendons if t.drive == sensor.of), 1e-12)
+        )
         if travel > 50.0:
             hint = "mm" if sensor.si == "m" else "deg"
             yield (
                 f"{log.source}: '{sensor.log_column}' spans {span:.3g} {sensor.si} when read in "
-                f"'{sensor.unit or sensor.si}', far more than the joint can turn; is the log in {hint}? "
+                f"'{sensor.unit or sensor.si}', far more than the joint can turn; is the log in "
+                f"{hint}? "
                 f"(--set 'sensors.{sensor.name}.unit=\"{hint}\"')"
             )
     rate = max((sensor.rate for sensor in rig.sensors), default=0.0)
     step = float(np.median(np.diff(log.time)))
     if rate > 0.0 and not 0.05 < step * rate < 20.0:
         yield (
-            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every {1 / rate:g} s; is "
+            f"{log.source}: the stamps are {step:g} s apart, the rig's sensors give a value every "
+            f"{1 / rate:g} s; is "
             "the unit of time right? (--set 'log.time.unit=\"ms\"', or the sensors' rate)"
         )
     joints = [joint.name for joint in rig.joints]
@@ -225,20 +278,26 @@ def _doubts(log: Log, rig: Rig) -> Iterator[str]:
             )
 
 
-def _doubts_of_stops(log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]) -> Iterator[str]:
-    """Yield a sentence where a drive goes well beyond the stops that the rig gives it: a wrong window, zero or sign."""
+def _doubts_of_stops(
+    log: Log, sensor: Sensor, values: Floats, stops: tuple[float, float]
+) -> Iterator[str]:
+    """Yield a sentence where a drive goes well beyond the stops that the rig gives it: a wrong
+    window, zero or sign.
+    """
     room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
     low, high = float(np.nanquantile(values, 0.02)), float(np.nanquantile(values, 0.98))
     if low < stops[0] - room or high > stops[1] + room:
         drive = f"drives.{sensor.of}.stops"
         yield (
-            f"{log.source}: '{sensor.log_column}' is between {low:.4g} and {high:.4g} {sensor.si} most of the time, beyond "
+            f"{log.source}: '{sensor.log_column}' is between {low:.4g} and {high:.4g} {sensor.si} "
+            "most of the time, beyond "
             f"{drive} = {list(stops)}; is the window right? (--set '{drive}=[…]')"
         )
 
 
 def write_log(log: Log, rig: Rig, path: str | Path) -> None:
-    """Write a log as `read_log` reads it: the rig's columns and units, then the truth as ``true_…`` in SI.
+    """Write a log as `read_log` reads it: the rig's columns and units, then the truth as ``true_…``
+    in SI.
 
     The file is CSV, or Parquet by the ending of its path.
 
@@ -248,7 +307,9 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
     columns = {rig.log.time.column: log.time / unit_factor(rig.log.time.unit, "s")}
     for sensor in rig.sensors:
         if sensor.name in log.channels:
-            columns[sensor.log_column] = sensor.sign * log.channels[sensor.name] / log_factor(sensor)
+            columns[sensor.log_column] = (
+                sensor.sign * log.channels[sensor.name] / log_factor(sensor)
+            )
     columns.update({f"true_{name}": values for name, values in log.truth.items()})
     write_columns(columns, path)
 
@@ -257,12 +318,16 @@ WRITTEN = "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)"
 
 
 def write_columns(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> None:
-    """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in CSV."""
+    """Write columns as CSV, or as Parquet by the ending of the path; NaN is an empty cell in
+    CSV.
+    """
     write_whole(path, file_of(columns, path))
 
 
 def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> bytes:
-    """Return `columns` as the file that `path` will hold, in the format of its ending; see `check_format`."""
+    """Return `columns` as the file that `path` will hold, in the format of its ending; see
+    `check_format`.
+    """
     check_format(path)
     write = format_of(path).write
     if write is None:
@@ -271,9 +336,13 @@ def file_of(columns: Mapping[str, NDArray[np.generic]], path: str | Path) -> byt
 
 
 def check_format(path: str | Path) -> None:
-    """Raise an `OutputError` where columns are not written so as a path ends, or a package for it is missing."""
+    """Raise an `OutputError` where columns are not written so as a path ends, or a package for it
+    is missing.
+    """
     if Path(path).suffix.lower() in (".xlsx", ".xls", ".ods", ".mat", ".npz", ".h5"):
         raise OutputError(f"{path}: {WRITTEN}")
     package = format_of(path).package
     if package is not None and find_spec(package[0]) is None:
-        raise OutputError(f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV")
+        raise OutputError(
+            f"{path}: needs the package {package[0]} (pip install '.[{package[1]}]'); or write CSV"
+        )

@@ -17,7 +17,9 @@ MEMORY_VARIABLE = "DISTAL_MAX_MEMORY"
 
 
 def memory_limit() -> int:
-    """Return how many bytes reading one log may take: $DISTAL_MAX_MEMORY, which must hold a size, else `MOST`."""
+    """Return how many bytes reading one log may take: $DISTAL_MAX_MEMORY, which must hold a size,
+    else `MOST`.
+    """
     limit = os.environ.get(MEMORY_VARIABLE)
     try:
         return size_of(limit) if limit else MOST
@@ -26,25 +28,34 @@ def memory_limit() -> int:
 
 
 def size_of(text: str) -> int:
-    """Return a size typed as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes. A megabyte is the least."""
+    """Return a size typed as ``8 GB`` or ``500 MB`` [bytes]; a bare number is in bytes. A megabyte
+    is the least.
+    """
     try:
         size = to_si(float(text), "byte")
     except ValueError:
         size = to_si(text, "byte")
     if not 1e6 <= size < 1e18:
-        raise UnitError(f"'{text}' is no size to read logs with; from 1 MB on is allowed, e.g. 8 GB")
+        raise UnitError(
+            f"'{text}' is no size to read logs with; from 1 MB on is allowed, e.g. 8 GB"
+        )
     return int(size)
 
 
 def check_memory(path: Path, needed: float, why: str) -> None:
-    """Raise a `LogError` where reading a log needs more memory than is allowed; `needed` is in bytes."""
+    """Raise a `LogError` where reading a log needs more memory than is allowed; `needed` is in
+    bytes.
+    """
     if needed > memory_limit():
-        raise LogError(f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; {how_to_allow()}")
+        raise LogError(
+            f"{shown(path)}: {why}, about {needed / 1e9:.1f} GB in memory; {how_to_allow()}"
+        )
 
 
 def how_to_allow() -> str:
     """Return how a larger log can be read."""
     return (
-        f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more with --max-memory or "
+        f"{memory_limit() / 1e9:.3g} GB are allowed; if the file is to be trusted, allow more "
+        "with --max-memory or "
         f"${MEMORY_VARIABLE}, e.g. 16GB"
     )

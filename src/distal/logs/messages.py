@@ -19,11 +19,14 @@ from distal.rig import Rig, log_factor
 from distal.units import unit_factor
 
 STAMPS = ("timestamp", "ts", "time", "t")
-"""Names under which a JSON message may have its stamp [s] where it lacks the rig's own time column."""
+"""Names under which a JSON message may have its stamp [s] where it lacks the rig's own time column.
+"""
 
 
 class MessageReader:
-    """Turns messages into stamps and samples, SI; the rig names columns and units, `channels` the sensors in a sample."""
+    """Turns messages into stamps and samples, SI; the rig names columns and units, `channels` the
+    sensors in a sample.
+    """
 
     def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
         sensors = {sensor.name: sensor for sensor in rig.sensors}
@@ -36,7 +39,9 @@ class MessageReader:
         self._sample = np.zeros(len(channels))
 
     def header(self, line: str) -> None:
-        """Take the header of a CSV stream: names, with or without units, none twice, between commas, semicolons or tabs."""
+        """Take the header of a CSV stream: names, with or without units, none twice, between
+        commas, semicolons or tabs.
+        """
         self._separator = max(",;\t", key=line.count)
         names = self._cells(line)
         name, count = Counter(names).most_common(1)[0]
@@ -44,36 +49,52 @@ class MessageReader:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
         headers = units_of(names, [self._time, *self._columns], "the stream")
         name_of = {header: name for name, (header, _) in headers.items()}
-        names, units = [name_of.get(name, name) for name in names], {name: unit for name, (_, unit) in headers.items()}
+        names, units = (
+            [name_of.get(name, name) for name in names],
+            {name: unit for name, (_, unit) in headers.items()},
+        )
         if self._time not in names:
             raise LogError(
-                f"the stream's header lacks the time column '{self._time}' (it has {', '.join(names)[:200]})"
+                f"the stream's header lacks the time column '{self._time}' (it has "
+                f"{', '.join(names)[:200]})"
             )
         if not any(column in names for column in self._columns):
             raise LogError(
-                f"the stream's header has none of the columns {', '.join(self._columns)} (it has {', '.join(names)[:200]})"
+                f"the stream's header has none of the columns {', '.join(self._columns)} (it has "
+                f"{', '.join(names)[:200]})"
             )
         self._width = len(names)
         self._time_factor = time_factor(self._rig, units.get(self._time), "the stream")
         for i, sensor in enumerate(self._sensors):
-            self._factors[i] = sensor.sign * factor_of(sensor, units.get(sensor.log_column), "the stream")
-        self._at = [names.index(name) if name in names else -1 for name in (self._time, *self._columns)]
+            self._factors[i] = sensor.sign * factor_of(
+                sensor, units.get(sensor.log_column), "the stream"
+            )
+        self._at = [
+            names.index(name) if name in names else -1 for name in (self._time, *self._columns)
+        ]
 
     @property
     def absent(self) -> list[str]:
         """Columns that the header lacks."""
-        return [] if self._at is None else [c for c, at in zip(self._columns, self._at[1:]) if at < 0]
+        return (
+            [] if self._at is None else [c for c, at in zip(self._columns, self._at[1:]) if at < 0]
+        )
 
     def _cells(self, line: str) -> list[str]:
         if '"' not in line:
             return [cell.strip() for cell in line.strip("\r\n").split(self._separator)]
         try:
-            return [cell.strip() for cell in next(csv.reader([line.strip("\r\n")], delimiter=self._separator))]
+            return [
+                cell.strip()
+                for cell in next(csv.reader([line.strip("\r\n")], delimiter=self._separator))
+            ]
         except (csv.Error, StopIteration) as problem:
             raise LogError(f"the line is no CSV ({problem})") from None
 
     def csv(self, line: str) -> tuple[float, Floats]:
-        """Return stamp and sample of a CSV line as long as the header; the array is used again by the next call."""
+        """Return stamp and sample of a CSV line as long as the header; the array is used again by
+        the next call.
+        """
         assert self._at is not None
         cells = self._cells(line)
         if len(cells) != self._width:
@@ -96,7 +117,9 @@ class MessageReader:
         time = number_of(stamp, self._time) * self._time_factor
         if stamp is None:
             stamps = (find(message, name) for name in STAMPS)
-            time = next((number_of(stamp, "timestamp") for stamp in stamps if stamp is not None), nan)
+            time = next(
+                (number_of(stamp, "timestamp") for stamp in stamps if stamp is not None), nan
+            )
         if isnan(time):
             names = ", ".join(name for name in STAMPS if name != self._time)
             raise LogError(f"no stamp: neither '{self._time}' nor {names} is there with a value")
@@ -105,12 +128,19 @@ class MessageReader:
         return time, self._sample
 
     def message(self, time: float, sample: Floats) -> dict[str, float]:
-        """Return a stamp `time` [s] and a `sample` (SI) as a JSON object that `json` reads, in the rig's units."""
-        return {self._time: time / self._time_factor, **dict(zip(self._columns, (sample / self._factors).tolist()))}
+        """Return a stamp `time` [s] and a `sample` (SI) as a JSON object that `json` reads, in the
+        rig's units.
+        """
+        return {
+            self._time: time / self._time_factor,
+            **dict(zip(self._columns, (sample / self._factors).tolist())),
+        }
 
 
 def find(message: object, path: str) -> object:
-    """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``; None if not there."""
+    """Return a member of nested JSON objects and arrays, ``motors/left.force`` or ``position[0]``;
+    None if not there.
+    """
     while isinstance(message, dict):
         if path in message:
             return message[path]
@@ -131,12 +161,16 @@ def find(message: object, path: str) -> object:
 
 
 def _is_index(part: str) -> bool:
-    """Return whether a part of a path is an index; other scripts have digits, too, which are none."""
+    """Return whether a part of a path is an index; other scripts have digits, too, which are
+    none.
+    """
     return part.isascii() and part.isdecimal() and len(part) < 10
 
 
 def number_of(cell: object, name: str) -> float:
-    """Return a cell or a member as a number, NaN where it is missing; a `LogError` says that it is none."""
+    """Return a cell or a member as a number, NaN where it is missing; a `LogError` says that it is
+    none.
+    """
     if cell is None or (isinstance(cell, str) and cell.strip().lower() in MISSING):
         return nan
     if isinstance(cell, (bool, dict, list)) or (isinstance(cell, str) and "_" in cell):

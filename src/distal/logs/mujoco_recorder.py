@@ -29,15 +29,20 @@ Reader = Callable[[], float]
 class MujocoRecorder:
     """What the sensors of a rig read in a simulation, a row at a time; see `from_mujoco`."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float
+    ) -> None:
         self._model, self._data, self._rig = model, data, rig
-        # after a step MuJoCo's lengths and forces are those before it: they are computed anew, beside the user's
+        # after a step MuJoCo's lengths and forces are those before it: they are computed anew,
+        # beside the user's
         self._now = now = mujoco_module().MjData(model)
         joints = {joint_name(model, j): j for j in range(model.njnt)}
         names = [joint.name for joint in rig.joints]
         missing = [name for name in names if name not in joints]
         if missing:
-            raise LogError(f"the model has no joint {', '.join(missing)}; its joints are {', '.join(joints)}")
+            raise LogError(
+                f"the model has no joint {', '.join(missing)}; its joints are {', '.join(joints)}"
+            )
         places = [int(model.jnt_qposadr[joints[name]]) for name in names]
         self._angles = {name: _entry(now, place) for name, place in zip(angle_names(names), places)}
         of_joints = dict(zip(names, self._angles.values()))
@@ -53,29 +58,42 @@ class MujocoRecorder:
         self._truth: list[list[float]] = []
 
     def record(self, values: Mapping[str, float] | None = None) -> None:
-        """Add a row if a sensor is due at the time of the simulation, by its rate; call it after each step.
+        """Add a row if a sensor is due at the time of the simulation, by its rate; call it after
+        each step.
 
         Args:
-            values: by name of a sensor, SI: what the loop itself knows, such as the place of a drive that the model does
-                not have. They stand instead of what is read from MuJoCo.
+            values: by name of a sensor, SI: what the loop itself knows, such as the place of a
+                drive that the model does not have. They stand instead of what is read from MuJoCo.
 
         Raises:
-            LogError: time goes back, a name is unknown, or neither MuJoCo nor `values` has what a sensor reads.
+            LogError: time goes back, a name is unknown, or neither MuJoCo nor `values` has what a
+                sensor reads.
         """
         time, values = float(self._data.time), values or {}
         unknown = sorted(set(values) - set(self._readers))
         if unknown:
-            raise LogError(f"no sensor is called {', '.join(unknown)}; the rig has {', '.join(self._readers)}")
-        readers = {**self._readers, **{name: partial(float, reading) for name, reading in values.items()}}
+            raise LogError(
+                f"no sensor is called {', '.join(unknown)}; the rig has {', '.join(self._readers)}"
+            )
+        readers = {
+            **self._readers,
+            **{name: partial(float, reading) for name, reading in values.items()},
+        }
         lacking = [name for name, reader in readers.items() if reader is None]
         if lacking:
             raise LogError(
-                f"what do {', '.join(lacking)} read? The model has neither sensors of these names nor tendons with "
+                f"what do {', '.join(lacking)} read? The model has neither sensors of these names "
+                "nor tendons with "
                 "an actuator that are called as their drives; give record() their values"
             )
         if self._times and time < self._times[-1]:
-            raise LogError(f"time went back from {self._times[-1]:g} s to {time:g} s; a reset needs a new recorder")
-        intervals = {s.name: 1.0 / s.rate for s in self._rig.sensors if time >= self._due[s.name] - EARLY}
+            raise LogError(
+                f"time went back from {self._times[-1]:g} s to {time:g} s; a reset needs a new "
+                "recorder"
+            )
+        intervals = {
+            s.name: 1.0 / s.rate for s in self._rig.sensors if time >= self._due[s.name] - EARLY
+        }
         if not intervals:
             return
         for name, interval in intervals.items():
@@ -86,24 +104,37 @@ class MujocoRecorder:
         package.mj_copyData(self._now, self._model, self._data)
         package.mj_forward(self._model, self._now)
         self._times.append(time)
-        self._rows.append([reader() if reader and name in intervals else nan for name, reader in readers.items()])
+        self._rows.append(
+            [reader() if reader and name in intervals else nan for name, reader in readers.items()]
+        )
         self._truth.append([read() for read in self._angles.values()])
 
     def log(self) -> Log:
-        """Return what was recorded so far, with the joints' angles as truth; nothing is a `LogError`."""
+        """Return what was recorded so far, with the joints' angles as truth; nothing is a
+        `LogError`.
+        """
         if not self._times:
             raise LogError("nothing was recorded; call record() after each step of the simulation")
         columns = dict(zip(self._readers, np.array(self._rows).T))
         truth = dict(zip(self._angles, np.array(self._truth).T))
-        return Log(np.array(self._times), columns, truth, "MuJoCo", TruthSource(TruthKind.SIMULATION, "the simulation"))
+        return Log(
+            np.array(self._times),
+            columns,
+            truth,
+            "MuJoCo",
+            TruthSource(TruthKind.SIMULATION, "the simulation"),
+        )
 
 
-def from_mujoco(model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0) -> MujocoRecorder:
-    """Return a recorder of what the rig's sensors read in a simulation loop of one's own, without their errors.
+def from_mujoco(
+    model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0
+) -> MujocoRecorder:
+    """Return a recorder of what the rig's sensors read in a simulation loop of one's own, without
+    their errors.
 
-    A sensor of the model that is called as a sensor of the rig is read as it is. Else an angle is that of the joint, the
-    displacement of a drive is what its tendon is shorter than with all joints at zero, and its force is that of the
-    actuator on this tendon.
+    A sensor of the model that is called as a sensor of the rig is read as it is. Else an angle is
+    that of the joint, the displacement of a drive is what its tendon is shorter than with all
+    joints at zero, and its force is that of the actuator on this tendon.
 
     Args:
         data: the model's state, which the loop steps.
@@ -116,7 +147,8 @@ def from_mujoco(model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_uni
     package = mujoco_module()
     if not isinstance(model, package.MjModel) or not isinstance(data, package.MjData):
         raise LogError(
-            f"from_mujoco takes mujoco.MjModel and mujoco.MjData, {type(model).__name__} and {type(data).__name__} came; "
+            f"from_mujoco takes mujoco.MjModel and mujoco.MjData, {type(model).__name__} and "
+            f"{type(data).__name__} came; "
             "a rig is made from a model by distal.rig.from_mujoco"
         )
     return MujocoRecorder(model, data, rig, length_unit)
@@ -126,7 +158,9 @@ def _entry(data: mujoco.MjData, place: int) -> Reader:
     return lambda: float(data.qpos[place])
 
 
-def _own_sensor(model: mujoco.MjModel, data: mujoco.MjData, sensor: Sensor, length_unit: float) -> Reader | None:
+def _own_sensor(
+    model: mujoco.MjModel, data: mujoco.MjData, sensor: Sensor, length_unit: float
+) -> Reader | None:
     """Return what reads the model's sensor of the same name, or None."""
     index = next((i for i in range(model.nsensor) if model.sensor(i).name == sensor.name), None)
     if index is None:
@@ -139,9 +173,15 @@ def _own_sensor(model: mujoco.MjModel, data: mujoco.MjData, sensor: Sensor, leng
 def _of_drive(
     model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, sensor: Sensor, length_unit: float
 ) -> Reader | None:
-    """Return what reads a drive's displacement or force, or a tension, off its tendon; None where it is not there."""
+    """Return what reads a drive's displacement or force, or a tension, off its tendon; None where
+    it is not there.
+    """
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
-    pulled = [t.name for t in rig.tendons if t.name == sensor.of or (drive is not None and t.drive == drive.name)]
+    pulled = [
+        t.name
+        for t in rig.tendons
+        if t.name == sensor.of or (drive is not None and t.drive == drive.name)
+    ]
     tendons = {tendon_name(model, t): t for t in range(model.ntendon)}
     index = tendons.get(pulled[0]) if len(pulled) == 1 else None
     if index is None:
@@ -149,11 +189,15 @@ def _of_drive(
     lever = drive.radius.value if drive is not None and drive.kind == "capstan" else 1.0
     if sensor.measures == "position":
         names = [joint.name for joint in rig.joints]
-        at_rest = rest_lengths(model, [j for j in range(model.njnt) if joint_name(model, j) in names])[index]
+        at_rest = rest_lengths(
+            model, [j for j in range(model.njnt) if joint_name(model, j) in names]
+        )[index]
         return lambda: length_unit * float(at_rest - data.ten_length[index]) / lever
     kind = int(mujoco_module().mjtTrn.mjTRN_TENDON)
     at = [
-        a for a in range(model.nu) if (int(model.actuator_trntype[a]), int(model.actuator_trnid[a][0])) == (kind, index)
+        a
+        for a in range(model.nu)
+        if (int(model.actuator_trntype[a]), int(model.actuator_trnid[a][0])) == (kind, index)
     ]
     if not at:
         return None

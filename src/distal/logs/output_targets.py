@@ -1,4 +1,6 @@
-"""Where outputs go, looked at before the work begins: no input is replaced, and no result is lost at the end."""
+"""Where outputs go, looked at before the work begins: no input is replaced, and no result is lost
+at the end.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,16 @@ from distal.errors import OutputError
 from distal.logs.same_file import Key, file_key
 
 ROOM = 10
-"""Bytes by which the name of the temporary file of `write_whole` is longer than the name of the file itself."""
+"""Bytes by which the name of the temporary file of `write_whole` is longer than the name of the
+file itself.
+"""
 
 
 @dataclass(frozen=True)
 class Output:
-    """A file that will be written, `by` what asks for it (``--out``); a `folder` for it is made if need be."""
+    """A file that will be written, `by` what asks for it (``--out``); a `folder` for it is made if
+    need be.
+    """
 
     path: Path
     by: str
@@ -37,18 +43,20 @@ def check_outputs(
     inputs: Iterable[tuple[str, str | Path | int]] = (),
     streams: Iterable[tuple[str, int]] = (),
 ) -> None:
-    """Refuse outputs that would replace an input or each other, or that cannot be written; nothing is made or changed.
+    """Refuse outputs that would replace an input or each other, or that cannot be written; nothing
+    is made or changed.
 
-    Files are compared as files, not as names: links of both kinds are seen, and names that differ by case only where the
-    file system takes them for the same.
+    Files are compared as files, not as names: links of both kinds are seen, and names that differ
+    by case only where the file system takes them for the same.
 
     Args:
         inputs: what is read: its label, e.g. ``--rig``, and its path or file descriptor.
         streams: where text is printed: label and file descriptor, e.g. ``("standard output", 1)``.
 
     Raises:
-        OutputError: an output is an input, or two are the same file; it is a folder; its name has a character or a length
-            that cannot be written; its folder is missing, no folder, or read-only.
+        OutputError: an output is an input, or two are the same file; it is a folder; its name has a
+            character or a length that cannot be written; its folder is missing, no folder, or
+            read-only.
     """
     outputs = list(outputs)
     for output in outputs:
@@ -60,7 +68,9 @@ def check_outputs(
 
 
 def shown(path: str | Path) -> str:
-    """Return a path as it can be printed on one line: what is not printable is escaped, and a long one is cut."""
+    """Return a path as it can be printed on one line: what is not printable is escaped, and a long
+    one is cut.
+    """
     text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
     return text if len(text) <= 200 else f"{text[:60]}…{text[-20:]}"
 
@@ -70,16 +80,24 @@ def _check_name(path: Path) -> None:
     for part in (path, *path.parents):
         if part is not path and os.path.isdir(part):
             return
-        odd = next((c for c in part.name if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp")), None)
+        odd = next(
+            (c for c in part.name if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp")), None
+        )
         if odd is not None:
-            fault = "part of no UTF-8 text" if unicodedata.category(odd) == "Cs" else "a control character"
+            fault = (
+                "part of no UTF-8 text"
+                if unicodedata.category(odd) == "Cs"
+                else "a control character"
+            )
             raise OutputError(
-                f"{shown(path)}: the name holds {shown(odd)}, {fault}; give a name of printable characters only"
+                f"{shown(path)}: the name holds {shown(odd)}, {fault}; give a name of printable "
+                "characters only"
             )
         size, most = len(part.name.encode()), _longest_name(part) - (ROOM if part is path else 0)
         if size > most:
             raise OutputError(
-                f"{shown(path)}: the name has {size} bytes; at most {most} are allowed, give a shorter one"
+                f"{shown(path)}: the name has {size} bytes; at most {most} are allowed, give a "
+                "shorter one"
             )
 
 
@@ -91,7 +109,9 @@ def _longest_name(path: Path) -> int:
     return 255
 
 
-def _held(inputs: Iterable[tuple[str, str | Path | int]], streams: Iterable[tuple[str, int]]) -> dict[Key, str]:
+def _held(
+    inputs: Iterable[tuple[str, str | Path | int]], streams: Iterable[tuple[str, int]]
+) -> dict[Key, str]:
     """Return the files that no output may replace, each with what it is."""
     held: dict[Key, str] = {}
     for label, place in inputs:
@@ -111,7 +131,9 @@ def _held(inputs: Iterable[tuple[str, str | Path | int]], streams: Iterable[tupl
 
 
 def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
-    """Refuse an output that is an input, and two that are the same file, or of which one is the other's folder."""
+    """Refuse an output that is an input, and two that are the same file, or of which one is the
+    other's folder.
+    """
     files: dict[Key, str] = {}
     folders: dict[Path, tuple[Key | None, str]] = {}
     for output in outputs:
@@ -137,16 +159,24 @@ def _check_apart(outputs: list[Output], held: dict[Key, str]) -> None:
 
 
 def _twice(path: Path, first: str, second: str) -> OutputError:
-    return OutputError(f"{shown(path)}: is asked for twice, by {first} and {second}; give two names")
+    return OutputError(
+        f"{shown(path)}: is asked for twice, by {first} and {second}; give two names"
+    )
 
 
 def _check_place(output: Output) -> None:
     """Refuse a place where a file cannot stand."""
     path, folder = output.path, output.folder
     if folder is not None:
-        above = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+        above = next(
+            place for place in (folder, *folder.absolute().parents) if os.path.lexists(place)
+        )
         if not os.path.isdir(above):
-            fault = "is a file" if above == folder else f"cannot be made, since '{shown(above)}' is a file"
+            fault = (
+                "is a file"
+                if above == folder
+                else f"cannot be made, since '{shown(above)}' is a file"
+            )
             raise OutputError(f"{shown(folder)}: {fault}; give the name of a folder")
     try:
         mode = os.stat(path).st_mode
@@ -171,13 +201,17 @@ def _check_place(output: Output) -> None:
 
 
 def _try(outputs: list[Output]) -> None:
-    """Make a file with the longest name in each folder, or in what is there of it, and remove it again."""
+    """Make a file with the longest name in each folder, or in what is there of it, and remove it
+    again.
+    """
     longest: dict[Path, tuple[str, Path]] = {}
     for output in outputs:
         if os.path.exists(output.path) and not os.path.isfile(output.path):
             continue  # a device or a pipe is written as it is
         real = Path(os.path.realpath(output.path))
-        if len(real.name.encode(errors="replace")) > len(longest.get(real.parent, ("", real))[0].encode()):
+        if len(real.name.encode(errors="replace")) > len(
+            longest.get(real.parent, ("", real))[0].encode()
+        ):
             longest[real.parent] = real.name, output.path
     for folder, (name, path) in longest.items():
         nearest = next(place for place in (folder, *folder.parents) if os.path.isdir(place))
@@ -186,4 +220,6 @@ def _try(outputs: list[Output]) -> None:
             os.close(handle)
             os.unlink(temporary)
         except OSError as problem:
-            raise OutputError(f"{shown(path)}: cannot be written ({problem.strerror}); give another place") from None
+            raise OutputError(
+                f"{shown(path)}: cannot be written ({problem.strerror}); give another place"
+            ) from None

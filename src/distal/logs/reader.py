@@ -1,4 +1,6 @@
-"""The process that reads binary logs for `distal.logs.reader_process`: requests come on standard input, tables go out."""
+"""The process that reads binary logs for `distal.logs.reader_process`: requests come on standard
+input, tables go out.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ class Answer(TypedDict, total=False):
 
 
 def serve() -> None:
-    """Answer requests, a JSON line each, until there are no more: a JSON line, and columns as `packed` writes them."""
+    """Answer requests, a JSON line each, until there are no more: a JSON line, and columns as
+    `packed` writes them.
+    """
     # whatever a library prints must not stand between the answers
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -56,7 +60,9 @@ def serve() -> None:
 
 
 def limit_memory(size: int) -> None:
-    """Let this process have no more than `size` more bytes of memory; where the system has such a limit."""
+    """Let this process have no more than `size` more bytes of memory; where the system has such a
+    limit.
+    """
     with suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
 
@@ -70,7 +76,9 @@ def limit_memory(size: int) -> None:
 
 
 def answer_to(request: Request) -> tuple[Answer, bytes]:
-    """Return the answer to a request: names and warnings, or an error; and the columns as `packed` writes them."""
+    """Return the answer to a request: names and warnings, or an error; and the columns as `packed`
+    writes them.
+    """
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DistalWarning)
@@ -81,7 +89,9 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
             path, columns = Path(request["path"]), request["columns"]
             read = format_of(path).read
             if read is None:
-                recorded, stamps = open_recording(path, columns or (), request["time"], request["unit"])
+                recorded, stamps = open_recording(
+                    path, columns or (), request["time"], request["unit"]
+                )
                 names, held = tuple(recorded), {**recorded, STAMPS: stamps}
             else:
                 cells = read(path, columns)
@@ -91,12 +101,24 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
         except LogError as problem:
             return {"error": str(problem), "warnings": messages}, b""
         except MemoryError:
-            return {"error": f"{shown(request['path'])}: takes too much memory to read; {how_to_allow()}"}, b""
+            return {
+                "error": f"{shown(request['path'])}: takes too much memory to read; "
+                f"{how_to_allow()}"
+            }, b""
         except Exception as problem:
-            reason = f"{type(problem).__name__}: {str(problem).splitlines()[0][:120] if str(problem) else ''}"
-            return {"error": f"{shown(request['path'])}: cannot be read ({reason}); the file is damaged"}, b""
+            reason = (
+                f"{type(problem).__name__}: "
+                f"{str(problem).splitlines()[0][:120] if str(problem) else ''}"
+            )
+            return {
+                "error": f"{shown(request['path'])}: cannot be read ({reason}); the file is damaged"
+            }, b""
         finally:
-            messages += [str(warning.message) for warning in caught if issubclass(warning.category, DistalWarning)]
+            messages += [
+                str(warning.message)
+                for warning in caught
+                if issubclass(warning.category, DistalWarning)
+            ]
     return {"names": names, "held": [*held], "warnings": messages}, payload
 
 
@@ -105,7 +127,9 @@ STAMPS = "stamps [ns]"
 
 
 def packed(columns: Iterable[Column]) -> bytes:
-    """Return columns as bytes, one after the other: arrays as NumPy writes them, text as an array of JSON's bytes."""
+    """Return columns as bytes, one after the other: arrays as NumPy writes them, text as an array
+    of JSON's bytes.
+    """
     buffer = io.BytesIO()
     for column in columns:
         text = isinstance(column, list)

@@ -1,4 +1,5 @@
-"""Binary logs are read by compiled code in a process of its own: a damaged file may end that process, not the caller's.
+"""Binary logs are read by compiled code in a process of its own: a damaged file may end that
+process, not the caller's.
 
 It has a limit on its memory, and is used again for the next file.
 """
@@ -22,25 +23,37 @@ from distal.logs.memory import how_to_allow, memory_limit
 from distal.logs.output_targets import shown
 from distal.logs.reader import STAMPS, Answer, Request, answer_to, unpacked
 
-_BEGIN = "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import serve; serve()"
+_BEGIN = (
+    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import "
+    "serve; serve()"
+)
 
 _LOCK = Lock()
 
 
 def table_by_process(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return what the format's own reader does, read in a process of its own; `columns` of None reads all."""
-    names, held_columns = _asked({"path": str(path), "columns": None if columns is None else [*columns]})
+    """Return what the format's own reader does, read in a process of its own; `columns` of None
+    reads all.
+    """
+    names, held_columns = _asked(
+        {"path": str(path), "columns": None if columns is None else [*columns]}
+    )
     return in_memory(held_columns, path, 1, names)
 
 
-def recording_by_process(path: Path, columns: Sequence[str], time: str, unit: float) -> tuple[Cells, Column]:
-    """Return the table and the stamps of `open_recording`, read in a process of its own; `unit` is in seconds."""
+def recording_by_process(
+    path: Path, columns: Sequence[str], time: str, unit: float
+) -> tuple[Cells, Column]:
+    """Return the table and the stamps of `open_recording`, read in a process of its own; `unit` is
+    in seconds.
+    """
     names, recorded = _asked({"path": str(path), "columns": [*columns], "time": time, "unit": unit})
     return in_memory(recorded, path, 0, names), recorded[STAMPS]
 
 
 def _asked(request: Request) -> tuple[list[str], dict[str, Column]]:
-    """Return the names of all columns and those that were read; what the reader warns of is warned of here.
+    """Return the names of all columns and those that were read; what the reader warns of is warned
+    of here.
 
     Raises:
         LogError: it cannot be read, is damaged, or takes too much memory.
@@ -96,7 +109,9 @@ class _Reader:
         atexit.register(self.end)
 
     def ask(self, request: Request) -> tuple[Answer, bytes]:
-        """Return the answer and the table that comes with it; where reading ends the process, that is a `LogError`."""
+        """Return the answer and the table that comes with it; where reading ends the process, that
+        is a `LogError`.
+        """
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -111,7 +126,8 @@ class _Reader:
             code = self.end(patience=2.0)
             cause = f"signal {-code}" if code < 0 else f"exit code {code}"
             raise LogError(
-                f"{shown(request['path'])}: cannot be read, it ended its reader ({cause}): it is damaged, "
+                f"{shown(request['path'])}: cannot be read, it ended its reader ({cause}): it is "
+                "damaged, "
                 f"or takes too much memory ({how_to_allow()})"
             ) from None
         except BaseException:
@@ -120,7 +136,9 @@ class _Reader:
         return answer, payload
 
     def end(self, patience: float = 0.0) -> int:
-        """End the process, which has a `patience` [s] to end by itself, and return its exit code."""
+        """End the process, which has a `patience` [s] to end by itself, and return its exit
+        code.
+        """
         process = self._process
         if self._of[0] != os.getpid():
             return 0  # a forked process leaves its parent's reader alone

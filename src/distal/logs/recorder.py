@@ -17,31 +17,45 @@ from distal.rig import angle_names, std_name
 SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
 
 LONGEST_STEM = 230
-"""Bytes of a file's name in the name of its part, which must not be too long where the file's is just short enough."""
+"""Bytes of a file's name in the name of its part, which must not be too long where the file's is
+just short enough.
+"""
 
 SAMPLE_SCHEMA = {
     "title": "distal.Sample",
-    "description": "What the sensors read at a stamp, in the columns and units of the rig file; null where missing.",
+    "description": "What the sensors read at a stamp, in the columns and units of the rig file; "
+    "null where missing.",
     "type": "object",
     "additionalProperties": {"type": ["number", "null"]},
 }
 
 
 def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[str, object]:
-    """Return the schema of an estimate: stamp, angle and std of each joint, named torques from outside, health, detail."""
+    """Return the schema of an estimate: stamp, angle and std of each joint, named torques from
+    outside, health, detail.
+    """
     number: dict[str, object] = {"type": ["number", "null"]}
-    properties: dict[str, object] = {"t": {"type": "number", "description": "stamp of the sample [s]"}}
-    which = ["joint angle"] if len(joints) == 1 else [f"angle of the joint {joint}" for joint in joints]
+    properties: dict[str, object] = {
+        "t": {"type": "number", "description": "stamp of the sample [s]"}
+    }
+    which = (
+        ["joint angle"] if len(joints) == 1 else [f"angle of the joint {joint}" for joint in joints]
+    )
     quantities = [
         *(
             (name, f"{of} [rad]; null where the sample was skipped", "rad")
             for name, of in zip(angle_names(joints), which)
         ),
-        *((name, "torque on the joint from outside [N m]; null where it was skipped", "N m") for name in torques),
+        *(
+            (name, "torque on the joint from outside [N m]; null where it was skipped", "N m")
+            for name in torques
+        ),
     ]
     for name, description, unit in quantities:
         properties[name] = number | {"description": description}
-        properties[std_name(name)] = number | {"description": f"standard deviation of its error [{unit}]"}
+        properties[std_name(name)] = number | {
+            "description": f"standard deviation of its error [{unit}]"
+        }
     properties["health"] = {"type": "string", "description": "one word: see distal.run.HEALTH"}
     properties["detail"] = {"type": "string", "description": "which sensor, how long"}
     return {
@@ -54,16 +68,22 @@ def estimate_schema(joints: Sequence[str], torques: Sequence[str] = ()) -> dict[
 
 
 class Recorder:
-    """Writes an MCAP file; it stands in its place once it is closed, whole. Without a message, what stood there stays.
+    """Writes an MCAP file; it stands in its place once it is closed, whole. Without a message, what
+    stood there stays.
 
-    The torques from outside that are estimated are given by their names. An `OutputError` says why it cannot be written.
+    The torques from outside that are estimated are given by their names. An `OutputError` says why
+    it cannot be written.
     """
 
-    def __init__(self, path: Path, joints: Sequence[str] = ("joint",), torques: Sequence[str] = ()) -> None:
+    def __init__(
+        self, path: Path, joints: Sequence[str] = ("joint",), torques: Sequence[str] = ()
+    ) -> None:
         try:
             from mcap.writer import Writer
         except ImportError:
-            raise OutputError(f"{path}: MCAP needs the package mcap (pip install '.[mcap]')") from None
+            raise OutputError(
+                f"{path}: MCAP needs the package mcap (pip install '.[mcap]')"
+            ) from None
         check_writable(path)
         # a link is followed; a device or a pipe cannot be replaced, and is written as it is
         target = path.resolve()
@@ -80,18 +100,29 @@ class Recorder:
         self._writer: Any = Writer(self._file)
         self._writer.start(profile="", library="distal")
         self._channels = {}
-        for topic, schema in ((SAMPLE_TOPIC, SAMPLE_SCHEMA), (ESTIMATE_TOPIC, estimate_schema(joints, torques))):
-            number = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())
+        for topic, schema in (
+            (SAMPLE_TOPIC, SAMPLE_SCHEMA),
+            (ESTIMATE_TOPIC, estimate_schema(joints, torques)),
+        ):
+            number = self._writer.register_schema(
+                str(schema["title"]), "jsonschema", json.dumps(schema).encode()
+            )
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
         self._count, self._samples = 0, 0
 
     def add(self, topic: str, time: float, message: Mapping[str, object]) -> None:
-        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC` at `time` [s]; numbers that are not finite become null."""
-        clean = {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in message.items()}
+        """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC` at `time` [s]; numbers that are not
+        finite become null.
+        """
+        clean = {
+            k: None if isinstance(v, float) and not isfinite(v) else v for k, v in message.items()
+        }
         stamp = max(0, round(time * 1e9)) if isfinite(time) and abs(time) < LATEST else 0
         self._count += 1
         try:
-            self._writer.add_message(self._channels[topic], stamp, json.dumps(clean).encode(), stamp, self._count)
+            self._writer.add_message(
+                self._channels[topic], stamp, json.dumps(clean).encode(), stamp, self._count
+            )
         except OSError as problem:
             raise OutputError(f"{self._path}: cannot be written ({problem.strerror})") from None
         self._samples += topic == SAMPLE_TOPIC
@@ -105,7 +136,8 @@ class Recorder:
                 os.replace(self._part, self._target)
         except OSError as problem:
             raise OutputError(
-                f"{self._path}: cannot be written ({problem.strerror}); what was recorded until then is in "
+                f"{self._path}: cannot be written ({problem.strerror}); what was recorded until "
+                "then is in "
                 f"{self._part.name} beside it"
             ) from None
         if not self._samples and not self._direct:

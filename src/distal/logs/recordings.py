@@ -20,7 +20,8 @@ from distal.logs.stamps import LATEST
 from distal.suggestions import did_you_mean
 
 NEAR = 0.1
-"""Messages whose stamps differ by less than this share of the busiest topic's interval are one row."""
+"""Messages whose stamps differ by less than this share of the busiest topic's interval are one row.
+"""
 
 SET_BACK = 1_000_000_000
 """A clock whose stamps go back by more than this was set back [ns]."""
@@ -42,12 +43,14 @@ def is_recording(path: object) -> TypeGuard[str | Path]:
 def open_recording(
     path: str | Path, columns: Sequence[str], time: str, unit: float = 1.0
 ) -> tuple[dict[str, Floats], NDArray[np.int64]]:
-    """Return the columns that are in a recording with the time from its first stamp on, and the stamps [ns].
+    """Return the columns that are in a recording with the time from its first stamp on, and the
+    stamps [ns].
 
-    A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or ``/load/left.wrench.force.z``;
-    ``/joint_states[left_wrist].position`` is the element of that name, in whichever message has it. A bare name is looked
-    for in every JSON message. The stamp is that of a message's header where it has one, else when it was
-    recorded; a JSON message may have its own, in the rig's time column.
+    A column is ``/topic.field``, e.g. ``/joint_states.position[0]`` or
+    ``/load/left.wrench.force.z``; ``/joint_states[left_wrist].position`` is the element of that
+    name, in whichever message has it. A bare name is looked for in every JSON message. The stamp is
+    that of a message's header where it has one, else when it was recorded; a JSON message may have
+    its own, in the rig's time column.
 
     Args:
         path: an MCAP file, or a bag of ROS 2 (a folder) or ROS 1.
@@ -63,25 +66,37 @@ def open_recording(
     for message in _messages(path, topics):
         stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
         for column, topic, field in wanted:
-            cell = element(message.read, field) if topic in ("", message.topic) and (topic or message.json) else None
+            cell = (
+                element(message.read, field)
+                if topic in ("", message.topic) and (topic or message.json)
+                else None
+            )
             if cell is None and message.json:
                 cell = message.read(column)
             if cell is None:
                 continue
             if isinstance(cell, (list, dict)) or np.asarray(cell, dtype=object).ndim > 0:
-                raise LogError(f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]")
+                raise LogError(
+                    f"{path}: '{column}' is no number; name one element of it, e.g. {column}[0]"
+                )
             number = _number(path, cell, column)
             if not 0 <= message.recorded < LATEST * 1e9:
-                raise LogError(f"{path}: '{message.topic}' was recorded at {message.recorded} ns, which is no time")
+                raise LogError(
+                    f"{path}: '{message.topic}' was recorded at {message.recorded} ns, which is "
+                    "no time"
+                )
             readings[column].append((stamp, message.recorded, number))
     if not any(readings.values()):
         first = next(iter(readings), "")
         raise LogError(
-            f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; columns are /topic.field, "
+            f"{path}: no message has '{first}'{did_you_mean(first.partition('.')[0], topics)}; "
+            "columns are /topic.field, "
             f"the topics are {', '.join(sorted(topics))[:300] or 'none'}"
         )
     stamped = _stamped(path, {column: samples for column, samples in readings.items() if samples})
-    stamped = _in_cycles(stamped, {column: topic for column, topic, field in wanted if field[:1] == "["})
+    stamped = _in_cycles(
+        stamped, {column: topic for column, topic, field in wanted if field[:1] == "["}
+    )
     rows = _merged([[stamp for stamp, _ in samples] for samples in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
     for column, samples in stamped.items():
@@ -111,12 +126,18 @@ def _named(column: str) -> tuple[str, str]:
 
 
 def element(read: Read, field: str) -> object:
-    """Return a field of a message; of ``[left_wrist].position`` the element whose place in ``name`` has that text."""
+    """Return a field of a message; of ``[left_wrist].position`` the element whose place in ``name``
+    has that text.
+    """
     match = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
     if match is None:
         return read(field)
     names = read("name")
-    if isinstance(names, str) or not isinstance(names, Iterable) or match[1] not in (names := list(names)):
+    if (
+        isinstance(names, str)
+        or not isinstance(names, Iterable)
+        or match[1] not in (names := list(names))
+    ):
         return None  # a driver may publish each joint in a message of its own
     return read(f"{match[2]}[{names.index(match[1])}]")
 
@@ -130,63 +151,84 @@ def _json_stamp(path: Path, message: Message, time: str, unit: float) -> int | N
         seconds = _number(path, cell, name) * factor
         if not abs(seconds) < LATEST:
             raise LogError(
-                f"{path}: '{name}' is {cell}, {seconds:g} s, which is no time; what unit has it? (log.time.unit)"
+                f"{path}: '{name}' is {cell}, {seconds:g} s, which is no time; what unit has it? "
+                "(log.time.unit)"
             )
         return round(seconds * 1e9)
     return None
 
 
 def _stamped(path: Path, readings: dict[str, list[Reading]]) -> dict[str, list[Stamped]]:
-    """Return stamps and values of each column, by one clock: the headers' where a topic has them, else the recorder's.
+    """Return stamps and values of each column, by one clock: the headers' where a topic has them,
+    else the recorder's.
 
     Where a clock was set back, only the longest part is taken, with a warning.
     """
     stamped: dict[str, list[Stamped]] = {}
     have_headers = set()
     for column, samples in readings.items():
-        # a header of zero is none, unless others of the same topic are not: a simulation that begins at zero
+        # a header of zero is none, unless others of the same topic are not: a simulation that
+        # begins at zero
         by_header = any(stamp for stamp, _, _ in samples)
         have_headers.add(by_header)
-        stamped[column] = [(stamp if by_header and stamp is not None else at, number) for stamp, at, number in samples]
+        stamped[column] = [
+            (stamp if by_header and stamp is not None else at, number)
+            for stamp, at, number in samples
+        ]
     starts = [samples[0][0] for samples in stamped.values()]
     if len(have_headers) > 1 and max(starts) - min(starts) > 1e15:
         raise LogError(
-            f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), others only that of the "
-            f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all without"
+            f"{path}: some topics have stamps of their own (from {min(starts) * 1e-9:.6g} s on), "
+            "others only that of the "
+            f"recorder ({max(starts) * 1e-9:.12g} s): two clocks; record all with headers, or all "
+            "without"
         )
     parts = {column: _parts(samples) for column, samples in stamped.items()}
     if all(len(of_column) == 1 for of_column in parts.values()):
         return stamped
     counts = {len(of_column) for of_column in parts.values()}
     if len(counts) > 1:
-        resets = ", ".join(f"{column} {len(of_column) - 1} times" for column, of_column in parts.items())
+        resets = ", ".join(
+            f"{column} {len(of_column) - 1} times" for column, of_column in parts.items()
+        )
         raise LogError(
-            f"{path}: clocks of the topics were set back ({resets}), so that their parts do not match; record again"
+            f"{path}: clocks of the topics were set back ({resets}), so that their parts do not "
+            "match; record again"
         )
     count = counts.pop()
-    longest = max(range(count), key=lambda i: min(len(of_column[i]) for of_column in parts.values()))
+    longest = max(
+        range(count), key=lambda i: min(len(of_column[i]) for of_column in parts.values())
+    )
     warnings.warn(
-        f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} is read, the longest",
+        f"{path}: the clock was set back {count - 1} times; only part {longest + 1} of {count} is "
+        "read, the longest",
         DistalWarning,
         stacklevel=4,
     )
     return {column: of_column[longest] for column, of_column in parts.items()}
 
 
-def _in_cycles(stamped: dict[str, list[Stamped]], topic_of: dict[str, str]) -> dict[str, list[Stamped]]:
-    """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a message of its own.
+def _in_cycles(
+    stamped: dict[str, list[Stamped]], topic_of: dict[str, str]
+) -> dict[str, list[Stamped]]:
+    """Return the same with one stamp for all joints of a cycle, where a driver publishes each in a
+    message of its own.
 
-    A cycle of a topic begins with a joint that the last one has already, or half an interval after it began. Of
-    columns that name an element, `topic_of` has the topic.
+    A cycle of a topic begins with a joint that the last one has already, or half an interval after
+    it began. Of columns that name an element, `topic_of` has the topic.
     """
     moved = dict(stamped)
     for topic in sorted(set(topic_of.values())):
         columns = [column for column in stamped if topic_of.get(column) == topic]
         if len(columns) < 2:
             continue
-        intervals = [np.median(np.diff([at for at, _ in stamped[c]])) for c in columns if len(stamped[c]) > 1]
+        intervals = [
+            np.median(np.diff([at for at, _ in stamped[c]])) for c in columns if len(stamped[c]) > 1
+        ]
         longest = 0.5 * float(min(intervals, default=0.0))
-        samples = sorted((stamp, column, number) for column in columns for stamp, number in stamped[column])
+        samples = sorted(
+            (stamp, column, number) for column in columns for stamp, number in stamped[column]
+        )
         moved.update({column: [] for column in columns})
         begun, cycle = samples[0][0], set[str]()
         for stamp, column, number in samples:
@@ -208,9 +250,13 @@ def _parts(samples: list[Stamped]) -> list[list[Stamped]]:
 
 
 def _merged(stamps: list[list[int]]) -> NDArray[np.int64]:
-    """Return the stamps of rows: what is nearer than `NEAR` of the busiest topic's interval is one row."""
+    """Return the stamps of rows: what is nearer than `NEAR` of the busiest topic's interval is one
+    row.
+    """
     distinct = [np.unique(np.array(of_column, dtype=np.int64)) for of_column in stamps]
-    intervals = [float(np.median(np.diff(of_column))) for of_column in distinct if len(of_column) > 1]
+    intervals = [
+        float(np.median(np.diff(of_column))) for of_column in distinct if len(of_column) > 1
+    ]
     near = NEAR * min(intervals, default=0.0)
     rows: list[np.int64] = []
     for stamp in np.unique(np.concatenate(distinct)):
@@ -229,4 +275,6 @@ def _messages(path: Path, topics: set[str]) -> Iterator[Message]:
     except (LogError, GeneratorExit, MemoryError):
         raise
     except Exception as problem:
-        raise LogError(f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})") from None
+        raise LogError(
+            f"{path}: cannot be read ({type(problem).__name__}: {str(problem)[:120]})"
+        ) from None

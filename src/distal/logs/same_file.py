@@ -1,4 +1,6 @@
-"""Which names are one file: links of both kinds, other ways to a folder, and names that differ by case only."""
+"""Which names are one file: links of both kinds, other ways to a folder, and names that differ by
+case only.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,15 @@ from contextlib import suppress
 from pathlib import Path
 
 Key = tuple[int | str, ...]
-"""Device and number of a file; of one that is not there yet, those of the nearest folder and the names below it."""
+"""Device and number of a file; of one that is not there yet, those of the nearest folder and the
+names below it.
+"""
 
 
 def file_key(place: str | Path | int) -> Key | None:
-    """Return what all names of a path or file descriptor have in common, also before it is there; None for a device."""
+    """Return what all names of a path or file descriptor have in common, also before it is there;
+    None for a device.
+    """
     try:
         status = os.stat(place)
     except (OSError, ValueError):
@@ -23,7 +29,9 @@ def file_key(place: str | Path | int) -> Key | None:
 
 
 def _key_to_be(path: str | Path) -> Key | None:
-    """Return the key of a file that is not there yet: the nearest folder that is there, and the names below it."""
+    """Return the key of a file that is not there yet: the nearest folder that is there, and the
+    names below it.
+    """
     try:
         real = Path(os.path.realpath(path))
     except (OSError, ValueError):
@@ -41,11 +49,17 @@ def _key_to_be(path: str | Path) -> Key | None:
 
 
 def _ignores_case(folder: Path) -> bool:
-    """Return whether a folder takes names that differ by case for the same, seen from what is in it or above it."""
+    """Return whether a folder takes names that differ by case for the same, seen from what is in it
+    or above it.
+    """
     for place in _near(folder):
         swapped = place.with_name(place.name.swapcase())
         if swapped != place:
-            return os.path.exists(swapped) and os.path.exists(place) and os.path.samefile(place, swapped)
+            return (
+                os.path.exists(swapped)
+                and os.path.exists(place)
+                and os.path.samefile(place, swapped)
+            )
     return False
 
 

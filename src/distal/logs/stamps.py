@@ -1,4 +1,6 @@
-"""Stamps of a log: numbers of any epoch and unit, ISO text, datetimes; time counts from the start, the original is kept."""
+"""Stamps of a log: numbers of any epoch and unit, ISO text, datetimes; time counts from the start,
+the original is kept.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from distal.logs.cells import MISSING, Cells, is_plain, numbers_of
 Stamps = NDArray[np.int64]
 
 EPOCH, LATEST = 1e8, 9e9
-"""Seconds since 1970 between which a stamp is a date (1973 to 2255): what is smaller counts from a start of its own."""
+"""Seconds since 1970 between which a stamp is a date (1973 to 2255): what is smaller counts from a
+start of its own.
+"""
 
 START, MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
 
@@ -31,7 +35,8 @@ UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 
 @dataclass(frozen=True)
 class Clock:
-    """Time of the samples of a log [s], (k,), and where they are dates their stamps since 1970 [ns], (k,).
+    """Time of the samples of a log [s], (k,), and where they are dates their stamps since 1970
+    [ns], (k,).
 
     The time then counts from the first sample on.
     """
@@ -45,7 +50,9 @@ class Clock:
         return None if self.stamps is None else int(self.stamps[0])
 
     def since(self, start: int | None) -> Floats:
-        """Return the time from the `start` of another log on [s]; as it is where either has no dates."""
+        """Return the time from the `start` of another log on [s]; as it is where either has no
+        dates.
+        """
         if start is None or self.stamps is None:
             return self.time
         return np.asarray((self.stamps - start) * 1e-9, dtype=np.float64)
@@ -54,8 +61,9 @@ class Clock:
 def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     """Return the time of a table's rows.
 
-    Dates counted in another `unit` than the rig says [s] are recognised by their size: 1.8e18 can only be nanoseconds. A
-    `LogError` says which stamp is missing or is none, or is of no time at all.
+    Dates counted in another `unit` than the rig says [s] are recognised by their size: 1.8e18 can
+    only be nanoseconds. A `LogError` says which stamp is missing or is none, or is of no time at
+    all.
     """
     column, path, first_row = cells.column(name), cells.path, cells.first_row
     if isinstance(column, list):
@@ -64,7 +72,9 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
             return _counted(counts, unit, name, path)
         first = next((text for text in map(str.strip, column) if text.lower() not in MISSING), "")
         if _is_date(first):
-            return _dated([_one_date(cell.strip()) for cell in column], column, name, path, first_row)
+            return _dated(
+                [_one_date(cell.strip()) for cell in column], column, name, path, first_row
+            )
     elif column.dtype.kind == "M":
         return _dated(_in_ns(column), np.datetime_as_string(column).tolist(), name, path, first_row)
     elif column.dtype.kind in "iu":
@@ -77,7 +87,9 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
 def _whole_numbers(cells: list[str]) -> Stamps | None:
     """Return whole numbers of 64 bits, None where a cell is something else."""
     try:
-        return np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
+        return (
+            np.fromiter(map(int, cells), np.int64, len(cells)) if is_plain("".join(cells)) else None
+        )
     except (ValueError, OverflowError):
         return None
 
@@ -92,12 +104,16 @@ def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
         fits = [candidate for candidate in UNITS if EPOCH <= first * candidate < LATEST]
         if not fits:
             raise LogError(
-                f"{path}: '{name}' is {finite[0]}, {first * unit:g} s, which is no time; what unit has it? (log.time.unit)"
+                f"{path}: '{name}' is {finite[0]}, {first * unit:g} s, which is no time; what "
+                "unit has it? (log.time.unit)"
             )
         unit = fits[0]
     far = np.flatnonzero(~(np.abs(values.astype(np.float64)) * unit < LATEST) & np.isfinite(values))
     if len(far):
-        raise LogError(f"{path}: '{name}' is {values[far[0]]} in a log that begins with {values[0]}, which is no time")
+        raise LogError(
+            f"{path}: '{name}' is {values[far[0]]} in a log that begins with {values[0]}, which "
+            "is no time"
+        )
     if values.dtype == np.int64:
         stamps: Stamps = values * np.int64(round(unit * 1e9))
         return _clock(stamps)
@@ -105,19 +121,26 @@ def _counted(values: Any, unit: float, name: str, path: Path) -> Clock:
     time = (values - values[0]) * unit
     if not np.isfinite(values).all():
         return Clock(time)
-    return Clock(time, np.int64(round(float(values[0]) * unit * 1e9)) + np.round(time * 1e9).astype(np.int64))
+    return Clock(
+        time, np.int64(round(float(values[0]) * unit * 1e9)) + np.round(time * 1e9).astype(np.int64)
+    )
 
 
 def _clock(stamps: Stamps) -> Clock:
     return Clock((stamps - stamps[0]) * 1e-9, stamps)
 
 
-def _dated(stamps: Sequence[int | None], cells: Sequence[str], name: str, path: Path, first_row: int) -> Clock:
-    """Return the time of stamps since 1970 [ns] of which none may be missing; `cells` is how they were written."""
+def _dated(
+    stamps: Sequence[int | None], cells: Sequence[str], name: str, path: Path, first_row: int
+) -> Clock:
+    """Return the time of stamps since 1970 [ns] of which none may be missing; `cells` is how they
+    were written.
+    """
     row = next((row for row, stamp in enumerate(stamps) if stamp is None), None)
     if row is not None:
         raise LogError(
-            f"{path}: row {row + first_row}, column '{name}': '{cells[row]}' is no date; ISO text such as "
+            f"{path}: row {row + first_row}, column '{name}': '{cells[row]}' is no date; ISO text "
+            "such as "
             "2026-11-20T21:02:47.5Z is one"
         )
     return _clock(np.array(stamps, dtype=np.int64))
@@ -133,7 +156,9 @@ def _is_date(text: str) -> bool:
 
 
 def _in_ns(dates: NDArray[Any]) -> list[int | None]:
-    """Return dates as nanoseconds since 1970, None where there is none or 64 bits do not hold it."""
+    """Return dates as nanoseconds since 1970, None where there is none or 64 bits do not hold
+    it.
+    """
     seconds = dates.astype("datetime64[s]").astype(np.int64)
     is_date = ~np.isnat(dates) & (np.abs(seconds) < LATEST)
     stamps = dates.astype("datetime64[ns]").astype(np.int64)
@@ -141,15 +166,23 @@ def _in_ns(dates: NDArray[Any]) -> list[int | None]:
 
 
 def _one_date(cell: str) -> int | None:
-    """Return an ISO date as nanoseconds since 1970, None where it is none; without a zone it is taken as UTC."""
+    """Return an ISO date as nanoseconds since 1970, None where it is none; without a zone it is
+    taken as UTC.
+    """
     if cell[4:5] in "/.":
         cell = cell[:10].replace(cell[4:5], "-") + cell[10:]
     try:
         date = datetime.fromisoformat(cell)
     except ValueError:
         return None
-    stamp = ((date if date.tzinfo is not None else date.replace(tzinfo=UTC)) - START) // MICROSECOND * 1000
-    finer = FINER.search(cell) if len(cell) > LONGEST else None  # Python leaves out what is below a microsecond
+    stamp = (
+        ((date if date.tzinfo is not None else date.replace(tzinfo=UTC)) - START)
+        // MICROSECOND
+        * 1000
+    )
+    finer = (
+        FINER.search(cell) if len(cell) > LONGEST else None
+    )  # Python leaves out what is below a microsecond
     if finer is not None:
         stamp += int(finer[1].ljust(3, "0"))
     return stamp if abs(stamp) < LATEST * 1e9 else None

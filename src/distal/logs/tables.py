@@ -1,4 +1,6 @@
-"""Tables of files and frames: every error names file, row, column, the value found and what is allowed."""
+"""Tables of files and frames: every error names file, row, column, the value found and what is
+allowed.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ from distal.logs.vectors import INFO
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file, all read as numbers, NaN where missing; first row and units are those of its `Cells`."""
+    """Columns of a file, all read as numbers, NaN where missing; first row and units are those of
+    its `Cells`.
+    """
 
     source: str
     columns: dict[str, Floats]
@@ -31,32 +35,39 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def in_si(self, name: str, si: str) -> Floats:
-        """Return a column in SI by the unit in its header; unchanged where the header has no unit."""
+        """Return a column in SI by the unit in its header; unchanged where the header has no
+        unit.
+        """
         unit = self.units.get(name)
-        return self.columns[name] * scale(unit, si, f"{self.source}: column '{header(name, unit or '')}'")
+        return self.columns[name] * scale(
+            unit, si, f"{self.source}: column '{header(name, unit or '')}'"
+        )
 
 
 def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
     """Read columns of a CSV or Parquet file as numbers.
 
     Args:
-        path: ``.parquet`` is Parquet, anything else CSV with a header, separated by comma, semicolon or tab.
+        path: ``.parquet`` is Parquet, anything else CSV with a header, separated by comma,
+            semicolon or tab.
         wanted: columns that must be there; None reads all.
 
     Raises:
-        LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row is short or long, or
-            there is no row.
+        LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row
+            is short or long, or there is no row.
     """
     return table_of(open_table(path, wanted), wanted)
 
 
-def open_table(path: Source, columns: Sequence[str] | None = None, index_name: str | None = None) -> Cells:
+def open_table(
+    path: Source, columns: Sequence[str] | None = None, index_name: str | None = None
+) -> Cells:
     """Return the cells of a CSV or Parquet file, or of a frame.
 
     Args:
         path: a path, or a frame of any library whose columns have ``to_numpy``.
-        columns: that are needed, with or without their units; None needs all. Others may be left out where a format
-            allows that.
+        columns: that are needed, with or without their units; None needs all. Others may be left
+            out where a format allows that.
         index_name: where a pandas frame lacks this column, its index of dates is taken.
 
     """
@@ -72,16 +83,25 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
         try:
             is_folder, exists = path.is_dir(), path.exists()
         except (OSError, ValueError, RuntimeError) as problem:
-            raise LogError(f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})") from None
+            raise LogError(
+                f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
+            ) from None
         if is_folder:
-            raise LogError(f"{path}: is a folder without {INFO}, so no dataset; give its files, such as {path}/*.csv")
+            raise LogError(
+                f"{path}: is a folder without {INFO}, so no dataset; give its files, such as "
+                f"{path}/*.csv"
+            )
         kind = format_of(path)
         if kind.read is None:
             raise LogError(f"{path}: is a recording of topics; a CSV or Parquet file is expected")
-        return table_by_process(path, columns) if exists and kind.apart else kind.read(path, columns)
+        return (
+            table_by_process(path, columns) if exists and kind.apart else kind.read(path, columns)
+        )
     if not hasattr(path, "columns"):
         raise LogError(f"a log is a path, a frame or a distal.Log; {type(path).__name__} came")
-    columns_of = {str(name): _column(path[name]) for name in path.columns if needed(str(name), columns)}
+    columns_of = {
+        str(name): _column(path[name]) for name in path.columns if needed(str(name), columns)
+    }
     names = [str(name) for name in path.columns]
     index = getattr(path, "index", None)
     if index_name is not None and index_name not in names and _is_dated(index):
@@ -95,7 +115,9 @@ def _is_dated(column: Any) -> bool:
 
 
 def _column(column: Any) -> Column:
-    """Return a column or an index of a frame: dates with a zone in UTC, what is neither number nor date as text."""
+    """Return a column or an index of a frame: dates with a zone in UTC, what is neither number nor
+    date as text.
+    """
     if _is_dated(column) and getattr(column.dtype, "tz", None) is not None:
         column = getattr(column, "dt", column).tz_convert(None)
     values = np.asarray(column.to_numpy())
@@ -105,7 +127,15 @@ def _column(column: Any) -> Column:
 
 
 def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
-    """Return the `wanted` columns of an open table as numbers, and those `optional` ones that it has; see `read_table`."""
-    names = list(cells.names) if wanted is None else [*wanted, *(c for c in optional if c in cells.names)]
+    """Return the `wanted` columns of an open table as numbers, and those `optional` ones that it
+    has; see `read_table`.
+    """
+    names = (
+        list(cells.names)
+        if wanted is None
+        else [*wanted, *(c for c in optional if c in cells.names)]
+    )
     cells.check(names)
-    return Table(str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row, cells.units)
+    return Table(
+        str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row, cells.units
+    )

@@ -12,7 +12,9 @@ from distal.rig import angle_names, torque_names
 
 
 def true_angles(log: Log, joints: Sequence[str]) -> Floats | None:
-    """Return the joints' true angles [rad], read-only, (k, n_joints); NaN where one is not known, None where none is."""
+    """Return the joints' true angles [rad], read-only, (k, n_joints); NaN where one is not known,
+    None where none is.
+    """
     return _columns(log, angle_names(joints))
 
 

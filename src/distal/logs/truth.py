@@ -1,4 +1,6 @@
-"""Where the truth of a log comes from: what kind of source it is, for the program, and what it is called, for people."""
+"""Where the truth of a log comes from: what kind of source it is, for the program, and what it is
+called, for people.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ class TruthKind(Enum):
     """The rig's own angle sensors."""
 
     HOME = "home"
-    """Angles at which joints are known to stand while homing; they are read as sensors, see `distal.homing`."""
+    """Angles at which joints are known to stand while homing; they are read as sensors, see
+    `distal.homing`.
+    """
 
     SIMULATION = "simulation"
     """The plant of a simulation that has just run."""

@@ -1,4 +1,6 @@
-"""Columns that hold vectors, as robot-learning data has them: one column for each of their numbers."""
+"""Columns that hold vectors, as robot-learning data has them: one column for each of their
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -16,18 +18,24 @@ ABOVE = 4
 
 
 def numbered(column: str, names: Sequence[str] | None, length: int) -> list[str]:
-    """Return the column of each number of a vector: ``observation.state.NAME`` where it has names, else its place."""
+    """Return the column of each number of a vector: ``observation.state.NAME`` where it has names,
+    else its place.
+    """
     usable = names is not None and len(names) == length and len(set(names)) == length
     return [f"{column}.{names[k] if usable and names is not None else k}" for k in range(length)]
 
 
 def names_in(path: Path, column: str) -> list[str] | None:
-    """Return the names of a vector's numbers by the dataset that a file is of; None where nothing says them.
+    """Return the names of a vector's numbers by the dataset that a file is of; None where nothing
+    says them.
 
     Raises:
         LogError: the dataset's description is no JSON.
     """
-    folder = next((parent for parent in list(path.absolute().parents)[:ABOVE] if (parent / INFO).is_file()), None)
+    folder = next(
+        (parent for parent in list(path.absolute().parents)[:ABOVE] if (parent / INFO).is_file()),
+        None,
+    )
     if folder is None:
         return None
     told = dataset_info(folder)
@@ -35,7 +43,11 @@ def names_in(path: Path, column: str) -> list[str] | None:
     feature = features.get(column) if isinstance(features, dict) else None
     names = feature.get("names") if isinstance(feature, dict) else None
     if isinstance(names, dict):  # by group: {"motors": [...]}
-        names = [name for group in names.values() for name in (group if isinstance(group, list) else [group])]
+        names = [
+            name
+            for group in names.values()
+            for name in (group if isinstance(group, list) else [group])
+        ]
     return [str(name) for name in names] if isinstance(names, list) else None
 
 

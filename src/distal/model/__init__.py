@@ -1,8 +1,18 @@
-"""The physics of a rig, written once in CasADi: forces by virtual work, exact friction, stops, and the time step."""
+"""The physics of a rig, written once in CasADi: forces by virtual work, exact friction, stops, and
+the time step.
+"""
 
 from distal.model.chain_kick import residual
 from distal.model.elasticity import stretched
-from distal.model.friction import Limit, capstan_limit, clip_moments, free_response, soft, soft_moments, stribeck
+from distal.model.friction import (
+    Limit,
+    capstan_limit,
+    clip_moments,
+    free_response,
+    soft,
+    soft_moments,
+    stribeck,
+)
 from distal.model.intervals import interval_step
 from distal.model.mechanism import GRAVITY, Mechanism
 from distal.model.motion import Moment

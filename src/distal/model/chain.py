@@ -1,7 +1,8 @@
-"""Dynamics of joints that carry one another: composite rigid bodies and recursive Newton–Euler, as CasADi expressions.
+"""Dynamics of joints that carry one another: composite rigid bodies and recursive Newton–Euler, as
+CasADi expressions.
 
-A link's centre and inertia are given in the frame of its joint, see `frames`. Featherstone, Rigid Body Dynamics Algorithms,
-2008, chapters 5 and 6, written in three dimensions instead of six.
+A link's centre and inertia are given in the frame of its joint, see `frames`. Featherstone, Rigid
+Body Dynamics Algorithms, 2008, chapters 5 and 6, written in three dimensions instead of six.
 """
 
 from __future__ import annotations
@@ -16,27 +17,39 @@ from distal.rig import Rig
 
 def cross(a: Vector, b: Vector) -> Vector:
     """Return a × b, (3,)."""
-    return ca.vertcat(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return ca.vertcat(
+        a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    )
 
 
 class Chain:
-    """The links of a rig as a tree of rigid bodies. Joint angles q [rad] and their speeds v [rad/s] are (n_joints,)."""
+    """The links of a rig as a tree of rigid bodies. Joint angles q [rad] and their speeds v [rad/s]
+    are (n_joints,).
+    """
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
         self._rig, self._p, self._frames = rig, parameters, Frames(rig, parameters)
 
     def _link(self, joint: int) -> tuple[Scalar, Vector, Vector] | None:
-        """Return mass, centre and moments of inertia about the centre of a joint's link, None where it has none."""
+        """Return mass, centre and moments of inertia about the centre of a joint's link, None where
+        it has none.
+        """
         if self._rig.joints[joint].link is None:
             return None
         path = f"joints.{joint}.link"
-        return self._p[f"{path}.mass"], self._frames.vector(f"{path}.centre"), self._frames.vector(f"{path}.inertia")
+        return (
+            self._p[f"{path}.mass"],
+            self._frames.vector(f"{path}.centre"),
+            self._frames.vector(f"{path}.inertia"),
+        )
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return the links' inertia matrix, (n_joints, n_joints) [kg m²], by composite rigid bodies.
+        """Return the links' inertia matrix, (n_joints, n_joints) [kg m²], by composite rigid
+        bodies.
 
-        A composite body is its mass m, first moment h = m c and inertia J about its joint's frame; unit acceleration about
-        a joint's axis a takes the force a × h and the moment J a, which go down to the base.
+        A composite body is its mass m, first moment h = m c and inertia J about its joint's frame;
+        unit acceleration about a joint's axis a takes the force a × h and the moment J a, which go
+        down to the base.
         """
         n, turned = len(self._rig.joints), self._frames.rotations(q)
         bodies = list[tuple[Scalar, Vector, Matrix]]()
@@ -55,21 +68,34 @@ class Chain:
             force, torque, at = cross(axis, moment), ca.mtimes(inertia, axis), i
             matrix[i, i] = ca.dot(axis, torque)
             while (parent := self._frames.parents[at]) is not None:
-                offset, force = self._frames.vector(f"joints.{at}.offset"), ca.mtimes(turned[at], force)
+                offset, force = (
+                    self._frames.vector(f"joints.{at}.offset"),
+                    ca.mtimes(turned[at], force),
+                )
                 torque = ca.mtimes(turned[at], torque) + cross(offset, force)
-                matrix[i, parent] = matrix[parent, i] = ca.dot(ca.DM(self._rig.joints[parent].axis), torque)
+                matrix[i, parent] = matrix[parent, i] = ca.dot(
+                    ca.DM(self._rig.joints[parent].axis), torque
+                )
                 at = parent
             above = self._frames.parents[i]
             if above is not None:
                 offset, r = self._frames.vector(f"joints.{i}.offset"), turned[i]
                 moment = ca.mtimes(r, moment)
-                inertia = ca.mtimes([r, inertia, r.T]) + _shifted(mass, 2 * moment + mass * offset, offset)
+                inertia = ca.mtimes([r, inertia, r.T]) + _shifted(
+                    mass, 2 * moment + mass * offset, offset
+                )
                 before = bodies[above]
-                bodies[above] = (before[0] + mass, before[1] + moment + mass * offset, before[2] + inertia)
+                bodies[above] = (
+                    before[0] + mass,
+                    before[1] + moment + mass * offset,
+                    before[2] + inertia,
+                )
         return matrix
 
     def torques(self, q: Vector, v: Vector, acceleration: Vector) -> Vector:
-        """Return M(q) q̈ + c(q, v) + g(q) of the links at an acceleration q̈ [rad/s²], (n_joints,) [N m]: Newton–Euler."""
+        """Return M(q) q̈ + c(q, v) + g(q) of the links at an acceleration q̈ [rad/s²], (n_joints,)
+        [N m]: Newton–Euler.
+        """
         n, turned = len(self._rig.joints), self._frames.rotations(q)
         resting = (ca.SX(3, 1), ca.SX(3, 1), -self._frames.gravity())
         spins = self._frames.carried(turned, v)
@@ -78,7 +104,9 @@ class Chain:
             parent, axis = self._frames.parents[i], ca.DM(self._rig.joints[i].axis)
             spin, twist, linear = resting if parent is None else moving[parent]
             offset, back = self._frames.vector(f"joints.{i}.offset"), turned[i].T
-            linear = ca.mtimes(back, linear + cross(twist, offset) + cross(spin, cross(spin, offset)))
+            linear = ca.mtimes(
+                back, linear + cross(twist, offset) + cross(spin, cross(spin, offset))
+            )
             spin = spins[i]
             twist = ca.mtimes(back, twist) + axis * acceleration[i] + cross(spin, axis * v[i])
             spin = spin + axis * v[i]
@@ -89,7 +117,9 @@ class Chain:
                 continue
             mass, centre, inertia = link
             force = mass * (linear + cross(twist, centre) + cross(spin, cross(spin, centre)))
-            loads.append((force, inertia * twist + cross(spin, inertia * spin) + cross(centre, force)))
+            loads.append(
+                (force, inertia * twist + cross(spin, inertia * spin) + cross(centre, force))
+            )
         needed = [ca.SX(0)] * n
         for i in reversed(range(n)):
             force, torque = loads[i]
@@ -97,15 +127,19 @@ class Chain:
             parent = self._frames.parents[i]
             if parent is not None:
                 force = ca.mtimes(turned[i], force)
-                torque = ca.mtimes(turned[i], torque) + cross(self._frames.vector(f"joints.{i}.offset"), force)
+                torque = ca.mtimes(turned[i], torque) + cross(
+                    self._frames.vector(f"joints.{i}.offset"), force
+                )
                 loads[parent] = (loads[parent][0] + force, loads[parent][1] + torque)
         return ca.vertcat(*needed)
 
 
 def _shifted(mass: Scalar, moment: Vector, offset: Vector) -> Matrix:
-    """Return what a shift by `offset` o adds to an inertia: Σ of h oᵀ, symmetric, as (h·o) 1 − (h oᵀ + o hᵀ)/2.
+    """Return what a shift by `offset` o adds to an inertia: Σ of h oᵀ, symmetric, as (h·o) 1 − (h
+    oᵀ + o hᵀ)/2.
 
-    With h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ); with h = 2 m c + m o that of a body with its centre at c.
+    With h = m o it is the parallel-axis theorem m (o·o 1 − o oᵀ); with h = 2 m c + m o that of a
+    body with its centre at c.
     """
     if ca.SX(mass).is_zero():
         return ca.SX(3, 3)

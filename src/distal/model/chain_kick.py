@@ -1,11 +1,13 @@
-"""One kick of joints that carry one another: all of their velocities at once, with exact friction and their stops.
+"""One kick of joints that carry one another: all of their velocities at once, with exact friction
+and their stops.
 
-In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C) v + h (F − c − g), f
-being friction. The Coriolis torques c are those in the middle of the kick. C holds the joints' viscous dampings; D̃_j =
-(M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j h/M_jj, makes the response of a joint alone the exact one of
-`free_response`; D is what is taken implicitly. Where a kick is long against the joints' own oscillation, the tendons'
-stiffness K is taken implicitly too, A += h² K, and the joints come to rest within it (linearly implicit Euler; Hairer and
-Wanner, Solving Ordinary Differential Equations II, 1996, section IV.7).
+In impulses over a kick of length h: A v⁺ + h f = r with A = M(q) + h (D̃ + D), r = (M + h D̃ − h C)
+v + h (F − c − g), f being friction. The Coriolis torques c are those in the middle of the kick. C
+holds the joints' viscous dampings; D̃_j = (M_jj/h)(φ(x) − 1), φ(x) = x/(1 − e^{−x}), x = C_j
+h/M_jj, makes the response of a joint alone the exact one of `free_response`; D is what is taken
+implicitly. Where a kick is long against the joints' own oscillation, the tendons' stiffness K is
+taken implicitly too, A += h² K, and the joints come to rest within it (linearly implicit Euler;
+Hairer and Wanner, Solving Ordinary Differential Equations II, 1996, section IV.7).
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ class Loads:
         force: F, all but inertia, damping, friction and stops [N m].
         implicit: D, damping that is taken implicitly [N m s/rad].
         up: friction limits against + motion, `down` those against − motion [N m].
-        stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N m/rad]; None for none.
+        stiffness: K of the taut tendons and springs, taken implicitly, (n_joints, n_joints) [N
+            m/rad]; None for none.
     """
 
     force: Vector
@@ -43,7 +46,9 @@ class Loads:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Which free joints press against a stop: impulse −κ (q − place) − δ v⁺, (n_free,) each; κ = δ = 0 without contact."""
+    """Which free joints press against a stop: impulse −κ (q − place) − δ v⁺, (n_free,) each; κ = δ
+    = 0 without contact.
+    """
 
     stiffness: Vector
     damping: Vector
@@ -83,7 +88,9 @@ def _growth(damping: Scalar, inertia: Scalar, length: Scalar) -> Scalar:
 def _implicit_inertias(mechanism: Mechanism, inertias: Vector, length: Scalar) -> Vector:
     """Return M_jj (φ − 1), (n_joints,)."""
     pairs = zip(ca.vertsplit(mechanism.dampings()[: mechanism.n_joints]), ca.vertsplit(inertias))
-    return ca.vertcat(*(inertia * (_growth(damping, inertia, length) - 1) for damping, inertia in pairs))
+    return ca.vertcat(
+        *(inertia * (_growth(damping, inertia, length) - 1) for damping, inertia in pairs)
+    )
 
 
 def residual(
@@ -97,7 +104,8 @@ def residual(
     contacts: Contacts,
     h: Scalar,
 ) -> Vector:
-    """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are those of the kick.
+    """Return A v⁺ + h f − r of the free joints, (n_free,): zero where they slip; its slopes are
+    those of the kick.
 
     Args:
         q: angles before, (n_joints,); v are the speeds.
@@ -113,7 +121,10 @@ def residual(
     needed = mechanism.inertias()[:nj] * change
     if mechanism.chain is not None:
         needed = passed * mechanism.chain.torques(q, v, change / passed) + needed
-    needed += _implicit_inertias(mechanism, ca.diag(matrix), h) * change + h * mechanism.dampings()[:nj] * v
+    needed += (
+        _implicit_inertias(mechanism, ca.diag(matrix), h) * change
+        + h * mechanism.dampings()[:nj] * v
+    )
     needed += h * (loads.implicit * speeds - loads.force)
     if loads.stiffness is not None:
         needed += h * h * ca.mtimes(loads.stiffness, speeds)
@@ -158,7 +169,9 @@ def chain_kick(
         bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
         if nj > 1:
             middle = _middle(matrix, load - length * bias, v[free], up, down)
-            bias = ca.mtimes(spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1)))
+            bias = ca.mtimes(
+                spread.T, assembled.torques(q, ca.mtimes(spread, middle), ca.SX(nj, 1))
+            )
         load -= length * bias
     inertias = inertias[free]
 
@@ -174,20 +187,26 @@ def chain_kick(
             *_, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
             inside = at - contacts.place
             pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
-            contacts = Contacts(contacts.stiffness * pushes, contacts.damping * pushes, contacts.place)
+            contacts = Contacts(
+                contacts.stiffness * pushes, contacts.damping * pushes, contacts.place
+            )
         matrix, load, slip, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
     moved = at + drift * kicked
     if stopped and rebounds and not last:
         motion, system = (at, v[free], alone, kicked), (matrix, load, slip, up, down)
-        kicked, moved = _bounced(mechanism, motion, system, contacts, inertias=inertias, length=length, drift=drift)
+        kicked, moved = _bounced(
+            mechanism, motion, system, contacts, inertias=inertias, length=length, drift=drift
+        )
     angles = ca.mtimes(spread, moved) + mechanism.offsets
     return Kicked(angles, ca.mtimes(spread, kicked), slip, contacts, matrix, load, up, down)
 
 
 def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -> Vector:
-    """Return the speeds in the middle of a kick, (n_free,): with Coriolis torques taken there its order is two.
+    """Return the speeds in the middle of a kick, (n_free,): with Coriolis torques taken there its
+    order is two.
 
-    Joints that move go on in their direction; those that stand still stay. `load` is r with these torques at the start.
+    Joints that move go on in their direction; those that stand still stay. `load` is r with these
+    torques at the start.
     """
     ahead = Slip(v > 0, v < 0)
     after = solver(matrix, ahead.moving)(load - ahead.friction(up, down))
@@ -195,9 +214,18 @@ def _middle(matrix: Matrix, load: Vector, v: Vector, up: Vector, down: Vector) -
 
 
 def _contacts(
-    mechanism: Mechanism, q: Vector, v: Vector, inertias: Vector, length: Scalar, drift: Scalar, *, last: bool
+    mechanism: Mechanism,
+    q: Vector,
+    v: Vector,
+    inertias: Vector,
+    length: Scalar,
+    drift: Scalar,
+    *,
+    last: bool,
 ) -> Contacts:
-    """Return which free joints press against a stop, by the velocities without it; see `kick_at_stops`."""
+    """Return which free joints press against a stop, by the velocities without it; see
+    `kick_at_stops`.
+    """
     rows = list[tuple[Scalar, Scalar, Scalar]]()
     for k, j in enumerate(mechanism.free):
         if not mechanism.bodies[j].has_stops:
@@ -217,10 +245,20 @@ def _contacts(
 
 
 def _pressed(
-    contacts: Contacts, at: Vector, alone: Vector, matrix: Matrix, load: Vector, *, up: Vector, down: Vector
+    contacts: Contacts,
+    at: Vector,
+    alone: Vector,
+    matrix: Matrix,
+    load: Vector,
+    *,
+    up: Vector,
+    down: Vector,
 ) -> tuple[Matrix, Vector, Slip, Vector]:
     """Return A and r with the stops in them, which free joints slip then, and their speeds."""
-    pressed, pressing = matrix + ca.diag(contacts.damping), load - contacts.stiffness * (at - contacts.place)
+    pressed, pressing = (
+        matrix + ca.diag(contacts.damping),
+        load - contacts.stiffness * (at - contacts.place),
+    )
     slip = slipping(pressed, pressing, up, down, start=alone, events=matrix.size1())
     return pressed, pressing, slip, solver(pressed, slip.moving)(pressing - slip.friction(up, down))
 
@@ -235,7 +273,9 @@ def _bounced(
     length: Scalar,
     drift: Scalar,
 ) -> tuple[Vector, Vector]:
-    """Return speeds and angles with the joints that bounce off their stops; the others answer to that blow."""
+    """Return speeds and angles with the joints that bounce off their stops; the others answer to
+    that blow.
+    """
     at, before, alone, kicked = motion
     matrix, load, slip, up, down = system
     rows = list[tuple[Scalar, Scalar, Scalar]]()
@@ -256,6 +296,11 @@ def _bounced(
     moving = slip.moving * (1 - bouncing)
     impulse = load - slip.friction(up, down) - ca.mtimes(matrix, imposed)
     answered = imposed + solver(matrix, moving)(impulse)
-    velocities = [ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))]
-    angles = [ca.if_else(bounces[k], places[k], at[k] + drift * velocities[k]) for k in range(len(bounces))]
+    velocities = [
+        ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))
+    ]
+    angles = [
+        ca.if_else(bounces[k], places[k], at[k] + drift * velocities[k])
+        for k in range(len(bounces))
+    ]
     return ca.vertcat(*velocities), ca.vertcat(*angles)

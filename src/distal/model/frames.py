@@ -1,6 +1,7 @@
 """Frames of the joints' links: how they are turned, how they turn, and which way things fall there.
 
-A joint's frame sits at `offset` in the frame of its parent and is turned about `axis` by θ; at θ = 0 both are parallel.
+A joint's frame sits at `offset` in the frame of its parent and is turned about `axis` by θ; at θ =
+0 both are parallel.
 """
 
 from __future__ import annotations
@@ -16,15 +17,23 @@ from distal.rig import Rig
 
 
 def rotation(axis: Sequence[float], angle: Scalar) -> Matrix:
-    """Return the matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] of a turn about a unit `axis` by an `angle` θ, (3, 3)."""
+    """Return the matrix R = a aᵀ + cos θ (1 − a aᵀ) + sin θ [a×] of a turn about a unit `axis` by
+    an `angle` θ, (3, 3).
+    """
     a = np.asarray(axis)
     along = np.outer(a, a)
     cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-    return ca.SX(ca.DM(along)) + ca.cos(angle) * ca.DM(np.eye(3) - along) + ca.sin(angle) * ca.DM(cross)
+    return (
+        ca.SX(ca.DM(along))
+        + ca.cos(angle) * ca.DM(np.eye(3) - along)
+        + ca.sin(angle) * ca.DM(cross)
+    )
 
 
 class Frames:
-    """The frames of a rig's links as a tree. Joint angles q [rad] and their speeds v [rad/s] are (n_joints,)."""
+    """The frames of a rig's links as a tree. Joint angles q [rad] and their speeds v [rad/s] are
+    (n_joints,).
+    """
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
         self.rig, self._p = rig, parameters
@@ -39,18 +48,23 @@ class Frames:
         return [rotation(joint.axis, q[i]) for i, joint in enumerate(self.rig.joints)]
 
     def carried(self, turned: Sequence[Matrix], v: Vector) -> list[Vector]:
-        """Return the angular velocity that each link has from those before it, in its own frame, (3,) each [rad/s].
+        """Return the angular velocity that each link has from those before it, in its own frame,
+        (3,) each [rad/s].
 
         They are `turned` as `rotations` has it, with speeds v.
         """
         spins = list[Vector]()
         for i, parent in enumerate(self.parents):
-            before = ca.SX(3, 1) if parent is None else spins[parent] + self._axis(parent) * v[parent]
+            before = (
+                ca.SX(3, 1) if parent is None else spins[parent] + self._axis(parent) * v[parent]
+            )
             spins.append(ca.mtimes(turned[i].T, before))
         return spins
 
     def turning(self, q: Vector, v: Vector) -> list[Vector]:
-        """Return the angular velocity of each link at q and v in its own frame, (3,) each [rad/s]."""
+        """Return the angular velocity of each link at q and v in its own frame, (3,) each
+        [rad/s].
+        """
         spins = self.carried(self.rotations(q), v)
         return [spin + self._axis(i) * v[i] for i, spin in enumerate(spins)]
 
@@ -58,7 +72,9 @@ class Frames:
         """Return the acceleration of free fall in the frame of each link at q, (3,) each [m/s²]."""
         turned, falls = self.rotations(q), list[Vector]()
         for i, parent in enumerate(self.parents):
-            falls.append(ca.mtimes(turned[i].T, self.gravity() if parent is None else falls[parent]))
+            falls.append(
+                ca.mtimes(turned[i].T, self.gravity() if parent is None else falls[parent])
+            )
         return falls
 
     def gravity(self) -> Vector:
@@ -70,7 +86,9 @@ class Frames:
             # each turn is about an axis of the world, after those before it
             angle = self._p[f"base.orientation.{k}"] if has else ca.SX(base.orientation[k])
             turned = ca.mtimes(rotation(axis, angle), turned)
-        return ca.mtimes(turned.T, self.vector("base.gravity") if has else ca.SX(ca.DM(list(base.gravity))))
+        return ca.mtimes(
+            turned.T, self.vector("base.gravity") if has else ca.SX(ca.DM(list(base.gravity)))
+        )
 
     def _axis(self, joint: int) -> Vector:
         return ca.DM(self.rig.joints[joint].axis)

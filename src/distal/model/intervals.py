@@ -8,16 +8,19 @@ from distal.model.mechanism import Mechanism
 from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
-def interval_step(mechanism: Mechanism, count: int, rebounds: bool = True, with_servo: bool = False) -> ca.Function:
+def interval_step(
+    mechanism: Mechanism, count: int, rebounds: bool = True, with_servo: bool = False
+) -> ca.Function:
     """Return the function (q, v, effort, added_inertia, servo, dt, p) → (q⁺, v⁺) over one interval.
 
-    Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half kick.
-    Everything that acts is constant over the interval: `effort` is force or torque, `added_inertia` rides on the bodies
-    (hung weights), `servo` is (stiffness, target, damping) of a spring and damper to a target, taken implicitly (a hand,
-    a position loop), all per body.
+    Kick–drift–kick leapfrog: half kick, drift, then (full kick, drift) `count` − 1 times, half
+    kick. Everything that acts is constant over the interval: `effort` is force or torque,
+    `added_inertia` rides on the bodies (hung weights), `servo` is (stiffness, target, damping) of a
+    spring and damper to a target, taken implicitly (a hand, a position loop), all per body.
 
     Args:
-        rebounds: whether bodies bounce off stops (simulation) or are pressed against them (filters).
+        rebounds: whether bodies bounce off stops (simulation) or are pressed against them
+            (filters).
         with_servo: whether a spring and damper to a target may act on the bodies.
     """
     n, p = mechanism.n_bodies, mechanism.parameters.symbols
@@ -31,10 +34,14 @@ def interval_step(mechanism: Mechanism, count: int, rebounds: bool = True, with_
         implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
     kick = Kick(q, v, effort, response, length, drift, implicit)
     arguments = [q, v, effort, response, length, drift, servo, p]
-    moving = ca.Function("substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds))))
+    moving = ca.Function(
+        "substep", arguments, ca.cse(list(kick_and_drift(mechanism, kick, rebounds)))
+    )
     closing = ca.Function("last_kick", arguments, ca.cse([last_kick(mechanism, kick)]))
     added = ca.SX.sym("added_inertia", n)
-    prepared = ca.Function("responses", [length, drift, added, p], [responses(mechanism, length, drift, added)])
+    prepared = ca.Function(
+        "responses", [length, drift, added, p], [responses(mechanism, length, drift, added)]
+    )
 
     q, v, effort, added = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "added_inertia"))
     servo, dt, p = ca.MX.sym("servo", n, 3), ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
@@ -43,7 +50,9 @@ def interval_step(mechanism: Mechanism, count: int, rebounds: bool = True, with_
     q_next, v_next = q, v
     for i in range(count):
         first = i == 0
-        q_next, v_next = moving(q_next, v_next, effort, half if first else full, h / 2 if first else h, h, servo, p)
+        q_next, v_next = moving(
+            q_next, v_next, effort, half if first else full, h / 2 if first else h, h, servo, p
+        )
     v_next = closing(q_next, v_next, effort, half, h / 2, h, servo, p)
     return ca.Function(
         "interval",

@@ -14,24 +14,28 @@ from distal.model.tendons import Tendons
 from distal.rig import Joint, Rig
 
 FEWEST = 2
-"""So many joints or more move one another. The link of one joint alone is a constant inertia and a weight."""
+"""So many joints or more move one another. The link of one joint alone is a constant inertia and a
+weight.
+"""
 
 GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s²]."""
 
 
 class Mechanism(Tendons):
-    """The general form of a tendon-driven rig: coordinates q = (joint angles, drive displacements) and their rates v.
+    """The general form of a tendon-driven rig: coordinates q = (joint angles, drive displacements)
+    and their rates v.
 
-        stretch  δ_i = ℓ_i(q) − ℓ_i⁰,   tension  T_i = max(k_i δ_i + c_i δ̇_i, 0) for δ_i > 0, else 0
-        joints:  J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext
-        drives:  m s̈ + b ṡ + friction(ṡ, T) = −(∂ℓ/∂s)ᵀ T + U − F_stop(s)
+        stretch  δ_i = ℓ_i(q) − ℓ_i⁰,   tension  T_i = max(k_i δ_i + c_i δ̇_i, 0) for δ_i > 0, else
+        0 joints:  J θ̈ + b θ̇ + friction(θ̇, T) = −(∂ℓ/∂θ)ᵀ T + spring + gravity + τ_ext drives:  m
+        s̈ + b ṡ + friction(ṡ, T) = −(∂ℓ/∂s)ᵀ T + U − F_stop(s)
 
-    Joints with links carry one another: J + M(q), Coriolis and gravity of their `chain`. A coupled joint has no coordinate
-    of its own: θ = `spread` θ_free + `offsets`.
+    Joints with links carry one another: J + M(q), Coriolis and gravity of their `chain`. A coupled
+    joint has no coordinate of its own: θ = `spread` θ_free + `offsets`.
 
-    On the paper's rig the virtual work −(∂ℓ/∂q)ᵀT gives its equations (2), (3), (10) and (11), with the mend that
-    (11) has "+": cos θ cos φ2 + sin θ sin φ2. Mend: tension has a max(·, 0) (8, 9); a thread cannot push.
+    On the paper's rig the virtual work −(∂ℓ/∂q)ᵀT gives its equations (2), (3), (10) and (11), with
+    the mend that (11) has "+": cos θ cos φ2 + sin θ sin φ2. Mend: tension has a max(·, 0) (8, 9); a
+    thread cannot push.
 
     For the arguments, and the shapes of q, v and tensions, see `Tendons`.
     """
@@ -47,25 +51,31 @@ class Mechanism(Tendons):
             if joint.coupled is None:
                 self.spread[i, self.free.index(i)] = 1.0
             else:
-                self.spread[i, self.free.index(self._joint[joint.coupled.joint])] = joint.coupled.ratio
+                self.spread[i, self.free.index(self._joint[joint.coupled.joint])] = (
+                    joint.coupled.ratio
+                )
                 self.offsets[i] = joint.coupled.offset
 
     def mass_matrix(self, q: Vector) -> Matrix:
-        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²], at the joints' coordinates in q."""
+        """Return the inertia matrix of the joints, (n_joints, n_joints) [kg m²], at the joints'
+        coordinates in q.
+        """
         diagonal = ca.diag(self.inertias()[: self.n_joints])
         return diagonal if self.chain is None else diagonal + self.chain.mass_matrix(q)
 
     def moving_forces(self, q: Vector, v: Vector, a: Vector) -> Vector:
-        """Return what it takes to move the joints so, J a + (M a + Coriolis + gravity) of a chain, (n_joints,) [N m].
+        """Return what it takes to move the joints so, J a + (M a + Coriolis + gravity) of a chain,
+        (n_joints,) [N m].
 
-        Coordinates q and velocities v are of all bodies, accelerations a, (n_joints,) [rad/s²], of the joints. Gravity of
-        a joint that carries no other is among `passive_forces`.
+        Coordinates q and velocities v are of all bodies, accelerations a, (n_joints,) [rad/s²], of
+        the joints. Gravity of a joint that carries no other is among `passive_forces`.
         """
         own = self.inertias()[: self.n_joints] * a
         return own if self.chain is None else own + self.chain.torques(q, v, a)
 
     def passive_forces(self, q: Vector) -> Vector:
-        """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,) [N m].
+        """Return what springs and gravity add at the joints, and cogging at the drives, (n_bodies,)
+        [N m].
 
         Gravity of a chain's links is among `moving_forces`.
         """
@@ -80,7 +90,9 @@ class Mechanism(Tendons):
         return p[f"{path}.cosine"] * ca.cos(phase) + p[f"{path}.sine"] * ca.sin(phase)
 
     def passive_springs(self, q: Vector) -> Matrix:
-        """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N m, N m/rad]."""
+        """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N
+        m, N m/rad].
+        """
         at, rows = ca.SX.sym("q", self.n_bodies), []
         for i, joint in enumerate(self.rig.joints):
             torque = self._spring_torque(i, joint, at)
@@ -96,7 +108,10 @@ class Mechanism(Tendons):
             torque += polynomial_torque(away, *parts)
         if joint.extension_spring is not None:
             spring = f"{path}.extension_spring"
-            parts = [p[f"{spring}.{name}"] for name in ("stiffness", "free_length", "radius", "distance", "preload")]
+            parts = [
+                p[f"{spring}.{name}"]
+                for name in ("stiffness", "free_length", "radius", "distance", "preload")
+            ]
             torque += extension_torque(q[index] - p[f"{spring}.line_angle"], *parts)
         return torque
 
@@ -109,12 +124,16 @@ class Mechanism(Tendons):
             torque -= moment * ca.sin(q[index] - p[f"{path}.gravity.hanging_angle"])
         return torque
 
-    def friction_limits(self, q: Vector, v: Vector, tensions: Vector, at_drives: Vector | None = None) -> list[Limit]:
-        """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their general form.
+    def friction_limits(
+        self, q: Vector, v: Vector, tensions: Vector, at_drives: Vector | None = None
+    ) -> list[Limit]:
+        """Return the Coulomb limits of all bodies: equations (12) and (13), reconstructed, in their
+        general form.
 
-        At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along its tendons' paths
-        (`capstan_limit`), whose bends may change with q; each times Stribeck's factor at the velocities v, if it has one.
-        `tensions` are those at the joints, `at_drives` those at the drives, where they differ.
+        At the joint μ r_a (T0 + Σ T); at a drive constant + load · R Σ T, and the friction along
+        its tendons' paths (`capstan_limit`), whose bends may change with q; each times Stribeck's
+        factor at the velocities v, if it has one. `tensions` are those at the joints, `at_drives`
+        those at the drives, where they differ.
         """
         limits, p = [], self.parameters
         for i, body in enumerate(self.bodies):
@@ -132,14 +151,18 @@ class Mechanism(Tendons):
         p, path = self.parameters, f"{self.bodies[body].path}.friction"
         if f"{path}.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
-        tension = sum((tensions[i] for i in range(self.n_tendons) if body in self.joints_of[i]), ca.SX(0))
+        tension = sum(
+            (tensions[i] for i in range(self.n_tendons) if body in self.joints_of[i]), ca.SX(0)
+        )
         names = ("coefficient", "radius", "preload", "reference", "exponent")
         coefficient, radius, preload, reference, exponent = (p[f"{path}.{name}"] for name in names)
         limit = load_dependent_limit(coefficient, radius, preload + tension, reference, exponent)
         return Limit(limit, limit)
 
     def _drive_friction(self, body: int, q: Vector, tensions: Vector) -> Limit:
-        """Return friction of the drive itself and along the paths of its tendons, drawn in or let out."""
+        """Return friction of the drive itself and along the paths of its tendons, drawn in or let
+        out.
+        """
         limit, lever = self._dry_friction(body, "friction", tensions), self._drive_radius(body)
         up, down = limit, limit
         for i in self._pulled_by(body):
@@ -149,9 +172,15 @@ class Mechanism(Tendons):
             out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
             path_friction = capstan_limit(tensions[i], wrapped, out).times(lever)
             # a capstan's positive angle lets out the tendons of side −1
-            drawn = self.rig.tendons[i].winding if self.rig.drives[body - self.n_joints].kind == "capstan" else 1
+            drawn = (
+                self.rig.tendons[i].winding
+                if self.rig.drives[body - self.n_joints].kind == "capstan"
+                else 1
+            )
             drawn_in, let_out = path_friction.up, path_friction.down
-            up, down = (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
+            up, down = (
+                (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
+            )
         return Limit(up, down)
 
     def _pulled_by(self, body: int) -> list[int]:
@@ -164,9 +193,11 @@ class Mechanism(Tendons):
         return p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
 
     def stretch(self, drive: int, q: Vector) -> Scalar:
-        """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ h_i², h_i = ∂ℓ_i/∂s.
+        """Return the stretch of a drive's tendons at q in the drive's own coordinate, Σ h_i ℓ_i/Σ
+        h_i², h_i = ∂ℓ_i/∂s.
 
-        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. `drive` counts the drives alone.
+        For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. `drive`
+        counts the drives alone.
         """
         body, elongations = self.n_joints + drive, self.elongations(q)
         levers, tendons = self.length_jacobian(q)[:, body], self._pulled_by(body)
@@ -174,7 +205,8 @@ class Mechanism(Tendons):
         return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
 
     def hysteresis_limit(self, drive: int, q: Vector, tensions: Vector) -> Scalar:
-        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's transmission at q, ≥ 0.
+        """Return the limit h = (constant + load · R Σ T)(1 + slope · θ) of the play in a drive's
+        transmission at q, ≥ 0.
 
         `drive` counts the drives alone; T are the `tensions`.
         """
@@ -189,9 +221,14 @@ class Mechanism(Tendons):
         return self.parameters[path] if path in self.parameters else ca.SX(1)
 
     def inertias(self) -> Vector:
-        """Return mass or moment of inertia of all bodies, (n_bodies,); links that a chain carries are not among them."""
+        """Return mass or moment of inertia of all bodies, (n_bodies,); links that a chain carries
+        are not among them.
+        """
         p = self.parameters
-        inertias = [p[f"{b.path}.mass" if f"{b.path}.mass" in p else f"{b.path}.inertia"] for b in self.bodies]
+        inertias = [
+            p[f"{b.path}.mass" if f"{b.path}.mass" in p else f"{b.path}.inertia"]
+            for b in self.bodies
+        ]
         if self._lone is not None:
             inertias[0] += self._lone.mass_matrix(ca.SX.zeros(1))[0, 0]
         return ca.vertcat(*inertias)
@@ -199,7 +236,12 @@ class Mechanism(Tendons):
     def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         """Return stiffness, damping, low and high end of a body's stops."""
         p, path = self.parameters, self.bodies[body].path
-        return p[f"{path}.stop_stiffness"], p[f"{path}.stop_damping"], p[f"{path}.stops.low"], p[f"{path}.stops.high"]
+        return (
+            p[f"{path}.stop_stiffness"],
+            p[f"{path}.stop_damping"],
+            p[f"{path}.stops.low"],
+            p[f"{path}.stops.high"],
+        )
 
     def dampings(self) -> Vector:
         """Return the viscous damping of all bodies, (n_bodies,)."""

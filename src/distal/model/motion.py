@@ -68,5 +68,9 @@ class Moment:
         return Frames(self.mechanism.rig, self.mechanism.parameters)
 
     def read(self, sensor: Sensor, unknowns: Mapping[str, Scalar] | None = None) -> Scalar:
-        """Return what a sensor without errors reads [SI], its numbers being the rig's but for `unknowns` by name."""
-        return measurand_of(sensor).read(sensor, self, part_of(sensor, self.mechanism.rig), unknowns or {})
+        """Return what a sensor without errors reads [SI], its numbers being the rig's but for
+        `unknowns` by name.
+        """
+        return measurand_of(sensor).read(
+            sensor, self, part_of(sensor, self.mechanism.rig), unknowns or {}
+        )

@@ -24,17 +24,20 @@ NEUTRAL = (".exponent", ".let_out", ".scale")
 
 
 class Parameters:
-    """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts, symbols.
+    """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts,
+    symbols.
 
-    A drift that is not given is NaN. A std is that of all that is not known of a value; `independent_stds` are what others
-    do not share, and `shared` what they do: name → its std, as a share of the values, and the indices of its parameters.
+    A drift that is not given is NaN. A std is that of all that is not known of a value;
+    `independent_stds` are what others do not share, and `shared` what they do: name → its std, as a
+    share of the values, and the indices of its parameters.
 
-    A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the expressions:
-    what a rig does not have costs nothing.
+    A parameter that is zero with ``std = 0``, and an exponent of exactly one, are constants of the
+    expressions: what a rig does not have costs nothing.
 
     Args:
-        inputs: paths that stay symbols whatever their values, because they will be changed: parameters, and other numbers
-            of the description (a sensor's noise), which are put behind the parameters. They have std 0.
+        inputs: paths that stay symbols whatever their values, because they will be changed:
+            parameters, and other numbers of the description (a sensor's noise), which are put
+            behind the parameters. They have std 0.
         inside: names of what moves inside the rig, which come last; see `Mechanism`.
 
     Raises:
@@ -50,21 +53,33 @@ class Parameters:
         for name, parameter in _walk(rig):
             if name in self.inputs:
                 rows[name] = (parameter.value, 0.0, np.nan)
-            elif parameter.absent or (name.endswith(NEUTRAL) and (parameter.value, parameter.filter_std) == (1.0, 0.0)):
+            elif parameter.absent or (
+                name.endswith(NEUTRAL) and (parameter.value, parameter.filter_std) == (1.0, 0.0)
+            ):
                 self._constants[name] = parameter.value
             else:
-                if parameter.shared is not None and parameter.shared.std > 0.0 and not parameter.hold:
+                if (
+                    parameter.shared is not None
+                    and parameter.shared.std > 0.0
+                    and not parameter.hold
+                ):
                     independent[len(rows)] = parameter.std
-                    self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(len(rows))
+                    self.shared.setdefault(parameter.shared.name, (parameter.shared.std, []))[
+                        1
+                    ].append(len(rows))
                 drift = np.nan if parameter.drift is None else parameter.drift
                 rows[name] = (parameter.value, parameter.filter_std, drift)
-        rows |= {name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows}
+        rows |= {
+            name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows
+        }
         rows |= dict.fromkeys(inside, (0.0, 0.0, np.nan))
         self.names = tuple(rows)
         self.all_names = tuple(name for name, _ in _walk(rig))
         columns: list[Floats] = [np.array(column) for column in zip(*rows.values())]
         self.values, self.stds, self.drifts = columns
-        self.independent_stds: Floats = np.array([independent.get(i, std) for i, std in enumerate(self.stds)])
+        self.independent_stds: Floats = np.array(
+            [independent.get(i, std) for i, std in enumerate(self.stds)]
+        )
         self.symbols: Vector = ca.SX.sym("p", len(rows))
         self._index = {name: i for i, name in enumerate(rows)}
 
@@ -86,7 +101,9 @@ class Parameters:
 
 
 def number_at(rig: Rig, path: str) -> float:
-    """Return the number (a parameter's value) at a path of the description, which must have one: keys and indices."""
+    """Return the number (a parameter's value) at a path of the description, which must have one:
+    keys and indices.
+    """
     part: object = rig
     for key in path.split("."):
         if isinstance(part, tuple):

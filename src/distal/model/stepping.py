@@ -18,18 +18,26 @@ from distal.model.mechanism import Mechanism
 from distal.model.stops import Push, Stop, kick_at_stops, restitution, velocity_in_stops
 
 RESOLUTION = 0.6
-"""Largest product of sub-step and stiffest frequency; docs/results/numerics.md has the table behind it."""
+"""Largest product of sub-step and stiffest frequency; docs/results/numerics.md has the table behind
+it.
+"""
 
 MOST_SUBSTEPS = 1000
 
 
 def responses(
-    mechanism: Mechanism, length: Scalar, drift: Scalar, added_inertia: Vector | None = None, rebounds: bool = True
+    mechanism: Mechanism,
+    length: Scalar,
+    drift: Scalar,
+    added_inertia: Vector | None = None,
+    rebounds: bool = True,
 ) -> Matrix:
-    """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound, implicitness.
+    """Return what depends on the step only, (n_bodies, 4): a, b (see `free_response`), rebound,
+    implicitness.
 
-    The kick has a `length`, the drift that follows is `drift` long [s]. What rides on the bodies (hung weights) has an
-    `added_inertia`, (n_bodies,). Where no body `rebounds`, the third column is zero.
+    The kick has a `length`, the drift that follows is `drift` long [s]. What rides on the bodies
+    (hung weights) has an `added_inertia`, (n_bodies,). Where no body `rebounds`, the third column
+    is zero.
     """
     inertias, dampings = mechanism.inertias(), mechanism.dampings()
     rows = []
@@ -40,7 +48,9 @@ def responses(
         if body.has_stops:
             k_s, b_s, _, _ = mechanism.stop(i)
             resolved = k_s * drift * drift / inertia <= 1
-            rebound = ca.if_else(resolved, 0, restitution(k_s, b_s, inertia)) if rebounds else ca.SX(0)
+            rebound = (
+                ca.if_else(resolved, 0, restitution(k_s, b_s, inertia)) if rebounds else ca.SX(0)
+            )
             implicitness = ca.if_else(resolved, 0.5, 1)
         rows.append(ca.horzcat(a, b, rebound, implicitness))
     return ca.vertcat(*rows)
@@ -51,10 +61,13 @@ class Kick:
     """The symbols of one kick, all SX.
 
     Args:
-        q: coordinates, (n_bodies,) [rad, m]; v are their velocities, `effort` is the force or torque on each body.
+        q: coordinates, (n_bodies,) [rad, m]; v are their velocities, `effort` is the force or
+            torque on each body.
         response: see `responses`, (n_bodies, 4).
-        length: of the kick [s]; `drift` is that of the drift that follows (or, in the last kick, went before).
-        implicit: (force F, damping D) per body, (n_bodies, 2): F − D v⁺ is taken implicitly; or none.
+        length: of the kick [s]; `drift` is that of the drift that follows (or, in the last kick,
+            went before).
+        implicit: (force F, damping D) per body, (n_bodies, 2): F − D v⁺ is taken implicitly; or
+            none.
     """
 
     q: Vector
@@ -69,7 +82,8 @@ class Kick:
 def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limit]]:
     """Return force, implicit damping and friction limits of all bodies.
 
-    A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small step.
+    A body's own share of tendon damping is linearly implicit, so that stiff damping needs no small
+    step.
     """
     pulls = mechanism.pulls(kick.q, kick.v)
     damping = mechanism.tendon_damping(kick.q, pulls.joint)
@@ -80,7 +94,9 @@ def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limi
 
 
 def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vector]:
-    """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction and stops."""
+    """Return (z, friction impulse, implicit damping) of all bodies: z = a v + b F, before friction
+    and stops.
+    """
     force, damping, limits = _forces(mechanism, kick)
     a, b = kick.response[:, 0], kick.response[:, 1]
     return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
@@ -89,23 +105,36 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vec
 def loads_of(mechanism: Mechanism, kick: Kick, settles: bool = False) -> Loads:
     """Return what acts on the joints of a chain in a kick.
 
-    Where it `settles`, the joints come to rest within the kick: the drives are taken where they end, stiffness is implicit.
+    Where it `settles`, the joints come to rest within the kick: the drives are taken where they
+    end, stiffness is implicit.
     """
     nj = mechanism.n_joints
     if settles:
-        return _settling(mechanism, ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:]), kick.effort[:nj])
+        return _settling(
+            mechanism,
+            ca.vertcat(kick.q[:nj], kick.q[nj:] + kick.drift * kick.v[nj:]),
+            kick.effort[:nj],
+        )
     force, damping, limits = _forces(mechanism, kick)
     return Loads(force[:nj], damping[:nj], *_sides(limits[:nj]))
 
 
 def _sides(limits: Sequence[Limit]) -> tuple[Vector, Vector]:
     """Return friction limits against + and against − motion, (n_joints,) each."""
-    return ca.vertcat(*(limit.up for limit in limits)), ca.vertcat(*(limit.down for limit in limits))
+    return ca.vertcat(*(limit.up for limit in limits)), ca.vertcat(
+        *(limit.down for limit in limits)
+    )
 
 
 def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
-    """Return what acts on joints that come to rest within a kick: forces and stiffness without any damping of tendons."""
-    nj, at, still = mechanism.n_joints, ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
+    """Return what acts on joints that come to rest within a kick: forces and stiffness without any
+    damping of tendons.
+    """
+    nj, at, still = (
+        mechanism.n_joints,
+        ca.SX.sym("q", mechanism.n_bodies),
+        ca.SX.zeros(mechanism.n_bodies),
+    )
     pulls = mechanism.pulls(at, still)
     pulled, passive = pulls.forces[:nj], mechanism.passive_forces(at)[:nj]
     stiffness = -ca.jacobian(pulled, at)[:, :nj]
@@ -119,13 +148,21 @@ def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
 
 
 def kicked_chain(
-    mechanism: Mechanism, kick: Kick, rebounds: bool = True, last: bool = False, settles: bool = False
+    mechanism: Mechanism,
+    kick: Kick,
+    rebounds: bool = True,
+    last: bool = False,
+    settles: bool = False,
 ) -> Kicked:
-    """Return the joints of a chain after a kick and the drift that follows; see `chain_kick` and `loads_of`."""
+    """Return the joints of a chain after a kick and the drift that follows; see `chain_kick` and
+    `loads_of`.
+    """
     nj = mechanism.n_joints
     loads = loads_of(mechanism, kick, settles)
     before = ca.SX.zeros(nj) if settles else kick.v[:nj]  # what rests has no momentum
-    return chain_kick(mechanism, kick.q[:nj], before, loads, kick.length, kick.drift, last=last, rebounds=rebounds)
+    return chain_kick(
+        mechanism, kick.q[:nj], before, loads, kick.length, kick.drift, last=last, rebounds=rebounds
+    )
 
 
 def _stop(mechanism: Mechanism, body: int, response: Matrix, rebounds: bool) -> Stop:
@@ -136,11 +173,12 @@ def _stop(mechanism: Mechanism, body: int, response: Matrix, rebounds: bool) -> 
 def kick_and_drift(
     mechanism: Mechanism, kick: Kick, rebounds: bool = True, bodies: Sequence[int] | None = None
 ) -> tuple[Vector, Vector]:
-    """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit), q⁺ = q + h v⁺.
+    """Return (q⁺, v⁺) after one kick and the drift that follows: v⁺ = soft(a v + b F, b · limit),
+    q⁺ = q + h v⁺.
 
     Args:
-        rebounds: whether bodies bounce off stops whose contact the step does not resolve; a filter that linearises
-            takes them as pressed instead, since the slope of a bounce says nothing.
+        rebounds: whether bodies bounce off stops whose contact the step does not resolve; a filter
+            that linearises takes them as pressed instead, since the slope of a bounce says nothing.
         bodies: which bodies move freely; default all. The others drift with the velocity they have.
     """
     z, limits, damping = impulses(mechanism, kick)
@@ -153,7 +191,9 @@ def kick_and_drift(
         push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
         if i in free and mechanism.bodies[i].has_stops:
             stop = _stop(mechanism, i, kick.response, rebounds)
-            velocity, position = kick_at_stops(stop, push, kick.q[i], kick.v[i], kick.length, kick.drift)
+            velocity, position = kick_at_stops(
+                stop, push, kick.q[i], kick.v[i], kick.length, kick.drift
+            )
         else:
             velocity = push.free if i in free else kick.v[i]
             position = kick.q[i] + kick.drift * velocity
@@ -163,7 +203,9 @@ def kick_and_drift(
 
 
 def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
-    """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went before."""
+    """Return v⁺ after the half kick that ends an interval; its `drift` is the one that went
+    before.
+    """
     z, limits, damping = impulses(mechanism, kick)
     velocities = list[Scalar]()
     if mechanism.chain is not None:
@@ -179,11 +221,16 @@ def last_kick(mechanism: Mechanism, kick: Kick) -> Vector:
 
 
 def stiffest_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K; it must be finite."""
-    frequencies = [_frequency(mechanism, q, range(mechanism.n_bodies)) for q in _postures(mechanism)]
+    """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K; it
+    must be finite.
+    """
+    frequencies = [
+        _frequency(mechanism, q, range(mechanism.n_bodies)) for q in _postures(mechanism)
+    ]
     if not np.all(np.isfinite(frequencies)):
         raise RigError(
-            f"{mechanism.rig.name}: stiffness over inertia is not finite; check the sizes of the rig's values"
+            f"{mechanism.rig.name}: stiffness over inertia is not finite; check the sizes of the "
+            "rig's values"
         )
     return max(frequencies)
 
@@ -199,11 +246,15 @@ def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
             spring[i, i] += p[f"joints.{i}.spring.stiffness"]
         if joint.extension_spring is not None:
             path = f"joints.{i}.extension_spring"
-            spring[i, i] += p[f"{path}.stiffness"] * p[f"{path}.radius"] ** 2  # it lengthens by r per radian at most
+            spring[i, i] += (
+                p[f"{path}.stiffness"] * p[f"{path}.radius"] ** 2
+            )  # it lengthens by r per radian at most
     inertia = ca.diag(mechanism.inertias())
     inertia[:nj, :nj] = mechanism.mass_matrix(q)
     system = ca.Function("system", [q, p.symbols], [spring, inertia])
-    matrix, masses = (np.array(part.full())[np.ix_(bodies, bodies)] for part in system(at, p.values))
+    matrix, masses = (
+        np.array(part.full())[np.ix_(bodies, bodies)] for part in system(at, p.values)
+    )
     free = [i for i in mechanism.free if i in bodies] + [i for i in bodies if i >= nj]
     spread = np.eye(mechanism.n_bodies)
     spread[:nj, mechanism.free] = mechanism.spread.full()
@@ -216,32 +267,47 @@ def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
 
 
 def _postures(mechanism: Mechanism) -> list[Floats]:
-    """Return coordinates at which frequencies are looked at: zero; of a chain also where it starts, and its stops."""
+    """Return coordinates at which frequencies are looked at: zero; of a chain also where it starts,
+    and its stops.
+    """
     at = [np.zeros(mechanism.n_bodies)]
     if mechanism.chain is not None:
-        angles = [(joint.initial.value, *(joint.stops or (-1.0, 1.0))) for joint in mechanism.rig.joints]
+        angles = [
+            (joint.initial.value, *(joint.stops or (-1.0, 1.0))) for joint in mechanism.rig.joints
+        ]
         at += [np.concatenate([posture, np.zeros(mechanism.n_drives)]) for posture in zip(*angles)]
     return at
 
 
 def joint_frequency(mechanism: Mechanism) -> float:
-    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives held."""
+    """Return the largest natural frequency [rad/s] of the joints on their taut tendons, the drives
+    held.
+    """
     if mechanism.n_joints > 1:
-        return max(_frequency(mechanism, q, range(mechanism.n_joints)) for q in _postures(mechanism))
+        return max(
+            _frequency(mechanism, q, range(mechanism.n_joints)) for q in _postures(mechanism)
+        )
     p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
     square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]
-    at_zero = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
+    at_zero = ca.Function("square", [q, p.symbols], [square])(
+        np.zeros(mechanism.n_bodies), p.values
+    )
     return float(np.sqrt(max(float(at_zero), 0.0)))
 
 
 def substeps(mechanism: Mechanism, interval: float) -> int:
-    """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of its stiffest mode."""
-    largest = mechanism.rig.stepping.largest_step or RESOLUTION / max(stiffest_frequency(mechanism), 1e-12)
+    """Return how many sub-steps an interval [s] needs: the rig's `largest_step`, or RESOLUTION/ω of
+    its stiffest mode.
+    """
+    largest = mechanism.rig.stepping.largest_step or RESOLUTION / max(
+        stiffest_frequency(mechanism), 1e-12
+    )
     needed = interval / largest * (1 - 1e-9)
     if needed > MOST_SUBSTEPS:
         raise RigError(
-            f"{mechanism.rig.name}: an interval of {interval:g} s needs {needed:.3g} sub-steps of {largest:.3g} s "
+            f"{mechanism.rig.name}: an interval of {interval:g} s needs {needed:.3g} sub-steps of "
+            f"{largest:.3g} s "
             f"(at most {MOST_SUBSTEPS} are allowed); a tendon is too stiff for its lightest body: "
             "check the units of stiffness and mass, or set stepping.largest_step"
         )

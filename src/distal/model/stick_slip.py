@@ -1,9 +1,10 @@
 """Coupled stick–slip, exact: joints that carry one another, each held by its own friction.
 
-The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤ u_j where v_j⁺ = 0
-is unique for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv + Σ friction. Which joints slip is
-followed along a straight line from a load r₀ for which it is known to r (parametric pivoting; Cottle, Pang, Stone, The
-Linear Complementarity Problem, 1992, section 4.5): at each event one joint stops or breaks loose.
+The velocity v⁺ of A v⁺ + f = r with f_j = u_j where v_j⁺ > 0, −d_j where v_j⁺ < 0, and −d_j ≤ f_j ≤
+u_j where v_j⁺ = 0 is unique for a symmetric positive definite A: it is the minimum of ½ vᵀA v − rᵀv
++ Σ friction. Which joints slip is followed along a straight line from a load r₀ for which it is
+known to r (parametric pivoting; Cottle, Pang, Stone, The Linear Complementarity Problem, 1992,
+section 4.5): at each event one joint stops or breaks loose.
 """
 
 from __future__ import annotations
@@ -23,12 +24,16 @@ NEVER = 2.0
 """Share of the load's change at which an event comes that does not come."""
 
 EVENTS = 2
-"""So many events per joint are followed: a hundred thousand random loads needed no more (docs/explanation/numerics.md)."""
+"""So many events per joint are followed: a hundred thousand random loads needed no more
+(docs/explanation/numerics.md).
+"""
 
 
 @dataclass(frozen=True)
 class Slip:
-    """Which joints slip, and which way, (n,) each: `forward` is 1 where a joint slips to +, `back` where it slips to −."""
+    """Which joints slip, and which way, (n,) each: `forward` is 1 where a joint slips to +, `back`
+    where it slips to −.
+    """
 
     forward: Vector
     back: Vector
@@ -39,20 +44,25 @@ class Slip:
         return self.forward + self.back
 
     def friction(self, up: Vector, down: Vector) -> Vector:
-        """Return the friction of the joints that slip, 0 for the others, (n,), by its limits `up` and `down`, (n,)."""
+        """Return the friction of the joints that slip, 0 for the others, (n,), by its limits `up`
+        and `down`, (n,).
+        """
         return self.forward * up - self.back * down
 
 
 def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
-    """Return b → x with A_SS x_S = b_S for the joints S whose weight is 1, x = 0 for those whose weight is 0, by L D Lᵀ.
+    """Return b → x with A_SS x_S = b_S for the joints S whose weight is 1, x = 0 for those whose
+    weight is 0, by L D Lᵀ.
 
-    A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b. The `matrix` A, (n, n), is
-    symmetric positive definite.
+    A weight w between 0 and 1 stands between both: x = w (w A w with the diagonal of A)⁻¹ w b. The
+    `matrix` A, (n, n), is symmetric positive definite.
     """
     n = matrix.size1()
     pivots, scaled = list[list[Scalar]](), list[list[Scalar]]()  # columns of L D, and of L
     for j in range(n):
-        column = [matrix[j, j] if i == j else weight[i] * matrix[i, j] * weight[j] for i in range(n)]
+        column = [
+            matrix[j, j] if i == j else weight[i] * matrix[i, j] * weight[j] for i in range(n)
+        ]
         for k in range(j):
             for i in range(j, n):
                 column[i] -= pivots[k][i] * scaled[k][j]
@@ -74,7 +84,12 @@ def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
 
 
 def slipping(
-    matrix: Matrix, load: Vector, up: Vector, down: Vector, start: Vector | None = None, events: int | None = None
+    matrix: Matrix,
+    load: Vector,
+    up: Vector,
+    down: Vector,
+    start: Vector | None = None,
+    events: int | None = None,
 ) -> Slip:
     """Return which joints slip under a load.
 
@@ -87,7 +102,8 @@ def slipping(
     """
     n = matrix.size1()
     if n == 1:
-        # without friction, or where no time passes, a load of 0 is slip: what does not hold does not stop either
+        # without friction, or where no time passes, a load of 0 is slip: what does not hold does
+        # not stop either
         return Slip(load[0] >= up[0], load[0] < -down[0])
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
@@ -117,15 +133,19 @@ def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
 
 @lru_cache(maxsize=64)
 def _event(n: int) -> ca.Function:
-    """Return (A, the load's change, up, down, signs, velocity, friction, share left) → the last four after the next event.
+    """Return (A, the load's change, up, down, signs, velocity, friction, share left) → the last
+    four after the next event.
 
-    While the load changes in a straight line, velocities of the joints that slip and friction of those that stick do,
-    too: a joint stops where its velocity comes to zero, and breaks loose where its friction comes to a limit.
+    While the load changes in a straight line, velocities of the joints that slip and friction of
+    those that stick do, too: a joint stops where its velocity comes to zero, and breaks loose where
+    its friction comes to a limit.
 
     It stays a function of its own in C: a chain follows many events, and their code is there once.
     """
     matrix = ca.SX.sym("A", n, n)
-    change, up, down, signs, v, g = symbols = [ca.SX.sym(name, n) for name in ("change", "u", "d", "signs", "v", "g")]
+    change, up, down, signs, v, g = symbols = [
+        ca.SX.sym(name, n) for name in ("change", "u", "d", "signs", "v", "g")
+    ]
     left = ca.SX.sym("left")
     moving = signs * signs
     held, span = 1 - moving, up + down
@@ -148,10 +168,14 @@ def _event(n: int) -> ca.Function:
     stands = ca.vertcat(*(sign * sign for sign in after))
     state = [ca.vertcat(*after), stands * (v + soonest * dv), g + soonest * dg, left - soonest]
     inputs = [matrix, *symbols, left]
-    return ca.Function("event", inputs, [ca.densify(part) for part in state], {"cse": True, "never_inline": True})
+    return ca.Function(
+        "event", inputs, [ca.densify(part) for part in state], {"cse": True, "never_inline": True}
+    )
 
 
 def velocities(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
-    """Return v⁺, (n,), of joints with the inertia `matrix` A under a `load` r and friction limits `up` and `down`."""
+    """Return v⁺, (n,), of joints with the inertia `matrix` A under a `load` r and friction limits
+    `up` and `down`.
+    """
     slip = slipping(matrix, load, up, down)
     return solver(matrix, slip.moving)(load - slip.friction(up, down))

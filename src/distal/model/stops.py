@@ -1,7 +1,9 @@
-"""End stops: springs and dampers that only push. Contact is implicit when pressed and a rebound when hit.
+"""End stops: springs and dampers that only push. Contact is implicit when pressed and a rebound
+when hit.
 
-F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0: equation (14),
-reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls on release).
+F_stop = max(k_s (x − x_H) + b_s ẋ, 0) above x_H, min(k_s (x − x_L) + b_s ẋ, 0) below x_L, else 0:
+equation (14), reconstructed. Mend: a stop only pushes, hence max and min (as written it pulls on
+release).
 """
 
 from __future__ import annotations
@@ -17,9 +19,9 @@ from distal.model.friction import Limit, slip, slipped, soft
 def restitution(stiffness: Scalar, damping: Scalar, inertia: Scalar) -> Scalar:
     """Return the coefficient of restitution of a body that hits a stop which only pushes.
 
-    e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where the force, not
-    the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero where the contact is overdamped. The stop
-    has stiffness k_s and damping b_s, the body inertia m.
+    e = exp(−(β/ω)(π − arctan(2βω/(ω² − β²)))) with β = b_s/2m, ω² = k_s/m − β²; contact ends where
+    the force, not the penetration, is zero (Schwager & Pöschel, Granular Matter 9, 2007). Zero
+    where the contact is overdamped. The stop has stiffness k_s and damping b_s, the body inertia m.
     """
     beta = damping / (2 * inertia)
     square = stiffness / inertia - beta * beta
@@ -72,9 +74,9 @@ class Flight:
 class Stop:
     """The stops of one body, with what depends on the step only.
 
-    A contact that the step resolves (k_s h²/m ≤ 1) is a spring taken at the middle of the drift (implicitness ½, no
-    numerical damping) and needs no rebound. One that it does not resolve is a rigid rebound with the coefficient of
-    restitution when hit, and fully implicit when pressed.
+    A contact that the step resolves (k_s h²/m ≤ 1) is a spring taken at the middle of the drift
+    (implicitness ½, no numerical damping) and needs no rebound. One that it does not resolve is a
+    rigid rebound with the coefficient of restitution when hit, and fully implicit when pressed.
 
     Args:
         low: x_L, `high` is x_H; `stiffness` is k_s, `damping` b_s.
@@ -89,12 +91,16 @@ class Stop:
     rebound: Scalar
     implicitness: Scalar
 
-    def pressed(self, push: Push, position: Scalar, place: Scalar, drift: Scalar, contact: Scalar = True) -> Scalar:
-        """Return the velocity of a body that presses against a stop, exact with friction, implicit in the spring.
+    def pressed(
+        self, push: Push, position: Scalar, place: Scalar, drift: Scalar, contact: Scalar = True
+    ) -> Scalar:
+        """Return the velocity of a body that presses against a stop, exact with friction, implicit
+        in the spring.
 
-        (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a stop that is found by
-        looking at the velocity without it can only push. Where there is no contact, v = soft(z, l)/(1 + b D): both are
-        `slipped` less c (x − x_stop), and what is chosen are the factors, so that derivatives need no choice of their own.
+        (1 + b (D + α k_s h + b_s)) v + l ∂|v| ∋ z − b k_s (x − x_stop). v is monotone in z, so a
+        stop that is found by looking at the velocity without it can only push. Where there is no
+        contact, v = soft(z, l)/(1 + b D): both are `slipped` less c (x − x_stop), and what is
+        chosen are the factors, so that derivatives need no choice of their own.
 
         Args:
             position: x at the start of the drift, of length h = `drift` [s].
@@ -107,7 +113,10 @@ class Stop:
         spring = (forward + back) * (b * self.stiffness)
         if contact is not True:
             loose = slip(z, limit, 1 / (1 + b * implicit))
-            forward, back = ca.if_else(contact, forward, loose[0]), ca.if_else(contact, back, loose[1])
+            forward, back = (
+                ca.if_else(contact, forward, loose[0]),
+                ca.if_else(contact, back, loose[1]),
+            )
             spring = ca.if_else(contact, spring, 0)
         return slipped(forward, back, z, limit) - spring * inside
 
@@ -115,32 +124,43 @@ class Stop:
 def kick_at_stops(
     stop: Stop, push: Push, position: Scalar, before: Scalar, length: Scalar, drift: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return (v⁺, x⁺) of a body with stops after a kick and a drift; the arguments are those of `Flight`.
+    """Return (v⁺, x⁺) of a body with stops after a kick and a drift; the arguments are those of
+    `Flight`.
 
-    Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body is pressed against it
-    (`Stop.pressed`), or, where it flies in and the rebound leads it away again, it bounces (`bounce`). Its `position` x is
-    that at the start of the drift of length h = `drift`, `before` its velocity before the kick of a `length` [s].
+    Without contact v⁺ = soft(z, l)/(1 + b D), x⁺ = x + h v⁺. If that drifts into a stop, the body
+    is pressed against it (`Stop.pressed`), or, where it flies in and the rebound leads it away
+    again, it bounces (`bounce`). Its `position` x is that at the start of the drift of length h =
+    `drift`, `before` its velocity before the kick of a `length` [s].
     """
     free = push.free
     end = position + drift * free
-    at_high = ca.logic_and(end > stop.high, stop.stiffness * (end - stop.high) + stop.damping * free > 0)
-    at_low = ca.logic_and(end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0)
+    at_high = ca.logic_and(
+        end > stop.high, stop.stiffness * (end - stop.high) + stop.damping * free > 0
+    )
+    at_low = ca.logic_and(
+        end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0
+    )
     contact = ca.logic_or(at_high, at_low)
     place = ca.if_else(at_high, stop.high, stop.low)
     velocity = stop.pressed(push, position, place, drift, contact)
     final = position + drift * velocity
     if isinstance(stop.rebound, (int, float)):
         return velocity, final
-    bounces, after, bounced = bounce(stop.rebound, at_high, place, Flight(free, position, before, length, drift))
+    bounces, after, bounced = bounce(
+        stop.rebound, at_high, place, Flight(free, position, before, length, drift)
+    )
     bounces = ca.logic_and(bounces, contact)
     return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
 
 
-def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> tuple[Scalar, Scalar, Scalar]:
+def bounce(
+    rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight
+) -> tuple[Scalar, Scalar, Scalar]:
     """Return whether a body that meets a stop flies off again, and its velocity and place then.
 
-    It meets the stop (the upper one where `at_high`) at the time at which its parabola reaches the stop's place, leaves
-    with −e times its speed there, and flies on for the rest of the drift; without a rebound e is 0.
+    It meets the stop (the upper one where `at_high`) at the time at which its parabola reaches the
+    stop's place, leaves with −e times its speed there, and flies on for the rest of the drift;
+    without a rebound e is 0.
     """
     free, length, drift = flight.free, flight.length, flight.drift
     # motion towards the stop, s > 0: gap = u τ + ½ A τ², u the speed at the start of the drift
@@ -152,15 +172,20 @@ def bounce(rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight) -> t
     closing = start + speed
     time = ca.fmin(2 * gap / ca.if_else(closing > 0, closing, 1), drift)
     left = drift - time
-    # it bounces if the flight after the hit outlasts the drift; else it will come to rest within it: pressed
-    flies = ca.logic_and(ca.logic_and(gap > 0, 2 * rebound * speed > acceleration * left), rebound > 0)
+    # it bounces if the flight after the hit outlasts the drift; else it will come to rest within
+    # it: pressed
+    flies = ca.logic_and(
+        ca.logic_and(gap > 0, 2 * rebound * speed > acceleration * left), rebound > 0
+    )
     away = -rebound * speed
     bounced = place + towards * (away * left + acceleration * left * left / 2)
     return flies, towards * (away + acceleration * (left - drift / 2)), bounced
 
 
 def velocity_in_stops(stop: Stop, push: Push, position: Scalar, drift: Scalar) -> Scalar:
-    """Return v⁺ of the last half kick, at a `position` that no drift follows; the spring counts over the `drift` before."""
+    """Return v⁺ of the last half kick, at a `position` that no drift follows; the spring counts
+    over the `drift` before.
+    """
     free = push.free
     inside = ca.if_else(position > stop.high, stop.high, stop.low)
     pressed = stop.pressed(push, position, inside, drift)

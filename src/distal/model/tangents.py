@@ -10,26 +10,39 @@ from distal.model.stepping import Kick, kick_and_drift, last_kick, responses
 
 
 def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
-    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q, v, pulls on the drives).
+    """Return the function (q, v, effort, effort_end, dt, p) → (q⁺, v⁺, S) with S = ∂(q⁺, v⁺)/∂(q,
+    v, pulls on the drives).
 
-    The effort goes from `effort` to `effort_end` in a straight line: held values would shake light sliders on stiff
-    tendons with every sample. Its column of S is for a shift of both ends.
+    The effort goes from `effort` to `effort_end` in a straight line: held values would shake light
+    sliders on stiff tendons with every sample. Its column of S is for a shift of both ends.
 
-    S, (2 n_bodies, 2 n_bodies + n_drives), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q + ∂v⁺/∂v S_v + ∂v⁺/∂effort
-    and S_q⁺ = S_q + h S_v⁺, `count` of them. The derivative of friction is 0 in stick and 1 in slip; stops do not rebound.
+    S, (2 n_bodies, 2 n_bodies + n_drives), is carried through the sub-steps: S_v⁺ = ∂v⁺/∂q S_q +
+    ∂v⁺/∂v S_v + ∂v⁺/∂effort and S_q⁺ = S_q + h S_v⁺, `count` of them. The derivative of friction is
+    0 in stick and 1 in slip; stops do not rebound.
     """
-    n, columns, p = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives, mechanism.parameters.symbols
+    n, columns, p = (
+        mechanism.n_bodies,
+        2 * mechanism.n_bodies + mechanism.n_drives,
+        mechanism.parameters.symbols,
+    )
     q, v, effort = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("effort", n)
     response = ca.SX.sym("response", n, 4)
     length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
     kick = Kick(q, v, effort, response, length, drift)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
     symbols = [q, v, effort, response, length, drift, p]
-    moving = _step("substep", mechanism, _linearised("kick", mechanism, symbols, v_moved, q_moved), True)
-    closing = _step(
-        "last_kick", mechanism, _linearised("half_kick", mechanism, symbols, last_kick(mechanism, kick)), False
+    moving = _step(
+        "substep", mechanism, _linearised("kick", mechanism, symbols, v_moved, q_moved), True
     )
-    prepared = ca.Function("responses", [length, drift, p], [responses(mechanism, length, drift, rebounds=False)])
+    closing = _step(
+        "last_kick",
+        mechanism,
+        _linearised("half_kick", mechanism, symbols, last_kick(mechanism, kick)),
+        False,
+    )
+    prepared = ca.Function(
+        "responses", [length, drift, p], [responses(mechanism, length, drift, rebounds=False)]
+    )
 
     q, v, effort, effort_end = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "effort_end"))
     dt, p = ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
@@ -53,10 +66,16 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     )
 
 
-def _linearised(name: str, mechanism: Mechanism, symbols: list[Matrix], velocity: Vector, *more: Vector) -> ca.Function:
-    """Return a kick: the velocity and its transposed slopes with respect to q, v and the drives' pulls, sparse."""
+def _linearised(
+    name: str, mechanism: Mechanism, symbols: list[Matrix], velocity: Vector, *more: Vector
+) -> ca.Function:
+    """Return a kick: the velocity and its transposed slopes with respect to q, v and the drives'
+    pulls, sparse.
+    """
     q, v, effort = symbols[:3]
-    slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [ca.jacobian(velocity, effort)[:, mechanism.n_joints :]]
+    slopes = [ca.jacobian(velocity, by) for by in (q, v)] + [
+        ca.jacobian(velocity, effort)[:, mechanism.n_joints :]
+    ]
     dense = [ca.densify(vector) for vector in (velocity, *more)]
     return ca.Function(name, symbols, ca.cse([*(ca.sparsify(slope).T for slope in slopes), *dense]))
 
@@ -67,13 +86,17 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
     (q, v, S_qᵀ, S_vᵀ, effort, response, length, drift, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
     """
     n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
-    q, v, effort, response = (ca.MX.sym(x, n, k) for x, k in (("q", 1), ("v", 1), ("effort", 1), ("response", 4)))
+    q, v, effort, response = (
+        ca.MX.sym(x, n, k) for x, k in (("q", 1), ("v", 1), ("effort", 1), ("response", 4))
+    )
     s_q, s_v = (ca.MX.sym(x, columns, n) for x in ("s_q", "s_v"))
     length, drift = ca.MX.sym("length"), ca.MX.sym("drift")
     p = ca.MX.sym("p", kick.size1_in(6))
     by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
     following = _chained((by_q, by_v, by_effort), s_q, s_v)
-    outputs = [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
+    outputs = (
+        [*moved, v_next, s_q + drift * following, following] if drifts else [v_next, following]
+    )
     return ca.Function(name, [q, v, s_q, s_v, effort, response, length, drift, p], outputs)
 
 

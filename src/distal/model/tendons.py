@@ -1,4 +1,6 @@
-"""The tendons of a rig: one length function for each, what moves inside on their way, tensions and forces."""
+"""The tendons of a rig: one length function for each, what moves inside on their way, tensions and
+forces.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ from distal.rig import Meeting, Polynomial, Rig, Size
 
 @dataclass(frozen=True)
 class Body:
-    """A joint or a drive as the time step sees it: a coordinate with inertia, damping, friction and stops."""
+    """A joint or a drive as the time step sees it: a coordinate with inertia, damping, friction and
+    stops.
+    """
 
     path: str
     name: str
@@ -26,9 +30,11 @@ class Body:
 
 @dataclass(frozen=True)
 class Place:
-    """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m], and what moves inside.
+    """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m],
+    and what moves inside.
 
-    These are places of the far sides of drives' backlashes, then of the points in sheaths, (n_inside,) [rad, m].
+    These are places of the far sides of drives' backlashes, then of the points in sheaths,
+    (n_inside,) [rad, m].
     """
 
     q: Vector
@@ -37,7 +43,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Pulls:
-    """Tensions of tendons at the joint and at the drive, the same but for a sheath between, (n_tendons,) [N].
+    """Tensions of tendons at the joint and at the drive, the same but for a sheath between,
+    (n_tendons,) [N].
 
     The `forces` are those on the bodies, −(∂ℓ/∂q)ᵀ T, (n_bodies,).
     """
@@ -48,37 +55,52 @@ class Pulls:
 
 
 class Tendons:
-    """What the tendons of a rig do: their lengths, what moves inside on their way, their tensions and forces.
+    """What the tendons of a rig do: their lengths, what moves inside on their way, their tensions
+    and forces.
 
-    Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives; v, (n_bodies,), are their velocities.
-    Tensions [N] and elongations ℓ − l [m] are (n_tendons,). `Mechanism` adds the other forces.
+    Coordinates q, (n_bodies,) [rad, m], are those of the joints, then of the drives; v,
+    (n_bodies,), are their velocities. Tensions [N] and elongations ℓ − l [m] are (n_tendons,).
+    `Mechanism` adds the other forces.
 
     Args:
         inputs: numbers of the description that stay inputs whatever their values; see `Parameters`.
-        remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays where it was, as numbers
-            `inside` among the parameters; else it is taken to be in the middle of where it can be.
+        remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays
+            where it was, as numbers `inside` among the parameters; else it is taken to be in the
+            middle of where it can be.
     """
 
     def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
         self.rig, self.remembers = rig, remembers
         self.plays = plays_of(rig)
-        self.strains = tuple(f"{path}.strain" for i in range(len(rig.tendons)) for path in self.creeps(i))
-        self._first_point = sum(drive.backlash is not None for drive in rig.drives)  # points in sheaths come last
+        self.strains = tuple(
+            f"{path}.strain" for i in range(len(rig.tendons)) for path in self.creeps(i)
+        )
+        self._first_point = sum(
+            drive.backlash is not None for drive in rig.drives
+        )  # points in sheaths come last
         self.parameters = Parameters(rig, inputs, (*self.plays, *self.strains) if remembers else ())
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")
             for i, part in enumerate(getattr(rig, kind))
         )
-        self.n_joints, self.n_drives, self.n_tendons = len(rig.joints), len(rig.drives), len(rig.tendons)
+        self.n_joints, self.n_drives, self.n_tendons = (
+            len(rig.joints),
+            len(rig.drives),
+            len(rig.tendons),
+        )
         self.n_bodies = len(self.bodies)
         self._joint = {joint.name: i for i, joint in enumerate(rig.joints)}
         drives = {drive.name: self.n_joints + i for i, drive in enumerate(rig.drives)}
-        self.joints_of = tuple(tuple(self._joint[name] for name in tendon.joints) for tendon in rig.tendons)
+        self.joints_of = tuple(
+            tuple(self._joint[name] for name in tendon.joints) for tendon in rig.tendons
+        )
         self.drive_of = tuple(drives[tendon.drive] for tendon in rig.tendons)
 
     def displacement(self, tendon: int, q: Vector) -> Scalar:
-        """Return the displacement [m] of a tendon's proximal end at q: the slider's, or side · R φ of a capstan."""
+        """Return the displacement [m] of a tendon's proximal end at q: the slider's, or side · R φ
+        of a capstan.
+        """
         drive = self.drive_of[tendon]
         radius = f"{self.bodies[drive].path}.radius"
         if radius in self.parameters:
@@ -90,7 +112,9 @@ class Tendons:
         return ca.vertcat(*(self._elongation(i, q) for i in range(self.n_tendons)))
 
     def _elongation(self, tendon: int, q: Vector) -> Scalar:
-        """Return ℓ − l of a tendon: each joint on its way changes what is left of the displacement by the one before it."""
+        """Return ℓ − l of a tendon: each joint on its way changes what is left of the displacement
+        by the one before it.
+        """
         left = self.displacement(tendon, q)
         for meeting in self.rig.tendons[tendon].meetings:
             angles = [q[self._joint[name]] for name in meeting.joints]
@@ -98,7 +122,9 @@ class Tendons:
         return left
 
     def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
-        """Return the angle [rad] at which a tendon of one joint has ℓ − l = `elongated` [m], at the drives' place in q."""
+        """Return the angle [rad] at which a tendon of one joint has ℓ − l = `elongated` [m], at the
+        drives' place in q.
+        """
         (meeting,) = self.rig.tendons[tendon].meetings
         shape, size = meeting.shape, self._size(tendon, meeting)
         assert not isinstance(shape, Polynomial)  # it has several joints
@@ -109,13 +135,19 @@ class Tendons:
         return lambda name: self.parameters[f"tendons.{tendon}.{meeting.path}.{name}"]
 
     def length_jacobian(self, q: Vector) -> Matrix:
-        """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the torque."""
+        """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the
+        torque.
+        """
         symbols, p = ca.SX.sym("q", self.n_bodies), self.parameters.symbols
-        jacobian = ca.Function("jacobian", [symbols, p], [ca.jacobian(self.elongations(symbols), symbols)])
+        jacobian = ca.Function(
+            "jacobian", [symbols, p], [ca.jacobian(self.elongations(symbols), symbols)]
+        )
         return jacobian(q, p)
 
     def place(self, q: Vector, settled: bool = False) -> Place:
-        """Return where what moves inside comes to rest as the bodies have come to q; where `settled`, it has already."""
+        """Return where what moves inside comes to rest as the bodies have come to q; where
+        `settled`, it has already.
+        """
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
         points = None if remembered is None else remembered[self._first_point :]
         tied, far_sides = self._tied(q, remembered, points, settled)
@@ -129,14 +161,22 @@ class Tendons:
             else:
                 along = points[len(inside) : len(inside) + sheath.count]
                 inside += along if settled else sheath.settled(along, *ends)
-        if points and not settled:  # what the points have let go, the far sides of backlashes take up
+        if (
+            points and not settled
+        ):  # what the points have let go, the far sides of backlashes take up
             tied, far_sides = self._tied(q, far_sides, inside, settled)
         return Place(tied, (*far_sides, *inside))
 
     def _tied(
-        self, q: Vector, remembered: Sequence[Scalar] | None, points: Sequence[Scalar] | None, settled: bool
+        self,
+        q: Vector,
+        remembered: Sequence[Scalar] | None,
+        points: Sequence[Scalar] | None,
+        settled: bool,
     ) -> tuple[Vector, list[Scalar]]:
-        """Return q with the far sides of backlashes in place of the near ones, and the drives' far sides."""
+        """Return q with the far sides of backlashes in place of the near ones, and the drives' far
+        sides.
+        """
         tied, far_sides = [q[i] for i in range(self.n_bodies)], list[Scalar]()
         for i in range(self.n_drives):
             if self.rig.drives[i].backlash is not None:
@@ -146,12 +186,17 @@ class Tendons:
         for j, joint in enumerate(self.rig.joints):
             if joint.backlash is not None:
                 # the tendons turn the pulley until it meets the link
-                near, at = gap(q[j], self.parameters[f"joints.{j}.backlash.width"]), ca.vertcat(*tied)
+                near, at = (
+                    gap(q[j], self.parameters[f"joints.{j}.backlash.width"]),
+                    ca.vertcat(*tied),
+                )
                 tied[j] = balanced(at[j], near, self._pull_along(j, at, points))
         return ca.vertcat(*tied), far_sides
 
     def bounds(self, which: int, q: Vector) -> Bounds:
-        """Return between which places one of `plays` stays at q, the others being where they are remembered to be."""
+        """Return between which places one of `plays` stays at q, the others being where they are
+        remembered to be.
+        """
         keys = self.plays[which].split(".")
         index = int(keys[1])
         if keys[0] == "drives":
@@ -169,7 +214,12 @@ class Tendons:
         return sheath.bounds(point, line[point], line[point + 2])
 
     def _far_side(
-        self, drive: int, q: Vector, before: Scalar | None, points: Sequence[Scalar] | None, settled: bool
+        self,
+        drive: int,
+        q: Vector,
+        before: Scalar | None,
+        points: Sequence[Scalar] | None,
+        settled: bool,
     ) -> Scalar:
         """Return where the far side of a drive's backlash is."""
         part, body, p = self.rig.drives[drive].backlash, self.n_joints + drive, self.parameters
@@ -184,7 +234,8 @@ class Tendons:
         return balanced(start, near, self._pull_along(body, q, points), p[f"{path}.friction"])
 
     def _pull_along(self, body: int, q: Vector, points: Sequence[Scalar] | None) -> Pull:
-        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others being at q.
+        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others
+        being at q.
 
         Points of sheaths hold meanwhile; without them a cable is a spring.
         """
@@ -199,13 +250,17 @@ class Tendons:
 
         def along(place: Scalar) -> tuple[Scalar, Scalar]:
             moved = [place if i == body else q[i] for i in range(self.n_bodies)]
-            force, slope = function(ca.vertcat(*moved), self.parameters.symbols, ca.vertcat(*(points or ())))
+            force, slope = function(
+                ca.vertcat(*moved), self.parameters.symbols, ca.vertcat(*(points or ()))
+            )
             return force, slope
 
         return along
 
     def sheath(self, tendon: int, q: Vector) -> Sheath | None:
-        """Return the cable of a tendon at q as springs and points of friction, None where all friction is at its drive."""
+        """Return the cable of a tendon at q as springs and points of friction, None where all
+        friction is at its drive.
+        """
         path = self.rig.tendons[tendon].path
         if path is None or path.nodes == 0:
             return None
@@ -217,18 +272,28 @@ class Tendons:
         return Sheath(*cable, stiffening, p[f"{name}.pretension"])
 
     def stiffest(self, tendon: int) -> Scalar:
-        """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of the stretch at the end."""
+        """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of
+        the stretch at the end.
+        """
         path, k = self.rig.tendons[tendon].path, self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
     def wrapped(self, tendon: int, q: Vector) -> Scalar:
-        """Return Σ μ β of a tendon at q: its path's and its guides' at the joints it crosses; β changes with the angle."""
+        """Return Σ μ β of a tendon at q: its path's and its guides' at the joints it crosses; β
+        changes with the angle.
+        """
         p, part, total = self.parameters, self.rig.tendons[tendon], ca.SX(0)
         places = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
-        places += [(f"{m.path}.guide", self._joint[m.joints[0]]) for m in part.meetings if m.guide is not None]
+        places += [
+            (f"{m.path}.guide", self._joint[m.joints[0]])
+            for m in part.meetings
+            if m.guide is not None
+        ]
         for place, joint in places:
             name = f"tendons.{tendon}.{place}"
-            total += p[f"{name}.friction"] * ca.fmax(p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0)
+            total += p[f"{name}.friction"] * ca.fmax(
+                p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0
+            )
         return total
 
     def _ends(self, tendon: int, q: Vector, elongated: Vector) -> tuple[Scalar, Scalar]:
@@ -239,10 +304,11 @@ class Tendons:
         return drive, drive - stretch - p[f"{name}.pretension"] / p[f"{name}.stiffness"]
 
     def pulls(self, q: Vector, v: Vector, settled: bool = False) -> Pulls:
-        """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and what they do to the bodies.
+        """Return tensions at both ends, T_i = max(k δ + T_pre + c δ̇, 0), zero where slack, and
+        what they do to the bodies.
 
-        Equations (8) and (9) at q and v with the mend max(·, 0), in the general form with damping and pre-tension. For
-        `settled` see `place`.
+        Equations (8) and (9) at q and v with the mend max(·, 0), in the general form with damping
+        and pre-tension. For `settled` see `place`.
         """
         p, place, nj = self.parameters, self.place(q, settled), self.n_joints
         jacobian = self.length_jacobian(place.q)
@@ -257,22 +323,30 @@ class Tendons:
         joint, drive = (ca.vertcat(*tensions) for tensions in taut)
         if all(self.sheath(i, q) is None for i in range(self.n_tendons)):
             return Pulls(joint, joint, -ca.mtimes(jacobian.T, joint))
-        forces = -ca.vertcat(ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive))
+        forces = -ca.vertcat(
+            ca.mtimes(jacobian[:, :nj].T, joint), ca.mtimes(jacobian[:, nj:].T, drive)
+        )
         return Pulls(joint, drive, forces)
 
     def _end_forces(self, q: Vector, points: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-        """Return `elastic_forces` at the joints' and at the drives' ends, points of sheaths being given [N]."""
+        """Return `elastic_forces` at the joints' and at the drives' ends, points of sheaths being
+        given [N].
+        """
         elongated, left = self.elongations(q), list(points)
         joint = ca.vertsplit(self.elastic_forces(q))
         drive = list(joint)
         for i in range(self.n_tendons):
             if (sheath := self.sheath(i, q)) is not None:
-                drive[i], joint[i] = sheath.tensions(left[: sheath.count], *self._ends(i, q, elongated))
+                drive[i], joint[i] = sheath.tensions(
+                    left[: sheath.count], *self._ends(i, q, elongated)
+                )
                 del left[: sheath.count]
         return joint, drive
 
     def tensions(self, q: Vector, v: Vector) -> Vector:
-        """Return the tensions of all tendons at their drives at q and v, (n_tendons,) [N]; see `pulls`."""
+        """Return the tensions of all tendons at their drives at q and v, (n_tendons,) [N]; see
+        `pulls`.
+        """
         return self.pulls(q, v).drive
 
     @staticmethod
@@ -280,7 +354,9 @@ class Tendons:
         return ca.if_else(elastic > 0, elastic, 0)
 
     def elastic_forces(self, q: Vector) -> Vector:
-        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with stiffening, see `stretched`."""
+        """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with
+        stiffening, see `stretched`.
+        """
         p, elongated, forces = self.parameters, self.elongations(q), []
         for i in range(self.n_tendons):
             path, stretch = f"tendons.{i}", self._beyond(i, elongated[i])
@@ -306,12 +382,18 @@ class Tendons:
     def creeps(self, tendon: int) -> list[str]:
         """Return the paths of a tendon's slow stretches."""
         part = self.rig.tendons[tendon]
-        return [f"tendons.{tendon}.{name}" for name in ("creep", "slow_creep") if getattr(part, name) is not None]
+        return [
+            f"tendons.{tendon}.{name}"
+            for name in ("creep", "slow_creep")
+            if getattr(part, name) is not None
+        ]
 
     def crept(self, q: Vector, dt: Scalar) -> list[Scalar]:
-        """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c), λ = e^{−(1 + γ) dt/τ}.
+        """Return all `strains` after an interval at q, [m]: c⁺ = λ c + (1 − λ) γ/(1 + γ) (T/k + c),
+        λ = e^{−(1 + γ) dt/τ}.
 
-        That is the exact response of τ ċ = γ T/k − c over dt [s] where the tendon's whole stretch, T/k + c, stays: stable.
+        That is the exact response of τ ċ = γ T/k − c over dt [s] where the tendon's whole stretch,
+        T/k + c, stays: stable.
         """
         p, pulls = self.parameters, self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
         after = []
@@ -324,7 +406,9 @@ class Tendons:
         return after
 
     def tendon_damping(self, q: Vector, tensions: Vector) -> Vector:
-        """Return Σ c (∂ℓ/∂q_j)² at q over tendons with tensions > 0, (n_bodies,): each body's own part of their damping."""
+        """Return Σ c (∂ℓ/∂q_j)² at q over tendons with tensions > 0, (n_bodies,): each body's own
+        part of their damping.
+        """
         jacobian = self.length_jacobian(self.place(q).q)
         total = ca.SX(self.n_bodies, 1)
         for i in range(self.n_tendons):

@@ -1,4 +1,6 @@
-"""The paper's statements C1 to C12 as measures on simulated runs, against thresholds written down beforehand."""
+"""The paper's statements C1 to C12 as measures on simulated runs, against thresholds written down
+beforehand.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,15 @@ class Measure:
     most: float | None
 
     def margin(self, value: float) -> float:
-        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞ without a value."""
+        """Return how far a value is within its bound, as a share of the bound; negative outside, −∞
+        without a value.
+        """
         if not np.isfinite(value):
             return -np.inf
         below = np.inf if self.least is None else (value - self.least) / abs(self.least)
-        return float(min(below, np.inf if self.most is None else (self.most - value) / abs(self.most)))
+        return float(
+            min(below, np.inf if self.most is None else (self.most - value) / abs(self.most))
+        )
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,9 @@ class Statement:
     measures: tuple[Measure, ...]
 
     def margin(self, values: Sequence[float]) -> float:
-        """Return the smallest margin of the measures' values: the statement holds where it is not negative."""
+        """Return the smallest margin of the measures' values: the statement holds where it is not
+        negative.
+        """
         return min(measure.margin(value) for measure, value in zip(self.measures, values))
 
 
@@ -59,7 +67,9 @@ def statements() -> tuple[Statement, ...]:
     """Return the paper's statements with the thresholds of `claims.toml`."""
     text = resources.files("distal.paper").joinpath("claims.toml").read_text(encoding="utf-8")
     return tuple(
-        Statement(key, main["statement"], main["why"], tuple(map(_measure, [main, *main.get("also", [])])))
+        Statement(
+            key, main["statement"], main["why"], tuple(map(_measure, [main, *main.get("also", [])]))
+        )
         for key, main in tomllib.loads(text).items()
     )
 
@@ -70,7 +80,9 @@ def _measure(keys: dict[str, Any]) -> Measure:
 
 def measured(runs: Sequence[Run]) -> dict[str, tuple[float, ...]]:
     """Return the values of all measures, by statement, from the runs of one plant."""
-    return {key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()}
+    return {
+        key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -92,12 +104,16 @@ class Claim:
 
 
 GROUPS = ("reproduced", "only with friction that the paper did not know of", "contradicted")
-"""How a statement fares: it holds on both plants, on the observed plant alone, or not on the observed plant."""
+"""How a statement fares: it holds on both plants, on the observed plant alone, or not on the
+observed plant.
+"""
 
 
 def measure_claims(runs: Sequence[Run]) -> tuple[Claim, ...]:
     """Return the paper's statements, measured on the runs of both plants."""
-    by_plant = {plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS}
+    by_plant = {
+        plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS
+    }
     return tuple(
         Claim(statement, {plant: values[statement.key] for plant, values in by_plant.items()})
         for statement in statements()
@@ -110,7 +126,9 @@ def _pooled(errors: Sequence[Floats]) -> float:
 
 
 def rms(runs: Sequence[Run], series: str, estimator: str) -> float:
-    """Return the RMS error of an estimator, a key of `Run.estimates`, pooled over the seeds of a series [°]."""
+    """Return the RMS error of an estimator, a key of `Run.estimates`, pooled over the seeds of a
+    series [°].
+    """
     return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
 
@@ -119,9 +137,13 @@ def _of(runs: Sequence[Run], series: str) -> list[Run]:
 
 
 def potentiometer_errors(run: Run) -> tuple[Floats, Floats]:
-    """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible [rad]."""
+    """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible
+    [rad].
+    """
     estimate = run.estimates["inextensible"]
-    left, right = (estimate.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES)
+    left, right = (
+        estimate.state(tendon_angle_name(side)) - run.log.truth["theta"] for side in SIDES
+    )
     return left, right
 
 
@@ -146,9 +168,13 @@ def _c2(runs: Sequence[Run]) -> tuple[float, ...]:
 
 
 def _c3(runs: Sequence[Run]) -> tuple[float, ...]:
-    soft, stiff = (float(np.mean(_potentiometer_rms(runs, series))) for series in ("series-1-soft", "series-1"))
+    soft, stiff = (
+        float(np.mean(_potentiometer_rms(runs, series))) for series in ("series-1-soft", "series-1")
+    )
     alike = [
-        np.corrcoef(a.estimates["inextensible"].means[:, i], b.estimates["inextensible"].means[:, i])[0, 1]
+        np.corrcoef(
+            a.estimates["inextensible"].means[:, i], b.estimates["inextensible"].means[:, i]
+        )[0, 1]
         for a, b in zip(_of(runs, "series-1-soft"), _of(runs, "series-1"))
         for i in (1, 2)
     ]
@@ -157,12 +183,18 @@ def _c3(runs: Sequence[Run]) -> tuple[float, ...]:
 
 def _c4(runs: Sequence[Run]) -> tuple[float, ...]:
     truths = [run.log.truth for run in _of(runs, "series-1-soft")]
-    motions = [hidden_motion(truth["theta"], truth[f"position_{side}"]) for truth in truths for side in SIDES]
+    motions = [
+        hidden_motion(truth["theta"], truth[f"position_{side}"])
+        for truth in truths
+        for side in SIDES
+    ]
     return (float(np.rad2deg(max(motions))),)
 
 
 def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> float:
-    """Return the largest change of `theta` [rad], (n,), while the slider's `position` [m], (n,), stays `within` [m]."""
+    """Return the largest change of `theta` [rad], (n,), while the slider's `position` [m], (n,),
+    stays `within` [m].
+    """
     largest, start = 0.0, 0
     for end in range(len(theta)):
         while np.ptp(position[start : end + 1]) > within:
@@ -171,14 +203,22 @@ def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> floa
     return largest
 
 
-def _ratio(numerator: tuple[str, str], denominator: tuple[str, str]) -> Callable[[Sequence[Run]], tuple[float, ...]]:
+def _ratio(
+    numerator: tuple[str, str], denominator: tuple[str, str]
+) -> Callable[[Sequence[Run]], tuple[float, ...]]:
     """Return a measure: RMS error of one (series, estimator) over that of another."""
     return lambda runs: (rms(runs, *numerator) / rms(runs, *denominator),)
 
 
 def _c8(runs: Sequence[Run]) -> tuple[float, ...]:
     low, high = (
-        float(np.rad2deg(np.mean([run.estimates["simulation"].errors()[-50:].mean() for run in _of(runs, series)])))
+        float(
+            np.rad2deg(
+                np.mean(
+                    [run.estimates["simulation"].errors()[-50:].mean() for run in _of(runs, series)]
+                )
+            )
+        )
         for series in ("series-2", "series-2-high")
     )
     return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
@@ -186,7 +226,8 @@ def _c8(runs: Sequence[Run]) -> tuple[float, ...]:
 
 def _c9(runs: Sequence[Run]) -> tuple[float, ...]:
     changes = [
-        run.estimates["inextensible"].means - run.estimates["without linearity"].means for run in _of(runs, "series-1")
+        run.estimates["inextensible"].means - run.estimates["without linearity"].means
+        for run in _of(runs, "series-1")
     ]
     return (_pooled([change[:, i] for change in changes for i in (1, 2)]),)
 

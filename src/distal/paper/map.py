@@ -1,4 +1,6 @@
-"""The map of a search: which statements of the paper hold on which plants, as a figure, a file and in words."""
+"""The map of a search: which statements of the paper hold on which plants, as a figure, a file and
+in words.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +28,16 @@ def write_search(search: Search, out: str | Path) -> None:
     """Write a search's map and its numbers to a folder, which is made if need be."""
     check_outputs(outputs_in(out, SEARCH_FILES, "the search"))
     folder, drawn = make_folder(out), draw_map(search)
-    files: dict[Path, bytes | str] = {folder / name: figure_bytes(drawn, folder / name) for name in SEARCH_FILES[:2]}
+    files: dict[Path, bytes | str] = {
+        folder / name: figure_bytes(drawn, folder / name) for name in SEARCH_FILES[:2]
+    }
     write_together(files | {folder / SEARCH_FILES[2]: to_json(search)})
 
 
 def draw_map(search: Search) -> Figure:
-    """Return the map: for each statement the plants on which it holds, over two unknowns, and how many hold together."""
+    """Return the map: for each statement the plants on which it holds, over two unknowns, and how
+    many hold together.
+    """
     best, across, up = search.order()[0], 1, 2
     with figure(4, 3, (7.2, 8.4), sharex=True, sharey=True) as (drawing, axes):
         for i, (place, statement) in enumerate(zip(axes, statements())):
@@ -41,15 +47,38 @@ def draw_map(search: Search) -> Figure:
                     shown = read_so & (search.held[:, i] == holds)
                     x, y = search.values[shown, across], search.values[shown, up]
                     label = f"holds, read by {name}" if holds else None
-                    place.scatter(x, y, s=size, marker=marker, color=colour, linewidths=0, alpha=0.7, label=label)
-            place.plot(*search.values[best, [across, up]], marker="*", color=BLACK, markersize=11, linestyle="none")
+                    place.scatter(
+                        x,
+                        y,
+                        s=size,
+                        marker=marker,
+                        color=colour,
+                        linewidths=0,
+                        alpha=0.7,
+                        label=label,
+                    )
+            place.plot(
+                *search.values[best, [across, up]],
+                marker="*",
+                color=BLACK,
+                markersize=11,
+                linestyle="none",
+            )
             title = f"{statement.key}: {int(search.held[:, i].sum())} of {len(search.values)}"
             place.set_title(title, fontsize=9, loc="left")
         for place in axes[9:]:
             place.set_xlabel(UNKNOWNS[across].name, fontsize=8)
         for place in axes[::3]:
             place.set_ylabel(UNKNOWNS[up].name, fontsize=8)
-        axes[0].plot([], [], marker="*", color=BLACK, linestyle="none", markersize=9, label="plant with the most")
+        axes[0].plot(
+            [],
+            [],
+            marker="*",
+            color=BLACK,
+            linestyle="none",
+            markersize=9,
+            label="plant with the most",
+        )
         axes[0].scatter([], [], s=6, color=PALE, label="does not hold")
         legend = axes[0].get_legend_handles_labels()
         drawing.legend(*legend, loc="outside lower center", ncols=4, fontsize=8, markerscale=1.5)
@@ -65,7 +94,8 @@ def described(search: Search) -> list[str]:
         return ", ".join(compress(keys, chosen)) or "none"
 
     lines = [
-        f"{len(search.values)} plants and readings; on the best of them {int(held.sum())} of {len(keys)} statements hold:",
+        f"{len(search.values)} plants and readings; on the best of them {int(held.sum())} of "
+        f"{len(keys)} statements hold:",
         f"  hold: {named(held)}",
         f"  do not: {named(~held)}",
         f"  hold on no plant: {named(~search.ever)}",
@@ -84,14 +114,24 @@ def described(search: Search) -> list[str]:
 
 def to_json(search: Search) -> str:
     """Return a search as JSON, one row for each plant and reading."""
-    names = [f"{unknown.name} [{unknown.unit}]" if unknown.unit else unknown.name for unknown in UNKNOWNS]
+    names = [
+        f"{unknown.name} [{unknown.unit}]" if unknown.unit else unknown.name for unknown in UNKNOWNS
+    ]
     keys = [statement.key for statement in statements()]
     rows = [
         {
             **dict(zip(names, (float(f"{value:.6g}") for value in values))),
             "reading": READINGS[reading],
-            "margins": {key: None if np.isinf(m) else float(f"{m:.4g}") for key, m in zip(keys, margins)},
+            "margins": {
+                key: None if np.isinf(m) else float(f"{m:.4g}") for key, m in zip(keys, margins)
+            },
         }
         for values, reading, margins in zip(search.values, search.readings, search.margins)
     ]
-    return json.dumps({"statements held at most": int(search.held.sum(axis=1).max()), "plants": rows}, indent=1) + "\n"
+    return (
+        json.dumps(
+            {"statements held at most": int(search.held.sum(axis=1).max()), "plants": rows},
+            indent=1,
+        )
+        + "\n"
+    )

@@ -1,4 +1,6 @@
-"""The first picture of the page: a link as it moves, read as if its tendons did not stretch, and estimated with a band."""
+"""The first picture of the page: a link as it moves, read as if its tendons did not stretch, and
+estimated with a band.
+"""
 
 from __future__ import annotations
 
@@ -33,31 +35,47 @@ def moving_link(run: Run) -> list[str]:
         "naive": course(naive.theta),
         "estimate": course(estimate.theta),
         "half": course(BAND * estimate.theta_std),
-        "places": [[round(x - found[0], 5) for x in found] for found in (course(run.log.channels[n]) for n in places)],
+        "places": [
+            [round(x - found[0], 5) for x in found]
+            for found in (course(run.log.channels[n]) for n in places)
+        ],
     }
-    errors = {name: np.rad2deg(run.estimates[name].rms_error()) for name in ("inextensible", "adaptive")}
+    errors = {
+        name: np.rad2deg(run.estimates[name].rms_error()) for name in ("inextensible", "adaptive")
+    }
     half = float(np.rad2deg(np.median(BAND * estimate.theta_std)))
     script = resources.files("distal.paper").joinpath("moving.js").read_text(encoding="utf-8")
     cord = f"<path class='cord' fill='none' stroke='{SOFT}' stroke-width='2'/>"
-    link = "<line class='{}' stroke='{}' stroke-width='{}' stroke-linecap='round' stroke-dasharray='{}'/>"
+    link = (
+        "<line class='{}' stroke='{}' stroke-width='{}' stroke-linecap='round' "
+        "stroke-dasharray='{}'/>"
+    )
     picture = (
-        "<figure id='link'><svg viewBox='-230 -165 420 330' role='img' aria-label='A link on two tendons as it moves' "
-        f"style='max-height:22rem'>{cord}{cord}<circle r='34' fill='none' stroke='{FAINT}' stroke-width='3'/>"
+        "<figure id='link'><svg viewBox='-230 -165 420 330' role='img' aria-label='A link on two "
+        "tendons as it moves' "
+        f"style='max-height:22rem'>{cord}{cord}<circle r='34' fill='none' stroke='{FAINT}' "
+        "stroke-width='3'/>"
         f"<path class='fan' fill='{COLOURS[0]}' fill-opacity='0.3'/>"
         f"{link.format('truth', BLACK, 7, 'none')}{link.format('naive', COLOURS[3], 4, '9 9')}</svg>"
         "<p><button type='button'>Pause</button> <output></output></p>"
-        f"<input type='range' min='0' max='{frames[-1] - frames[0]:.2f}' step='any' value='0' aria-label='time' "
-        "style='width:100%'><figcaption>Black: where the link is. Dashed: what its sliders say as if the tendons did not "
-        "stretch. Blue fan: where distal says it is. No estimate has a sensor at the joint.</figcaption></figure>"
+        f"<input type='range' min='0' max='{frames[-1] - frames[0]:.2f}' step='any' value='0' "
+        "aria-label='time' "
+        "style='width:100%'><figcaption>Black: where the link is. Dashed: what its sliders say as "
+        "if the tendons did not "
+        "stretch. Blue fan: where distal says it is. No estimate has a sensor at the "
+        "joint.</figcaption></figure>"
     )
     return [
         picture,
         script_with("link-data", data, script),
         heading("What the fan is"),
         paragraph(
-            "A 95 % band: of a hundred moments the link should be inside it in ninety-five. Here it is inside in "
-            f"{100 * estimate.inside_band():.0f} %, and half of the band is {half:.1f}°. The less is known, the wider it "
-            f"is. Read as if nothing stretched, this link is {errors['inextensible']:.1f}° off (RMS), as distal says it "
+            "A 95 % band: of a hundred moments the link should be inside it in ninety-five. Here "
+            "it is inside in "
+            f"{100 * estimate.inside_band():.0f} %, and half of the band is {half:.1f}°. The less "
+            "is known, the wider it "
+            f"is. Read as if nothing stretched, this link is {errors['inextensible']:.1f}° off "
+            "(RMS), as distal says it "
             f"{errors['adaptive']:.1f}°."
         ),
     ]

@@ -15,7 +15,8 @@ SCENARIO = "control-paper"
 FEEDBACKS = ("encoder", "adaptive", "ratio")
 
 CAPTION = (
-    "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of 1° in the joint, the estimate of "
+    "Steps and ramps of 20°, the same controller with three feedbacks: an encoder of 1° in the "
+    "joint, the estimate of "
     "adaptive, and the displacements over the radii."
 )
 
@@ -34,9 +35,13 @@ def positioned_text(runs: list[ClosedLoop]) -> str:
     """Return what the closed loops show, in sentences."""
     away = {run.feedback: degrees(track(run)[0].rms) for run in runs}
     return (
-        "The paper ends with what its estimate is for: joints without sensors that are still positioned accurately. Here "
-        "a PID controller turns the link, with drives that follow in 40 ms in place of the paper's weights. The link's "
-        f"distance from its reference is {away['encoder']:.1f}° RMS with an encoder, {away['adaptive']:.1f}° with the "
-        f"estimate, most of it at the steps, and {away['ratio']:.1f}° where the stretch of the tendons is taken for "
+        "The paper ends with what its estimate is for: joints without sensors that are still "
+        "positioned accurately. Here "
+        "a PID controller turns the link, with drives that follow in 40 ms in place of the "
+        "paper's weights. The link's "
+        f"distance from its reference is {away['encoder']:.1f}° RMS with an encoder, "
+        f"{away['adaptive']:.1f}° with the "
+        f"estimate, most of it at the steps, and {away['ratio']:.1f}° where the stretch of the "
+        "tendons is taken for "
         "motion. The rig file has the observed friction, known to 20 %."
     )

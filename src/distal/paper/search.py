@@ -1,7 +1,9 @@
-"""The search for the rig that the paper's authors had before them: which statements hold on which plant.
+"""The search for the rig that the paper's authors had before them: which statements hold on which
+plant.
 
-Everything that decides the outcome stands here and in `claims.toml`: the unknowns with their ranges, how plants are
-drawn, how the inextensible estimate is read, and how the best plant is chosen. It is the same for all statements.
+Everything that decides the outcome stands here and in `claims.toml`: the unknowns with their
+ranges, how plants are drawn, how the inextensible estimate is read, and how the best plant is
+chosen. It is the same for all statements.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ from distal.paper.series import Plant, run_series
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something that the paper does not print, or that its measurements contradict: tried from `low` to `high`."""
+    """Something that the paper does not print, or that its measurements contradict: tried from
+    `low` to `high`.
+    """
 
     name: str
     unit: str
@@ -41,12 +45,13 @@ UNKNOWNS = (
 )
 """Friction of the sliders and the axle, and how far the hand turned the link to each side.
 
-The preload is printed, 4.9 N: its range is that of the 20 % that the rig file assumes. Beyond 30° the sliders would reach
-their stops, and the paper says that they did not.
+The preload is printed, 4.9 N: its range is that of the 20 % that the rig file assumes. Beyond 30°
+the sliders would reach their stops, and the paper says that they did not.
 """
 
 READINGS = ("geometry", "x/r")
-"""How the inextensible estimate turns a displacement into an angle: each plant is tried with both."""
+"""How the inextensible estimate turns a displacement into an angle: each plant is tried with both.
+"""
 
 DRAWN = (256, 128, 64)
 """Plants of each round: first over the whole ranges, then near the best so far."""
@@ -62,19 +67,27 @@ NEEDED = ("series-1-soft", "series-1", "series-2", "series-2-high")
 
 
 def plant_of(values: Floats, reading: str) -> Plant:
-    """Return the plant with `values` of the `UNKNOWNS`, (6,), and a reading of the inextensible estimate (`READINGS`)."""
+    """Return the plant with `values` of the `UNKNOWNS`, (6,), and a reading of the inextensible
+    estimate (`READINGS`).
+    """
     constant, load, *joint, turned = (float(value) for value in values)
     changed: dict[str, object] = {}
     for i in (0, 1):
         changed |= {f"drives.{i}.friction.constant": constant, f"drives.{i}.friction.load": load}
-    changed |= zip((f"joints.0.friction.{part}" for part in ("exponent", "reference", "preload")), joint)
+    changed |= zip(
+        (f"joints.0.friction.{part}" for part in ("exponent", "reference", "preload")), joint
+    )
     return Plant("drawn", changed, float(np.deg2rad(turned)), reading == "x/r")
 
 
 def margins_of(plant: Plant) -> Floats:
-    """Return the margin of each statement on a plant, (12,); −∞ where the plant cannot be simulated."""
+    """Return the margin of each statement on a plant, (12,); −∞ where the plant cannot be
+    simulated.
+    """
     try:
-        values = measured([run for series in NEEDED for run in run_series(series, plant, statements_only=True)])
+        values = measured(
+            [run for series in NEEDED for run in run_series(series, plant, statements_only=True)]
+        )
     except DistalError:
         return np.full(len(statements()), -np.inf)
     return np.array([statement.margin(values[statement.key]) for statement in statements()])
@@ -109,7 +122,8 @@ class Search:
         return np.asarray(self.margins >= 0.0)
 
     def order(self, without: int | None = None) -> NDArray[np.int_]:
-        """Return the plants, best first: most statements held, then the largest of the smallest margins held.
+        """Return the plants, best first: most statements held, then the largest of the smallest
+        margins held.
 
         The statement with the index `without` does not count.
         """
@@ -120,7 +134,9 @@ class Search:
 
     def tested(self) -> tuple[bool, ...]:
         """Return for each statement whether it holds on the plant that the other eleven choose."""
-        return tuple(bool(self.held[self.order(without=i)[0], i]) for i in range(self.margins.shape[1]))
+        return tuple(
+            bool(self.held[self.order(without=i)[0], i]) for i in range(self.margins.shape[1])
+        )
 
     def excluding(self) -> list[tuple[int, int]]:
         """Return the pairs of statements that hold on some plant each, and on none together."""
@@ -130,15 +146,20 @@ class Search:
 
 
 def search(advance: Callable[[int], None]) -> Search:
-    """Return which statements hold on plants drawn over the unknowns' ranges, then closer and closer to the best.
+    """Return which statements hold on plants drawn over the unknowns' ranges, then closer and
+    closer to the best.
 
-    Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so far.
-    `advance` is called with the number of plants that are done.
+    Sobol's sequence covers the ranges; each later round draws in boxes around the best plants so
+    far. `advance` is called with the number of plants that are done.
     """
     from scipy.stats import qmc
 
-    low, high = (np.array([getattr(unknown, end) for unknown in UNKNOWNS]) for end in ("low", "high"))
-    tried = Search(np.empty((0, len(UNKNOWNS))), np.empty(0, dtype=int), np.empty((0, len(statements()))))
+    low, high = (
+        np.array([getattr(unknown, end) for unknown in UNKNOWNS]) for end in ("low", "high")
+    )
+    tried = Search(
+        np.empty((0, len(UNKNOWNS))), np.empty(0, dtype=int), np.empty((0, len(statements())))
+    )
     done = 0
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         for number, (count, width) in enumerate(zip(DRAWN, NEAR)):

@@ -31,7 +31,8 @@ READINGS = {
 """Readings of "Q = R = 0.001": (q, r) in SI."""
 
 X_OVER_R = {f"tendons.{i}.insertion": {"kind": "pulley", "radius": "9.53 mm"} for i in (0, 1)}
-"""The tendons' insertions for an estimate that takes the angle as x/r instead of from the geometry."""
+"""The tendons' insertions for an estimate that takes the angle as x/r instead of from the geometry.
+"""
 
 IDEAL = {"sensors.x1.linearity": 0.0, "sensors.x2.linearity": 0.0}
 BETTER_CELLS = {"sensors.u1.noise": "0.03 N", "sensors.u2.noise": "0.03 N"}
@@ -43,7 +44,8 @@ class Plant:
 
     Args:
         values: of the rig, where they differ from Table 1, by path.
-        turned: how far the hand turns the link to each side in Series 1 [rad]; None for what the scenario says.
+        turned: how far the hand turns the link to each side in Series 1 [rad]; None for what the
+            scenario says.
         over_radius: the inextensible estimate takes the angle as x/r, not from the geometry.
     """
 
@@ -58,14 +60,21 @@ class Plant:
         hand = scenario.joints["link"].hand if "link" in scenario.joints else None
         if hand is not None and self.turned is not None:
             largest = max(abs(angle) for angle in hand.angle.values)
-            signal = replace(hand.angle, values=tuple(self.turned / largest * angle for angle in hand.angle.values))
-            link = scenario.joints["link"].model_copy(update={"hand": hand.model_copy(update={"angle": signal})})
+            signal = replace(
+                hand.angle,
+                values=tuple(self.turned / largest * angle for angle in hand.angle.values),
+            )
+            link = scenario.joints["link"].model_copy(
+                update={"hand": hand.model_copy(update={"angle": signal})}
+            )
             scenario = scenario.model_copy(update={"joints": {"link": link}})
         return scenario.model_copy(update={"plant": dict(self.values)})
 
 
 def observed_values() -> dict[str, object]:
-    """Return what the shipped rig `paper-2008-observed` has beyond Table 1: its friction, by path."""
+    """Return what the shipped rig `paper-2008-observed` has beyond Table 1: its friction, by
+    path.
+    """
     rig = load_rig("paper-2008-observed")
     values: dict[str, object] = {
         f"drives.{i}.friction.{part}": getattr(drive.friction, part).value
@@ -79,9 +88,14 @@ def observed_values() -> dict[str, object]:
     return values
 
 
-PLANTS = (Plant("friction of Table 1", over_radius=True), Plant("more friction", observed_values(), over_radius=True))
-"""Table 1 taken literally, and the plant on which most statements hold (`distal reproduce --search`): the rig, the angle of
-Series 1 in the scenario files, and the reading of the inextensible estimate are its result, rounded."""
+PLANTS = (
+    Plant("friction of Table 1", over_radius=True),
+    Plant("more friction", observed_values(), over_radius=True),
+)
+"""Table 1 taken literally, and the plant on which most statements hold (`distal reproduce
+--search`): the rig, the angle of Series 1 in the scenario files, and the reading of the
+inextensible estimate are its result, rounded.
+"""
 
 
 @dataclass(frozen=True)
@@ -109,21 +123,27 @@ def _estimator(series: str, name: str) -> Estimator:
     rig = scenario_rig(load_scenario(series))
     if name == "x/r":
         return make_estimator("inextensible", rig.with_values(X_OVER_R))
-    if name == "simulation":  # the model driven by the measured forces alone: sure of itself, it learns nothing
+    if (
+        name == "simulation"
+    ):  # the model driven by the measured forces alone: sure of itself, it learns nothing
         noise = paper_noise(rig)
         inputs, process, initial = map(np.zeros_like, (noise.inputs, noise.process, noise.initial))
-        return FullStateFilter("simulation", rig, Noise(inputs, process, noise.measurements, initial))
+        return FullStateFilter(
+            "simulation", rig, Noise(inputs, process, noise.measurements, initial)
+        )
     if name in READINGS:
         q, r = READINGS[name]
         return FullStateFilter("ekf-2008", rig, paper_noise(rig, q=q, r=r))
     return make_estimator(name, rig)
 
 
-def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, statements_only: bool = False) -> list[Run]:
+def run_series(
+    series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, statements_only: bool = False
+) -> list[Run]:
     """Simulate one test of the paper with several seeds and run its estimators.
 
-    The motion is the same for all seeds and all sensors: it is simulated once. With `statements_only` the estimators that
-    no statement of the paper needs are left out.
+    The motion is the same for all seeds and all sensors: it is simulated once. With
+    `statements_only` the estimators that no statement of the paper needs are left out.
     """
     scenario = plant.scenario(series)
     rig = scenario_rig(scenario)
@@ -131,7 +151,11 @@ def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, state
     motion = run_plant(ready.plant, ready.inputs, ready.start, ready.dt, ready.count)
 
     def read(seed: int, sensors: Mapping[str, object] | None = None) -> Log:
-        plant = Mechanism(ready.plant.rig.with_values(sensors), remembers=True) if sensors else ready.plant
+        plant = (
+            Mechanism(ready.plant.rig.with_values(sensors), remembers=True)
+            if sensors
+            else ready.plant
+        )
         return sampled(replace(ready, plant=plant), motion, seed)
 
     inextensible = _estimator(series, "x/r" if plant.over_radius else "inextensible")
@@ -142,16 +166,28 @@ def run_series(series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, state
         if series in SERIES_1:
             estimates["without linearity"] = estimate(read(seed, IDEAL), rig, inextensible)
         else:
-            filters = ("ekf-2008", "simulation") if statements_only else ("ekf-2008", "simulation", "ekf", "adaptive")
+            filters = (
+                ("ekf-2008", "simulation")
+                if statements_only
+                else ("ekf-2008", "simulation", "ekf", "adaptive")
+            )
             for name in filters:
                 passes = 2 if name == "ekf-2008" else 1
                 estimates[name] = estimate(log, rig, _estimator(series, name), passes=passes)
         if series == "series-2":
-            logs = {"hung weights": hung_weights(log, scenario), "better cells": read(seed, BETTER_CELLS)}
+            logs = {
+                "hung weights": hung_weights(log, scenario),
+                "better cells": read(seed, BETTER_CELLS),
+            }
             paper = _estimator(series, "ekf-2008")
-            estimates |= {name: estimate(variant, rig, paper, passes=2) for name, variant in logs.items()}
+            estimates |= {
+                name: estimate(variant, rig, paper, passes=2) for name, variant in logs.items()
+            }
             if not statements_only:
-                estimates |= {f"reading {name}": estimate(log, rig, _estimator(series, name)) for name in READINGS}
+                estimates |= {
+                    f"reading {name}": estimate(log, rig, _estimator(series, name))
+                    for name in READINGS
+                }
         runs.append(Run(series, plant.name, seed, rig, log, estimates))
     if series == "series-2" or (series in SERIES_2 and not statements_only):
         knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))

@@ -1,4 +1,6 @@
-"""Least squares over several logs: features, random effects, the size of a band, a homing window, the kernel."""
+"""Least squares over several logs: features, random effects, the size of a band, a homing window,
+the kernel.
+"""
 
 from distal.regression.affine import affine_kind, as_discrepancy
 from distal.regression.after_homing import EXPECTED, calibrate_window, seen
@@ -8,7 +10,13 @@ from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
 from distal.regression.features import Samples, design, limits, outside, predict
-from distal.regression.kernel import first_memory, map_function, memory_size, numbers_of, reporting_function
+from distal.regression.kernel import (
+    first_memory,
+    map_function,
+    memory_size,
+    numbers_of,
+    reporting_function,
+)
 from distal.regression.learn_map import (
     Kind,
     Terms,

@@ -1,4 +1,6 @@
-"""The baseline map: the joints' angles as a linear function of the readings, with directions of motion."""
+"""The baseline map: the joints' angles as a linear function of the readings, with directions of
+motion.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +20,24 @@ PLAYS = (0.1, 0.3, 0.8)
 """Half-widths of plays that are tried, in standard deviations of the reading."""
 
 DIRECTIONS_HELP = 0.95
-"""Directions are used if the RMS error on left-out logs with them is below this share of that without them."""
+"""Directions are used if the RMS error on left-out logs with them is below this share of that
+without them.
+"""
 
 
-def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
-    """Return the kind of map that gives joints' angles from readings alone; `noise` is as in `Kind`."""
+def affine_kind(
+    channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats
+) -> Kind:
+    """Return the kind of map that gives joints' angles from readings alone; `noise` is as in
+    `Kind`.
+    """
     linear = (CONSTANT, *channels)
     turning = (*linear, *(f"slip({name})" for name in positions))
     playing = (*linear, *(f"play({name})" for name in positions))
-    line, directions = "a straight line of what the sensors read", "a straight line, with directions of motion"
+    line, directions = (
+        "a straight line of what the sensors read",
+        "a straight line, with directions of motion",
+    )
     sets = [
         Terms(name + suffix, terms, DEAD_BAND, of_noise=True, pooled=pooled)
         for name, terms in ((line, linear), (directions, turning))
@@ -37,16 +48,26 @@ def affine_kind(channels: Sequence[str], positions: Sequence[str], joints: Seque
         sets.append(Terms(name, playing, width, pooled=True))
     channels, joints = tuple(channels), tuple(joints)
     return Kind(
-        Affine, "affine", channels, joints, noise, tuple(sets), DIRECTIONS_HELP, by_motion=True, unknown_outside=False
+        Affine,
+        "affine",
+        channels,
+        joints,
+        noise,
+        tuple(sets),
+        DIRECTIONS_HELP,
+        by_motion=True,
+        unknown_outside=False,
     )
 
 
 def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False) -> Discrepancy:
-    """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within the learned range.
+    """Return the discrepancy δ = φᵀ b − θ with which a filter reports the angle of `affine`, within
+    the learned range.
 
-    Within the learned range the map replaces the filter's own angle and its error. Beyond it the terms stay constant,
-    and the reported angle follows the filter's motion; or the straight line goes on (`follows`). The range of the
-    filter's own angles is that of `frame`, a discrepancy of the same logs.
+    Within the learned range the map replaces the filter's own angle and its error. Beyond it the
+    terms stay constant, and the reported angle follows the filter's motion; or the straight line
+    goes on (`follows`). The range of the filter's own angles is that of `frame`, a discrepancy of
+    the same logs.
     """
     m, n, nj = len(affine.channels), len(affine.terms), len(affine.joints)
     joints = []

@@ -13,17 +13,21 @@ ANYWHERE = (-1e9, 1e9)
 """Range of an angle without bounds [rad]."""
 
 EXPECTED = 3.0
-"""A homing move whose coefficients are this many standard deviations off widens the stored map's covariance."""
+"""A homing move whose coefficients are this many standard deviations off widens the stored map's
+covariance.
+"""
 
 
 def calibrate_window(
     learned: LearnedMap, samples: Samples, window: Bools, by_motion: bool = False
 ) -> tuple[LearnedMap, float]:
-    """Return a map after a window in which its target was known, and how surprising that was in standard deviations.
+    """Return a map after a window in which its target was known, and how surprising that was in
+    standard deviations.
 
-    Mean and covariance are the prior of this run's coefficients, the window, (k,), gives their likelihood. Residuals
-    are correlated, so several samples count as one: with `by_motion` for as long as the motion, since errors that
-    depend on the place repeat with it. A window that is far off widens the prior.
+    Mean and covariance are the prior of this run's coefficients, the window, (k,), gives their
+    likelihood. Residuals are correlated, so several samples count as one: with `by_motion` for as
+    long as the motion, since errors that depend on the place repeat with it. A window that is far
+    off widens the prior.
     """
     phi, joints, worst = design(learned, samples), [], 0.0
     for j, joint in enumerate(learned.joints):
@@ -38,15 +42,23 @@ def calibrate_window(
         after, off = _after_window(joint, x, y, count, learned.logs)
         joints.append(after)
         worst = max(worst, off)
-    return learned.model_copy(update={"joints": tuple(joints), "homed": _covered(learned, samples, window)}), worst
+    return learned.model_copy(
+        update={"joints": tuple(joints), "homed": _covered(learned, samples, window)}
+    ), worst
 
 
-def _covered(learned: LearnedMap, samples: Samples, window: Bools) -> tuple[tuple[float, float], ...]:
-    """Return lowest and highest truth of each joint in a window; one that is not known there has no bounds."""
+def _covered(
+    learned: LearnedMap, samples: Samples, window: Bools
+) -> tuple[tuple[float, float], ...]:
+    """Return lowest and highest truth of each joint in a window; one that is not known there has no
+    bounds.
+    """
     masks = [window & np.isfinite(target) for target in samples.targets.T]
     truths = (samples.targets + samples.angles if learned.uses_angles else samples.targets).T
     inside = [truth[mask] for truth, mask in zip(truths, masks)]
-    return tuple((float(truth.min()), float(truth.max())) if len(truth) else ANYWHERE for truth in inside)
+    return tuple(
+        (float(truth.min()), float(truth.max())) if len(truth) else ANYWHERE for truth in inside
+    )
 
 
 def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
@@ -55,26 +67,45 @@ def seen(learned: LearnedMap, samples: Samples) -> LearnedMap:
     changes = {
         "low": row_of(np.minimum(learned.low, every.min(axis=0))),
         "high": row_of(np.maximum(learned.high, every.max(axis=0))),
-        "reach": max(learned.reach, float(np.sqrt(np.max(squared_distances(learned, samples), initial=0.0)))),
+        "reach": max(
+            learned.reach, float(np.sqrt(np.max(squared_distances(learned, samples), initial=0.0)))
+        ),
     }
     return learned.model_copy(update=changes)
 
 
-def _after_window(joint: JointMap, x: Floats, y: Floats, count: float, logs: int) -> tuple[JointMap, float]:
+def _after_window(
+    joint: JointMap, x: Floats, y: Floats, count: float, logs: int
+) -> tuple[JointMap, float]:
     """Return a joint's coefficients after a window, and how surprising it was in stds.
 
-    The window has columns `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the prior is from `logs` logs.
+    The window has columns `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the
+    prior is from `logs` logs.
     """
     mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
     gram, moment, spread = x.T @ x, x.T @ y, joint.std**2 * count
-    ratio = surprise(mean, covariance, gram, moment, spread) / max(int(np.count_nonzero(np.diag(covariance))), 1)
+    ratio = surprise(mean, covariance, gram, moment, spread) / max(
+        int(np.count_nonzero(np.diag(covariance))), 1
+    )
     if ratio > EXPECTED**2:
         covariance = covariance * ratio
     after, left = updated(mean, covariance, gram, moment, spread)
     residual = y - x @ after
     # what this log leaves beyond the logs before it is its own
-    square, independent = float(np.mean(residual**2)), len(y) / max(count, correlated_samples(residual))
+    square, independent = (
+        float(np.mean(residual**2)),
+        len(y) / max(count, correlated_samples(residual)),
+    )
     weight = max(logs, 1)
-    std = float(np.sqrt(max(joint.std**2, (weight * joint.std**2 + independent * square) / (weight + independent))))
-    changed = JointMap(joint=joint.joint, coefficients=row_of(after), covariance=rows_of(left), std=std)
+    std = float(
+        np.sqrt(
+            max(
+                joint.std**2,
+                (weight * joint.std**2 + independent * square) / (weight + independent),
+            )
+        )
+    )
+    changed = JointMap(
+        joint=joint.joint, coefficients=row_of(after), covariance=rows_of(left), std=std
+    )
     return changed, float(np.sqrt(ratio))

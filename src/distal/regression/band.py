@@ -1,4 +1,6 @@
-"""The size of a band, by the errors on logs left out (split conformal prediction by log; Lei et al., JASA 113, 2018)."""
+"""The size of a band, by the errors on logs left out (split conformal prediction by log; Lei et
+al., JASA 113, 2018).
+"""
 
 from __future__ import annotations
 
@@ -15,27 +17,35 @@ SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
 """Least and largest factor by which errors on left-out logs change the width of the band."""
 
 OWNS = (1.0, 0.5, 0.25)
-"""Shares of the filter's own std that are tried: beside a learned band its error might be counted twice."""
+"""Shares of the filter's own std that are tried: beside a learned band its error might be counted
+twice.
+"""
 
 WORTH = 0.9
 """A smaller share is used if its band is narrower than this share of the wider band."""
 
 BELOW_NOISE = 0.3
-"""An error below this share of the reference's own noise is told no closer: there all maps are alike."""
+"""An error below this share of the reference's own noise is told no closer: there all maps are
+alike.
+"""
 
 Errors = tuple[Floats, Floats, Floats]
 """On a log: errors e, variances u that are scaled, and variances v that are not."""
 
 
 def student(freedom: float) -> float:
-    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom: t_{0.975}/1.96."""
+    """Return by what a 95 % band is wider that knows its std from so many degrees of freedom:
+    t_{0.975}/1.96.
+    """
     from scipy.special import stdtrit  # loaded late: it takes as long as all of distal
 
     return float(stdtrit(max(freedom, 1.0), (1 + COVERED) / 2)) / BAND
 
 
 def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> float:
-    """Return the smallest c from `least` to `largest` for which 95 % of all logs' errors have e² ≤ 1.96² (c² u + v)."""
+    """Return the smallest c from `least` to `largest` for which 95 % of all logs' errors have e² ≤
+    1.96² (c² u + v).
+    """
     needed, weights = [], []
     for error, scaled, fixed in logs:
         if len(error):
@@ -52,9 +62,11 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
 
 
 def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> float:
-    """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise; NaN where there are none.
+    """Return the mean of RMS errors, of each log and joint alone, less the reference's own noise;
+    NaN where there are none.
 
-    The `noise`, a std, is of the reference's random error, which no map can explain: its variance is taken off.
+    The `noise`, a std, is of the reference's random error, which no map can explain: its variance
+    is taken off.
     """
     squares = [float(np.mean(error**2)) for log in errors for error, _, _ in log if len(error)]
     rms = [np.sqrt(max(square - noise**2, (BELOW_NOISE * noise) ** 2)) for square in squares]
@@ -64,35 +76,60 @@ def rms_beyond_noise(errors: Sequence[Sequence[Errors]], noise: float = 0.0) -> 
 def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool) -> LearnedMap:
     """Return a map with its band sized by the errors on logs left out.
 
-    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is used; where there are not
-    `enough` logs to choose, the worst one decides.
+    Of `OWNS`, the shares of the filter's own std, the one that gives the narrowest sized band is
+    used; where there are not `enough` logs to choose, the worst one decides.
     """
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
     shares = (1.0,) if not filtered else OWNS if enough else (share_of_few(errors),)
     best, narrowest = learned, float("inf")
     for share in shares:
-        parts = [[(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)] for j in range(len(learned.joints))]
+        parts = [
+            [(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)]
+            for j in range(len(learned.joints))
+        ]
         factors = [conformal_factor(logs, SMALLEST_FACTOR, LARGEST_FACTOR) for logs in parts]
-        sizes = [np.sqrt(c**2 * u + v).mean() for c, logs in zip(factors, parts) for _, u, v in logs if len(u)]
+        sizes = [
+            np.sqrt(c**2 * u + v).mean()
+            for c, logs in zip(factors, parts)
+            for _, u, v in logs
+            if len(u)
+        ]
         width = float(np.mean(sizes))
         if width < WORTH * narrowest:
-            best, narrowest = inflate_band(learned.model_copy(update={"own": share}), factors), width
+            best, narrowest = (
+                inflate_band(learned.model_copy(update={"own": share}), factors),
+                width,
+            )
     return best
 
 
 def share_of_few(errors: Sequence[Sequence[Errors]]) -> float:
-    """Return the share of the filter's own std that the worst log and joint of few left out needs, at most 1."""
-    ratios = [np.abs(e) / np.sqrt(np.maximum(v, 1e-30)) for log in errors for e, _, v in log if len(e)]
-    return float(min(1.0, max((np.quantile(ratio, COVERED) for ratio in ratios), default=BAND) / BAND))
+    """Return the share of the filter's own std that the worst log and joint of few left out needs,
+    at most 1.
+    """
+    ratios = [
+        np.abs(e) / np.sqrt(np.maximum(v, 1e-30)) for log in errors for e, _, v in log if len(e)
+    ]
+    return float(
+        min(1.0, max((np.quantile(ratio, COVERED) for ratio in ratios), default=BAND) / BAND)
+    )
 
 
 def inflate_band(learned: LearnedMap, factors: Sequence[float]) -> LearnedMap:
-    """Return a map with a wider or narrower band, by `factors` on each joint's standard deviation."""
-    return learned.model_copy(update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))})
+    """Return a map with a wider or narrower band, by `factors` on each joint's standard
+    deviation.
+    """
+    return learned.model_copy(
+        update={"band": tuple(float(c * f) for c, f in zip(learned.band, factors))}
+    )
 
 
 def widened_between(learned: LearnedMap, wider: float) -> LearnedMap:
-    """Return a map whose coefficients differ more from log to log: their standard deviation is `wider` times as large."""
+    """Return a map whose coefficients differ more from log to log: their standard deviation is
+    `wider` times as large.
+    """
     covariances = [rows_of(wider**2 * np.asarray(joint.covariance)) for joint in learned.joints]
-    joints = [joint.model_copy(update={"covariance": c}) for joint, c in zip(learned.joints, covariances)]
+    joints = [
+        joint.model_copy(update={"covariance": c}) for joint, c in zip(learned.joints, covariances)
+    ]
     return learned.model_copy(update={"joints": tuple(joints)})

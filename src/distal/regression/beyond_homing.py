@@ -1,4 +1,6 @@
-"""Motion beyond a homing move: the error of a corrected angle for each radian beyond the range that the move covered."""
+"""Motion beyond a homing move: the error of a corrected angle for each radian beyond the range that
+the move covered.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,17 @@ from distal.rig import LearnedMap
 
 
 def extrapolation(
-    partly: Mapping[int, Samples], fit: Callable[[int], LearnedMap | None], joints: int, homing: float, by_motion: bool
+    partly: Mapping[int, Samples],
+    fit: Callable[[int], LearnedMap | None],
+    joints: int,
+    homing: float,
+    by_motion: bool,
 ) -> tuple[float, ...]:
-    """Return κ of each of the joints, by logs left out whose homing move of `homing` s covers half of their range.
+    """Return κ of each of the joints, by logs left out whose homing move of `homing` s covers half
+    of their range.
 
-    Each run has a κ of its own; what is returned is the 95 % quantile over the logs, 0 where nothing lies beyond. `fit`
-    gives the map without a log by its index, None where there is none.
+    Each run has a κ of its own; what is returned is the 95 % quantile over the logs, 0 where
+    nothing lies beyond. `fit` gives the map without a log by its index, None where there is none.
     """
     costs: list[list[float]] = [[] for _ in range(joints)]
     for i, out in partly.items():
@@ -33,14 +40,25 @@ def extrapolation(
 
 
 def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float) -> float | None:
-    """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move; None where nothing does.
+    """Return κ of a log, κ² = (mean e² − mean v)/mean h² over what lies beyond its homing move;
+    None where nothing does.
 
-    e are the errors, v the variances without κ, h is from `beyond_homing`; the move took a time `homing` [s].
+    e are the errors, v the variances without κ, h is from `beyond_homing`; the move took a time
+    `homing` [s].
     """
     predicted = predict(learned, samples, joint)
-    past, target = beyond_homing(learned, samples, joint, predicted.values), samples.targets[:, joint]
+    past, target = (
+        beyond_homing(learned, samples, joint, predicted.values),
+        samples.targets[:, joint],
+    )
     rows = (samples.time >= homing) & np.isfinite(target) & (past > 0.0)
     if not rows.any():
         return None
-    excess = float(np.mean(((predicted.values - target) ** 2 - predicted.variances - predicted.filter_variances)[rows]))
+    excess = float(
+        np.mean(
+            ((predicted.values - target) ** 2 - predicted.variances - predicted.filter_variances)[
+                rows
+            ]
+        )
+    )
     return float(np.sqrt(max(excess, 0.0) / float(np.mean(past[rows] ** 2))))

@@ -1,4 +1,6 @@
-"""The external torque on the joints, as a function of the proximal readings: the terms that are tried."""
+"""The external torque on the joints, as a function of the proximal readings: the terms that are
+tried.
+"""
 
 from __future__ import annotations
 
@@ -12,22 +14,32 @@ SLIPS = (0.025, 0.05, 0.1)
 """Half-widths of the plays that are tried, in standard deviations of a drive's place."""
 
 TERMS_HELP = 0.97
-"""More terms are used if their error on left-out logs is below this share of the error of fewer terms."""
+"""More terms are used if their error on left-out logs is below this share of the error of fewer
+terms.
+"""
 
 
-def contact_kind(channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats) -> Kind:
-    """Return the kind of map of the external torque; friction of the whole chain follows a drive's last direction.
+def contact_kind(
+    channels: Sequence[str], positions: Sequence[str], joints: Sequence[str], noise: Floats
+) -> Kind:
+    """Return the kind of map of the external torque; friction of the whole chain follows a drive's
+    last direction.
 
     Positions are channels of drives' places, the others efforts; `noise` is as in `Kind`.
     """
     efforts = [name for name in channels if name not in positions]
     linear = (CONSTANT, *efforts)
-    sets = [Terms("a constant", (CONSTANT,), SLIPS[0]), Terms("linear in the efforts", linear, SLIPS[0])]
+    sets = [
+        Terms("a constant", (CONSTANT,), SLIPS[0]),
+        Terms("linear in the efforts", linear, SLIPS[0]),
+    ]
     for width in SLIPS:
         rubbing = tuple(f"slip({x})" for x in positions)
         products = tuple(f"slip({x})*abs({e})" for x in positions for e in efforts)
         along = tuple(t for x in positions for t in (x, f"{x}*{x}", *(f"{x}*{e}" for e in efforts)))
         friction = f"with friction by a play of {width:g} std"
         sets.append(Terms(f"efforts {friction}", (*linear, *rubbing, *products), width))
-        sets.append(Terms(f"efforts and places {friction}", (*linear, *rubbing, *products, *along), width))
+        sets.append(
+            Terms(f"efforts and places {friction}", (*linear, *rubbing, *products, *along), width)
+        )
     return Kind(Contact, "contact", tuple(channels), tuple(joints), noise, tuple(sets), TERMS_HELP)

@@ -1,4 +1,6 @@
-"""Cross-validation: which logs are left out together. Nothing else in the package leaves a log out."""
+"""Cross-validation: which logs are left out together. Nothing else in the package leaves a log
+out.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ MOST_FOLDS = 6
 
 
 def folds_of(groups: Sequence[str]) -> list[int]:
-    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at most."""
+    """Return the fold of each log: logs of one group are in one fold, and there are `MOST_FOLDS` at
+    most.
+    """
     every = list(dict.fromkeys(groups))
     return [every.index(name) % MOST_FOLDS for name in groups]
 
@@ -31,7 +35,8 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
     The first parenthesis of the pattern names the group, e.g. ``run_(.)``; None is one log each.
 
     Raises:
-        FitError: it is no such expression, does not match a name, or leaves less than the least number of groups.
+        FitError: it is no such expression, does not match a name, or leaves less than the least
+            number of groups.
     """
     groups = list(names)
     if pattern is not None:
@@ -40,7 +45,9 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
         except re.error as problem:
             raise FitError(f"'{pattern}': not a regular expression ({problem})") from None
         if expression.groups < 1:
-            raise FitError(f"'{pattern}': needs a parenthesis around what names a group, e.g. 'run_(.)'")
+            raise FitError(
+                f"'{pattern}': needs a parenthesis around what names a group, e.g. 'run_(.)'"
+            )
         groups = []
         for name in names:
             match = expression.search(Path(name).name)
@@ -48,5 +55,8 @@ def groups_of(names: Sequence[str], pattern: str | None, least: int = 2) -> list
                 raise FitError(f"'{pattern}': does not match '{Path(name).name}'")
             groups.append(str(match[1]))
     if len(set(groups)) < least:
-        raise FitError(f"logs of at least {least} groups are needed; {len(names)} logs came, of {len(set(groups))}")
+        raise FitError(
+            f"logs of at least {least} groups are needed; {len(names)} logs came, of "
+            f"{len(set(groups))}"
+        )
     return groups

@@ -1,4 +1,6 @@
-"""How a map extrapolates: learned from the inner part of what logs cover, judged on the outer part of logs left out."""
+"""How a map extrapolates: learned from the inner part of what logs cover, judged on the outer part
+of logs left out.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,18 @@ COVERED = (0.5, 99.5)
 
 
 def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
-    """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is small.
+    """Return which samples of each log lie in the inner part, where max_i |x_i − m_i| / h_i is
+    small.
 
-    The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of its length.
+    The maximum is over all readings and angles; m_i is the middle of the range of one, h_i half of
+    its length.
     """
     low, high = np.percentile(np.vstack([log.every for log in logs]), COVERED, axis=0)
     moving = high > low
     middle, half = (low + high)[moving] / 2, (high - low)[moving] / 2
-    far = [np.max(np.abs(log.every[:, moving] - middle) / half, axis=1, initial=0.0) for log in logs]
+    far = [
+        np.max(np.abs(log.every[:, moving] - middle) / half, axis=1, initial=0.0) for log in logs
+    ]
     limit = np.quantile(np.concatenate(far), INNER)
     return [np.asarray(distance <= limit) for distance in far]
 
@@ -41,7 +47,8 @@ def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
 def errors_beyond(
     logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None, learn: Learner
 ) -> list[list[Errors]]:
-    """Return the errors in the outer part of each log with what the inner parts of other folds' logs teach.
+    """Return the errors in the outer part of each log with what the inner parts of other folds'
+    logs teach.
 
     They count after a window of `homing` [s], if any.
     """

@@ -1,4 +1,6 @@
-"""A learned map as a function of one sample, with a memory between samples; and a filter whose report it corrects."""
+"""A learned map as a function of one sample, with a memory between samples; and a filter whose
+report it corrects.
+"""
 
 from __future__ import annotations
 
@@ -29,27 +31,51 @@ def numbers_of(learned: LearnedMap) -> Floats:
 
 
 def _parameters(learned: LearnedMap) -> list[Floats]:
-    names = ("centre", "scale", "low", "high", "rate", "width", "distance", "reach", "own", "spread", "band")
+    names = (
+        "centre",
+        "scale",
+        "low",
+        "high",
+        "rate",
+        "width",
+        "distance",
+        "reach",
+        "own",
+        "spread",
+        "band",
+    )
     parameters = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
     homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
     parameters += [np.array(learned.extrapolation or [0.0] * len(learned.joints)), *homed.T]
     for joint in learned.joints:
-        parameters += [np.asarray(joint.coefficients), np.asarray(joint.covariance).ravel(), np.array([joint.std])]
+        parameters += [
+            np.asarray(joint.coefficients),
+            np.asarray(joint.covariance).ravel(),
+            np.array([joint.std]),
+        ]
     return parameters
 
 
 def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.Function:
-    """Return (memory, x, places, angles, numbers) → (values, gains, variances, outside, memory⁺) of a map.
+    """Return (memory, x, places, angles, numbers) → (values, gains, variances, outside, memory⁺) of
+    a map.
 
-    A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 + ∂value/∂θ); what the map
-    itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² + spread²), d being how far readings are outside the
-    learned range, and for each reading that is missing since a time a the square of ∂value/∂reading times min(rate · a,
-    its whole range). Each radian beyond what a homing move covered adds κ², see `beyond_homing`.
+    A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 +
+    ∂value/∂θ); what the map itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² +
+    spread²), d being how far readings are outside the learned range, and for each reading that is
+    missing since a time a the square of ∂value/∂reading times min(rate · a, its whole range). Each
+    radian beyond what a homing move covered adds κ², see `beyond_homing`.
 
-    The map's coefficients and ranges are parameters (`numbers_of`). Of the estimator's channels, `width` of them, those
-    of the map are the first; of each of these `placed` says whether its drive's place is estimated instead of read.
+    The map's coefficients and ranges are parameters (`numbers_of`). Of the estimator's channels,
+    `width` of them, those of the map are the first; of each of these `placed` says whether its
+    drive's place is estimated instead of read.
     """
-    nj, m, k, n = len(learned.joints), len(learned.channels), len(learned.played), len(learned.centre)
+    nj, m, k, n = (
+        len(learned.joints),
+        len(learned.channels),
+        len(learned.played),
+        len(learned.centre),
+    )
     memory, x = ca.SX.sym("memory", memory_size(learned)), ca.SX.sym("x", 1 + 2 * width)
     places, angles = ca.SX.sym("places", m), ca.SX.sym("angles", nj)
     sizes = [len(part) for part in _parameters(learned)]
@@ -59,11 +85,15 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     held, ages, plays = _split(memory, [m, m, k])
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
-    readings = [places[i] if placed[i] else ca.if_else(is_present[i], x[1 + i], held[i]) for i in range(m)]
+    readings = [
+        places[i] if placed[i] else ca.if_else(is_present[i], x[1 + i], held[i]) for i in range(m)
+    ]
     symbols = ca.SX.sym("symbols", n)
     half = ca.fmax((high - low) / 2, SMALLEST_HALF)
     middle, share_in = (high + low) / 2, ca.SX.sym("share")
-    scaled = [(middle[i] + share_in * (symbols[i] - middle[i]) - centre[i]) / scale[i] for i in range(n)]
+    scaled = [
+        (middle[i] + share_in * (symbols[i] - middle[i]) - centre[i]) / scale[i] for i in range(n)
+    ]
     inner, follows = ca.SX(1), [ca.SX(1)] * n
     if np.isfinite(learned.margin) and learned.used:
         away = [ca.fabs(symbols[i] - middle[i]) / half[i] for i in range(n)]
@@ -75,7 +105,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         for at, i in enumerate(learned.played)
     }
     widths = [half_play[i] for i in range(m)]
-    phi = ca.vertcat(*columns(learned.terms, variables(learned, scaled, after, widths, ca.fabs), ca.SX(1)))
+    phi = ca.vertcat(
+        *columns(learned.terms, variables(learned, scaled, after, widths, ca.fabs), ca.SX(1))
+    )
     z = (symbols[:m] - centre[:m]) / scale[:m]
     far = ca.fmax(0, ca.sqrt(ca.fmax(_form(distance, z), 0)) / reach - 1)
     for i in range(n):
@@ -87,7 +119,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         coefficients, covariance, std = of_joints[3 * j : 3 * j + 3]
         value = ca.dot(coefficients, shown)
         slopes = faded * ca.jacobian(ca.dot(coefficients, phi), symbols).T * ca.vertcat(*follows)
-        variance = band[j] ** 2 * (_form(covariance, shown) + std**2) + far**2 * (std**2 + spread[j] ** 2)
+        variance = band[j] ** 2 * (_form(covariance, shown) + std**2) + far**2 * (
+            std**2 + spread[j] ** 2
+        )
         corrected = symbols[m + j] + value if n > m else value
         past = ca.fmax(0, ca.fmax(homed_low[j] - corrected, corrected - homed_high[j]))
         variance += (extrapolation[j] * past) ** 2
@@ -100,7 +134,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     outputs += [far, ca.vertcat(*readings, *aged, *(after[i] for i in learned.played))]
     outputs = ca.substitute(outputs, [share_in], [inner])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
-    return ca.Function("map", [memory, x, places, angles, numbers], ca.cse([ca.densify(y) for y in outputs]))
+    return ca.Function(
+        "map", [memory, x, places, angles, numbers], ca.cse([ca.densify(y) for y in outputs])
+    )
 
 
 def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
@@ -123,29 +159,40 @@ def reporting_function(
     places: Sequence[int | None],
     joints: int,
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a filter that also outputs the maps' values of some of its states.
+    """Return (carry, x, p) → (carry⁺, y) of a filter that also outputs the maps' values of some of
+    its states.
 
-    The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the reported values of its
-    states, the gains of these states' own errors, and the variances of what is added; see `distal.estimators.report`.
+    The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the
+    reported values of its states, the gains of these states' own errors, and the variances of what
+    is added; see `distal.estimators.report`.
 
     Args:
         inner: the filter, whose first states are the joints' angles.
-        maps: each with the states it speaks of, and whether it corrects them; else it takes their place.
+        maps: each with the states it speaks of, and whether it corrects them; else it takes their
+            place.
         width: number of the filter's channels, those of the maps first.
-        places: for each channel of the maps where in the carry its drive's place stands, None for what is read.
+        places: for each channel of the maps where in the carry its drive's place stands, None for
+            what is read.
         joints: number of joints.
     """
     n_carry, n_parameters = inner.size1_in(0), inner.size1_in(2)
-    sizes, counts = [memory_size(learned) for learned, *_ in maps], [len(numbers_of(learned)) for learned, *_ in maps]
+    sizes, counts = (
+        [memory_size(learned) for learned, *_ in maps],
+        [len(numbers_of(learned)) for learned, *_ in maps],
+    )
     carry, x = ca.MX.sym("carry", n_carry + sum(sizes)), ca.MX.sym("x", inner.size1_in(1))
     p = ca.MX.sym("p", n_parameters + sum(counts))
     following, y = inner(carry[:n_carry], x, p[:n_parameters])
     read = ca.vertcat(*(0 if place is None else following[place] for place in places))
     memories, reports, at, number = [], [], n_carry, n_parameters
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
-        function = map_function(learned, width, [place is not None and learned.tracked for place in places])
+        function = map_function(
+            learned, width, [place is not None and learned.tracked for place in places]
+        )
         memory, numbers = carry[at : at + size], p[number : number + count]
-        values, gains, variances, _, after = function(memory, x, read, following[list(range(joints))], numbers)
+        values, gains, variances, _, after = function(
+            memory, x, read, following[list(range(joints))], numbers
+        )
         if corrects:
             reports += [following[list(states)] + values, gains, variances]
         else:
@@ -153,7 +200,12 @@ def reporting_function(
         memories.append(after)
         at, number = at + size, number + count
     names = ["carry", "x", "p"], ["next", "y"]
-    return ca.Function("reporting", [carry, x, p], [ca.vertcat(following, *memories), ca.vertcat(y, *reports)], *names)
+    return ca.Function(
+        "reporting",
+        [carry, x, p],
+        [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
+        *names,
+    )
 
 
 def _split(column: Vector, sizes: Sequence[int]) -> list[Vector]:
@@ -164,4 +216,6 @@ def _split(column: Vector, sizes: Sequence[int]) -> list[Vector]:
 def _form(matrix: Vector, vector: Vector) -> Scalar:
     """Return vᵀ M v of a symmetric matrix that stands row by row."""
     n = vector.numel()
-    return sum((vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector) for i in range(n)), start=ca.SX(0))
+    return sum(
+        (vector[i] * ca.dot(matrix[i * n : (i + 1) * n], vector) for i in range(n)), start=ca.SX(0)
+    )

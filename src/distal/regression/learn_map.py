@@ -1,4 +1,6 @@
-"""The pipeline of all learned maps: choose terms by logs left out, fit coefficients, size the band by logs left out."""
+"""The pipeline of all learned maps: choose terms by logs left out, fit coefficients, size the band
+by logs left out.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from distal.regression.random_effects import independent, random_effects, row_of
 from distal.rig import JointMap, LearnedMap
 
 ENOUGH_LOGS = 5
-"""With fewer logs than this, the variation from log to log is hardly known, and the band is widened for that."""
+"""With fewer logs than this, the variation from log to log is hardly known, and the band is widened
+for that.
+"""
 
 MOST_SAMPLES = 1000
 """At most this many samples of a log are used for learning, evenly spaced."""
@@ -59,11 +63,14 @@ class Kind:
         channels: names of the sensors.
         noise: standard deviation of each sensor's random error [SI], (m,).
         sets: terms that may be tried, fewer first.
-        better: a set of more terms is taken where its error on left-out logs is below this share of that of fewer.
+        better: a set of more terms is taken where its error on left-out logs is below this share of
+            that of fewer.
         by_motion: residuals are correlated as long as the motion lasts, see `calibrate_window`.
-        unknown_outside: outside the range all of what is mapped is unknown; else the residual grows.
-        by_group: each group of logs, not each log, counts as one draw of the coefficients where Student's factor widens
-            their covariance. A prior that is much too wide lets a short homing window overrule what the logs told.
+        unknown_outside: outside the range all of what is mapped is unknown; else the residual
+            grows.
+        by_group: each group of logs, not each log, counts as one draw of the coefficients where
+            Student's factor widens their covariance. A prior that is much too wide lets a short
+            homing window overrule what the logs told.
     """
 
     form: type[LearnedMap]
@@ -85,12 +92,13 @@ def learn_map(
     homing: float | None,
     partly: Mapping[int, Samples] | None = None,
 ) -> tuple[LearnedMap, Terms]:
-    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and these terms.
+    """Return the map that logs teach, its terms chosen and its band sized by logs left out, and
+    these terms.
 
     Args:
         homing: learn for the use after a homing window of so long [s], or None.
-        partly: some of the logs, by their index, after a homing move that covers half of their range: their errors
-            beyond it size `LearnedMap.extrapolation`.
+        partly: some of the logs, by their index, after a homing move that covers half of their
+            range: their errors beyond it size `LearnedMap.extrapolation`.
     """
     chosen = choose_terms(logs, kind, folds, homing)
     learned = calibrate_band(logs, kind, chosen, folds, homing)
@@ -108,8 +116,11 @@ def learn_map(
     return learned, chosen
 
 
-def choose_terms(logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None) -> Terms:
-    """Return the terms with the least error on left-out logs (of one log on its halves), fewer preferred; see `errors_of`.
+def choose_terms(
+    logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homing: float | None
+) -> Terms:
+    """Return the terms with the least error on left-out logs (of one log on its halves), fewer
+    preferred; see `errors_of`.
 
     They are for the use after a window of `homing` [s], if any.
     """
@@ -133,7 +144,9 @@ def choose_terms(logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
         if np.isnan(rms):
             return sets[0]  # each log alone knows of a joint: there is nothing to choose by
         if not candidate.corrects and rms < noise:
-            return candidate  # what is less than the reference's own error is not worth a correction
+            return (
+                candidate  # what is less than the reference's own error is not worth a correction
+            )
         rms = rms_beyond_noise(errors, noise)
         if rms < kind.better * least or (len(candidate.terms) == len(best.terms) and rms < least):
             best, least = candidate, rms
@@ -141,7 +154,9 @@ def choose_terms(logs: Sequence[Samples], kind: Kind, folds: Sequence[int], homi
 
 
 HELD = 0.8
-"""If a filter's band holds this share of a single log, no correction is learned from this log alone."""
+"""If a filter's band holds this share of a single log, no correction is learned from this log
+alone.
+"""
 
 
 def _honest(logs: Sequence[Samples]) -> bool:
@@ -172,9 +187,13 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
             target = _thinned(log.targets[:, j])
             rows = np.isfinite(target)
             if rows.sum() > len(columns):
-                parts.append((phi[rows][:, columns], target[rows], log.interval * _step(len(log.time))))
+                parts.append(
+                    (phi[rows][:, columns], target[rows], log.interval * _step(len(log.time)))
+                )
         if not parts:
-            raise FitError(f"{kind.name}: the truth that it needs of '{joint.joint}' is known in no log")
+            raise FitError(
+                f"{kind.name}: the truth that it needs of '{joint.joint}' is known in no log"
+            )
         fit, time = random_effects(joint, columns, parts, chosen.pooled)
         if not chosen.corrects:  # what is off on average is not known to come again
             square = fit.covariance[0][0] + fit.coefficients[0] ** 2
@@ -189,7 +208,9 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
 
 
 def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMap, list[int]]:
-    """Return a map with scales and range of some logs, its coefficients zero, and which of its terms tell something."""
+    """Return a map with scales and range of some logs, its coefficients zero, and which of its
+    terms tell something.
+    """
     every, m, size = np.vstack([log.every for log in logs]), len(kind.channels), len(chosen.terms)
     centre, spread = every.mean(axis=0), every.std(axis=0)
     alone = independent(every[:, :m] - centre[:m], kind.noise)
@@ -198,10 +219,14 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
     distance = np.zeros((m, m))
     if alone.any():
         distance[np.ix_(alone, alone)] = np.linalg.pinv(z.T @ z / len(z), rcond=1e-6)
-    reach = float(np.sqrt(np.max(np.sum(z @ distance[np.ix_(alone, alone)] * z, axis=1), initial=1.0)))
+    reach = float(
+        np.sqrt(np.max(np.sum(z @ distance[np.ix_(alone, alone)] * z, axis=1), initial=1.0))
+    )
     room = np.zeros(len(centre))
     room[:m] = np.where(alone, 0.0, 3.0 * kind.noise)
-    zero = JointMap(joint="joint", coefficients=(0.0,) * size, covariance=((0.0,) * size,) * size, std=1.0)
+    zero = JointMap(
+        joint="joint", coefficients=(0.0,) * size, covariance=((0.0,) * size,) * size, std=1.0
+    )
     learned = kind.form(
         terms=chosen.terms,
         channels=kind.channels,
@@ -210,7 +235,11 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
         low=row_of(np.minimum(every.min(axis=0), centre - room)),
         high=row_of(np.maximum(every.max(axis=0), centre + room)),
         rate=row_of(_speeds(logs)),
-        width=row_of(np.maximum(chosen.width * (kind.noise / scale[:m] if chosen.of_noise else np.ones(m)), 1e-9)),
+        width=row_of(
+            np.maximum(
+                chosen.width * (kind.noise / scale[:m] if chosen.of_noise else np.ones(m)), 1e-9
+            )
+        ),
         distance=rows_of(distance),
         reach=reach,
         correlation_time=logs[0].interval,
@@ -218,7 +247,8 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
         band=(1.0,) * len(kind.joints),
         logs=len(logs),
         dropped=tuple(
-            f"{kind.channels[i]}: {'was constant' if spread[i] <= 1.5 * kind.noise[i] else 'follows from the others'}"
+            f"{kind.channels[i]}: "
+            f"{'was constant' if spread[i] <= 1.5 * kind.noise[i] else 'follows from the others'}"
             for i in np.flatnonzero(~alone)
         ),
         joints=tuple(zero.model_copy(update={"joint": joint}) for joint in kind.joints),
@@ -250,9 +280,11 @@ def _thinned(values: Floats) -> Floats:
 def errors_of(
     learned: LearnedMap, out: Samples, kind: Kind, homing: float | None, among: Bools | None = None
 ) -> list[Errors]:
-    """Return errors on a left-out log, the variances of the map without its band's factor, and the filter's, per joint.
+    """Return errors on a left-out log, the variances of the map without its band's factor, and the
+    filter's, per joint.
 
-    They count after a window of `homing` [s], if any, and where samples are `among` some, (k,), None for all.
+    They count after a window of `homing` [s], if any, and where samples are `among` some, (k,),
+    None for all.
     """
     late = np.ones(len(out.time), dtype=bool) if among is None else among
     if homing is not None:
@@ -262,14 +294,22 @@ def errors_of(
     for j in range(len(learned.joints)):
         predicted, target = predict(learned, out, j), out.targets[:, j]
         rows = late & np.isfinite(target)
-        errors.append(((predicted.values - target)[rows], predicted.variances[rows], predicted.filter_variances[rows]))
+        errors.append(
+            (
+                (predicted.values - target)[rows],
+                predicted.variances[rows],
+                predicted.filter_variances[rows],
+            )
+        )
     return errors
 
 
 def left_out_errors(
     logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> list[list[Errors]]:
-    """Return the errors on each log with what the logs of other folds teach, after a window of `homing` [s] if any."""
+    """Return the errors on each log with what the logs of other folds teach, after a window of
+    `homing` [s] if any.
+    """
     errors = []
     for out, left in splits(folds):
         remaining = [logs[i] for i in left]
@@ -281,7 +321,9 @@ def left_out_errors(
 
 
 def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
-    """Return whether for every joint some log has more samples with a known target than there are terms."""
+    """Return whether for every joint some log has more samples with a known target than there are
+    terms.
+    """
     enough = [np.isfinite(_thinned(log.targets)).sum(axis=0) > len(chosen.terms) for log in logs]
     return bool(enough) and bool(np.all(np.any(enough, axis=0))) and len(kind.joints) > 0
 
@@ -289,7 +331,9 @@ def _all_known(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> bool:
 def calibrate_band(
     logs: Sequence[Samples], kind: Kind, chosen: Terms, folds: Sequence[int], homing: float | None
 ) -> LearnedMap:
-    """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the same `homing` [s]."""
+    """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the
+    same `homing` [s].
+    """
     learned, count = fit_coefficients(logs, kind, chosen), len(set(folds))
     # what scatters between few logs is known as Student's distribution says
     draws = count if kind.by_group else len(logs)

@@ -1,4 +1,6 @@
-"""Least squares over several logs whose coefficients differ: correlated samples, Gaussian updates, random effects."""
+"""Least squares over several logs whose coefficients differ: correlated samples, Gaussian updates,
+random effects.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,17 @@ EM_SETTLED = 1e-2
 """It ends where a step changes the spread by less than this share."""
 
 SMALLEST_SHARE = 1e-8
-"""Combinations of columns with less than this share of the largest one's mean square are left out."""
+"""Combinations of columns with less than this share of the largest one's mean square are left out.
+"""
 
 SMALLEST_RESIDUAL = 1e-6
 """The std of a residual is not taken as smaller than this [rad]."""
 
 
 def correlated_samples(residuals: Floats) -> float:
-    """Return how many of evenly spaced samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k ≤ 0 (Sokal, 1997, §3)."""
+    """Return how many of evenly spaced samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k ≤ 0
+    (Sokal, 1997, §3).
+    """
     centred, n = residuals - residuals.mean(), len(residuals)
     power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[:n]
@@ -38,9 +43,11 @@ def correlated_samples(residuals: Floats) -> float:
 
 @dataclass(frozen=True)
 class Line:
-    """Coefficients b = (XᵀX)⁻¹Xᵀy of one log by least squares, (n,), and their covariance s² N (XᵀX)⁻¹.
+    """Coefficients b = (XᵀX)⁻¹Xᵀy of one log by least squares, (n,), and their covariance s² N
+    (XᵀX)⁻¹.
 
-    N samples count as one (`correlated`); the std s has the degrees of freedom that are left, s² = RSS/(k − n N).
+    N samples count as one (`correlated`); the std s has the degrees of freedom that are left, s² =
+    RSS/(k − n N).
     """
 
     coefficients: Floats
@@ -50,7 +57,9 @@ class Line:
 
 
 def line(design: Floats, angles: Floats) -> Line:
-    """Return the least-squares `Line` of `angles` y [rad], (k,), over a `design` X of full rank, (k, n)."""
+    """Return the least-squares `Line` of `angles` y [rad], (k,), over a `design` X of full rank,
+    (k, n).
+    """
     k, n = design.shape
     inverse = _inverse(design.T @ design)
     coefficients = inverse @ (design.T @ angles)
@@ -63,7 +72,9 @@ def line(design: Floats, angles: Floats) -> Line:
 
 
 def _inverse(gram: Floats) -> Floats:
-    """Return the pseudoinverse of XᵀX, positive semidefinite: directions that rounding may have made are left out."""
+    """Return the pseudoinverse of XᵀX, positive semidefinite: directions that rounding may have
+    made are left out.
+    """
     size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     large = values > ROUNDED * values[-1]
@@ -75,14 +86,17 @@ def _inverse(gram: Floats) -> Floats:
 def updated(
     mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float | Floats
 ) -> tuple[Floats, Floats]:
-    """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form that needs no P⁻¹.
+    """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form
+    that needs no P⁻¹.
 
     Args:
         mean: before, (n,).
         covariance: P, may be singular, (n, n).
-        gram: XᵀX of the samples' columns X, (n, n), or of several logs, each updated alone, (logs, n, n).
+        gram: XᵀX of the samples' columns X, (n, n), or of several logs, each updated alone, (logs,
+            n, n).
         moment: Xᵀy of their angles y [rad], (n,) or (logs, n).
-        spread: r, variance of a sample times the number of samples that count as one; of each log, (logs,).
+        spread: r, variance of a sample times the number of samples that count as one; of each log,
+            (logs,).
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     r, root = np.asarray(spread)[..., None], vectors * np.sqrt(np.maximum(values, 0.0))
@@ -92,23 +106,30 @@ def updated(
     return after, 0.5 * (gain + np.swapaxes(gain, -1, -2))
 
 
-def surprise(mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float) -> float:
+def surprise(
+    mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float
+) -> float:
     """Return the squared Mahalanobis distance of a log's own n coefficients from what was expected.
 
-    The arguments `mean`, `covariance`, `gram`, `moment` and `spread` are as for `updated`, of one log.
+    The arguments `mean`, `covariance`, `gram`, `moment` and `spread` are as for `updated`, of one
+    log.
     """
     values, vectors = np.linalg.eigh(gram / spread)
     seen = values > 1e-9 * values[-1]
     scale = np.sqrt(values[seen])
     off = (vectors[:, seen].T @ (moment - gram @ mean) / spread) / scale
-    expected = (scale[:, None] * (vectors[:, seen].T @ covariance @ vectors[:, seen])) * scale + np.eye(int(seen.sum()))
+    expected = (
+        scale[:, None] * (vectors[:, seen].T @ covariance @ vectors[:, seen])
+    ) * scale + np.eye(int(seen.sum()))
     return float(off @ np.linalg.solve(expected, off))
 
 
 def independent(values: Floats, noise: Floats) -> Bools:
-    """Return which columns have information of their own: the part that earlier ones leave is more than the noise.
+    """Return which columns have information of their own: the part that earlier ones leave is more
+    than the noise.
 
-    The `values` are centred readings, (k, m), `noise` the std of each sensor's random error in their units, (m,).
+    The `values` are centred readings, (k, m), `noise` the std of each sensor's random error in
+    their units, (m,).
     """
     chosen = np.zeros(values.shape[1], dtype=bool)
     for i in range(values.shape[1]):
@@ -123,7 +144,9 @@ def independent(values: Floats, noise: Floats) -> Bools:
 
 
 ROUNDED = 1e-12
-"""Eigenvalues of XᵀX, its columns of size one, below this share of the largest are sums of rounding errors."""
+"""Eigenvalues of XᵀX, its columns of size one, below this share of the largest are sums of rounding
+errors.
+"""
 
 ABOVE_NOISE = 1.5
 """A sensor is used where what it alone tells has this many standard deviations of its noise."""
@@ -133,7 +156,10 @@ RANK = 1e-6
 
 
 def random_effects(
-    joint: JointMap, columns: Sequence[int], parts: Sequence[tuple[Floats, Floats, float]], pooled: bool = False
+    joint: JointMap,
+    columns: Sequence[int],
+    parts: Sequence[tuple[Floats, Floats, float]],
+    pooled: bool = False,
 ) -> tuple[JointMap, float]:
     """Return the coefficients of one joint and the correlation time of the residuals [s].
 
@@ -141,13 +167,15 @@ def random_effects(
         joint: its coefficients give their number.
         columns: which of them are learned, (n,).
         parts: of each log (design (k, n), angles [rad] (k,), interval [s]).
-        pooled: take the mean from all samples together, so that what differs between logs tells it too (a load that is
-            constant in each); else from each log's own coefficients.
+        pooled: take the mean from all samples together, so that what differs between logs tells it
+            too (a load that is constant in each); else from each log's own coefficients.
     """
     full_designs, angles, intervals = zip(*parts)
     if len(parts) == 1:
         only = line(full_designs[0], angles[0])
-        return filled(joint, columns, only.coefficients, only.covariance, only.std), only.correlated * intervals[0]
+        return filled(
+            joint, columns, only.coefficients, only.covariance, only.std
+        ), only.correlated * intervals[0]
     basis = _basis(full_designs)
     designs = [design @ basis for design in full_designs]
     grams = np.array([x.T @ x for x in designs])
@@ -156,7 +184,10 @@ def random_effects(
     lines = [line(x, y) for x, y in zip(designs, angles)]
     count = np.array([fit.correlated for fit in lines])
     std = np.sqrt(
-        max(np.average([fit.std**2 for fit in lines], weights=[len(y) for y in angles]), SMALLEST_RESIDUAL**2)
+        max(
+            np.average([fit.std**2 for fit in lines], weights=[len(y) for y in angles]),
+            SMALLEST_RESIDUAL**2,
+        )
     )
     # wide to start from: as if every coefficient alone explained the residual of the common map
     left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
@@ -173,17 +204,21 @@ def random_effects(
     spread = _shrunk(spread, len(parts))
     residuals = [y - x @ after for x, y, after in zip(designs, angles, means)]
     std = max(float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))), SMALLEST_RESIDUAL)
-    times = [correlated_samples(residual) * interval for residual, interval in zip(residuals, intervals)]
+    times = [
+        correlated_samples(residual) * interval for residual, interval in zip(residuals, intervals)
+    ]
     covariance = basis @ (spread * (1.0 + 1.0 / len(parts))) @ basis.T
     covariance = 0.5 * (covariance + covariance.T)
     return filled(joint, columns, basis @ mean, covariance, std), float(np.mean(times))
 
 
 def _basis(designs: Sequence[Floats]) -> Floats:
-    """Return W for which the columns of X W are uncorrelated and of size one over all logs, (n, up to n).
+    """Return W for which the columns of X W are uncorrelated and of size one over all logs, (n, up
+    to n).
 
-    The spread between logs is assumed for such columns, so that the assumption does not depend on how the same
-    columns are written; combinations that hardly ever differ from zero are left at zero.
+    The spread between logs is assumed for such columns, so that the assumption does not depend on
+    how the same columns are written; combinations that hardly ever differ from zero are left at
+    zero.
     """
     rows = np.vstack(designs)
     values, vectors = np.linalg.eigh(rows.T @ rows / len(rows))
@@ -193,10 +228,11 @@ def _basis(designs: Sequence[Floats]) -> Floats:
 
 
 def _shrunk(spread: Floats, logs: int) -> Floats:
-    """Return the spread with its correlations drawn to zero where logs are too few to tell them, fewer than 2n + 1 for n.
+    """Return the spread with its correlations drawn to zero where logs are too few to tell them,
+    fewer than 2n + 1 for n.
 
-    The share is n/(n + logs − 1): from few logs the spread has fewer directions than columns, and would be sure of the
-    rest.
+    The share is n/(n + logs − 1): from few logs the spread has fewer directions than columns, and
+    would be sure of the rest.
     """
     n = len(spread)
     if logs > 2 * n:
@@ -206,17 +242,24 @@ def _shrunk(spread: Floats, logs: int) -> Floats:
     return shrunk
 
 
-def filled(joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Floats, std: float) -> JointMap:
+def filled(
+    joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Floats, std: float
+) -> JointMap:
     """Return a joint's map with some of its coefficients; the others are zero for certain.
 
-    The `columns` are indices of these n coefficients, which have a mean and covariance [rad, rad²]; `std` is of the
-    residual.
+    The `columns` are indices of these n coefficients, which have a mean and covariance [rad, rad²];
+    `std` is of the residual.
     """
     size = len(joint.coefficients)
     coefficients, square = np.zeros(size), np.zeros((size, size))
     coefficients[list(columns)] = mean
     square[np.ix_(columns, columns)] = covariance
-    return JointMap(joint=joint.joint, coefficients=row_of(coefficients), covariance=rows_of(square), std=float(std))
+    return JointMap(
+        joint=joint.joint,
+        coefficients=row_of(coefficients),
+        covariance=rows_of(square),
+        std=float(std),
+    )
 
 
 def row_of(array: Floats) -> tuple[float, ...]:

@@ -27,14 +27,17 @@ FIT_PAGES = ("index.html",)
 
 
 def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
-    """Write one self-contained page on a fit, ``index.html``, to a folder, made if need be; return where it is.
+    """Write one self-contained page on a fit, ``index.html``, to a folder, made if need be; return
+    where it is.
 
     Raises:
         OutputError: the folder or the page cannot be written.
     """
     check_outputs(outputs_in(out, FIT_PAGES, "the report"))
     folder = make_folder(out)
-    before, after = ([estimate(log, rig, homing=fit.homing) for log in logs] for rig in (fit.start, fit.rig))
+    before, after = (
+        [estimate(log, rig, homing=fit.homing) for log in logs] for rig in (fit.start, fit.rig)
+    )
     parts = [
         picture(rig_svg(fit.rig), "The rig as fitted, to scale; circles are its sensors."),
         *_doubts(fit),
@@ -44,19 +47,31 @@ def fit_report(fit: Fit, logs: Sequence[Log], out: str | Path) -> Path:
         heading("Along the logs"),
     ]
     caption = (
-        "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their errors; innovations "
-        "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word on its health."
+        "Estimate with the fitted rig and with the rig as it came, their 95 % bands shaded; their "
+        "errors; innovations "
+        "of the fitted one, of which 95 % should be within ±2; what was measured; a stream's word "
+        "on its health."
     )
     for log, nominal, fitted in list(zip(logs, before, after))[:MOST_TRACES]:
         parts.append(picture(svg_of(draw_traces(log, nominal, fitted, fit.rig)), caption))
     parts += [
         heading("What is left, against angle, speed and load"),
-        paragraph("Median and the middle 80 % of the errors. A curve that is not flat is physics that the rig lacks."),
-        picture(svg_of(draw_residuals(logs, before, after, fit.rig)), "Errors of all logs, before and after the fit."),
+        paragraph(
+            "Median and the middle 80 % of the errors. A curve that is not flat is physics that "
+            "the rig lacks."
+        ),
+        picture(
+            svg_of(draw_residuals(logs, before, after, fit.rig)),
+            "Errors of all logs, before and after the fit.",
+        ),
     ]
     longest = max(logs, key=len)
     parts += _seen(longest, observability(longest, fit.rig, homing=fit.homing))
-    use = "" if fit.homing is None else f" A reference is used for the first {fit.homing:g} s, then only compared with."
+    use = (
+        ""
+        if fit.homing is None
+        else f" A reference is used for the first {fit.homing:g} s, then only compared with."
+    )
     lead = (
         f"{fit.samples} samples of {fit.learned_from}, "
         f"fitted by the rig's equations, or by its filter's innovations.{use}"
@@ -94,15 +109,30 @@ def _parameters(fit: Fit) -> list[str]:
         if abs(fit.correlations[i, j]) > 0.8
     ]
     if strong and fit.converged:
-        parts.append(paragraph("Errors that go together (correlation): " + "; ".join(strong[:MOST_PAIRS]) + "."))
+        parts.append(
+            paragraph(
+                "Errors that go together (correlation): " + "; ".join(strong[:MOST_PAIRS]) + "."
+            )
+        )
     ratios = [
         (escape(name), _ratio(before), _ratio(after))
         for name, before, after in zip(fit.channels, fit.nis_before, fit.nis_after)
         if np.isfinite(after)
     ]
-    nis = "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too sure of itself."
-    ended = "was interrupted" if fit.interrupted else "converged" if fit.converged else "stopped before it converged"
-    costs = f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations"
+    nis = (
+        "Normalised innovations, mean of ν²/S; 1 is expected, more means that the filter is too "
+        "sure of itself."
+    )
+    ended = (
+        "was interrupted"
+        if fit.interrupted
+        else "converged"
+        if fit.converged
+        else "stopped before it converged"
+    )
+    costs = (
+        f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations"
+    )
     table = html_table(("sensor", "before", "after"), ratios, numbers=(1, 2))
     return [*parts, paragraph(nis), table, paragraph(f"{costs}; the search {ended}.")]
 
@@ -111,7 +141,9 @@ def _ratio(nis: float) -> str:
     return f"{nis:.2f}" if nis < 100 else f"{nis:.0f}"
 
 
-def _errors(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate]) -> list[str]:
+def _errors(
+    logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate]
+) -> list[str]:
     rows = [
         (
             escape(shown(Path(log.source).name)),
@@ -124,7 +156,10 @@ def _errors(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Est
     if not rows:
         return []
     columns = ("log", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
-    return [heading("Errors on the logs that were fitted"), html_table(columns, rows, numbers=(1, 2, 3, 4))]
+    return [
+        heading("Errors on the logs that were fitted"),
+        html_table(columns, rows, numbers=(1, 2, 3, 4)),
+    ]
 
 
 def _error(rms: float, inside: float) -> tuple[str, str]:
@@ -135,7 +170,10 @@ def _doubts(fit: Fit) -> list[str]:
     lines = fit.advice()
     if not lines:
         return []
-    return [heading("Before you use it"), *(paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines)]
+    return [
+        heading("Before you use it"),
+        *(paragraph(f"{line[0].upper()}{line[1:]}.") for line in lines),
+    ]
 
 
 def _left_out(fit: Fit) -> list[str]:
@@ -151,7 +189,9 @@ def _left_out(fit: Fit) -> list[str]:
     ]
     band = "in the band"
     columns = ("log left out", "adaptive [°]", band, "rig as it came [°]", band, "affine [°]", band)
-    text = "Each log was estimated by what the others teach alone: all of the fit was done without it."
+    text = (
+        "Each log was estimated by what the others teach alone: all of the fit was done without it."
+    )
     table = html_table(columns, rows, numbers=range(1, 7))
     return [heading("On logs that were not fitted"), paragraph(text), table]
 
@@ -167,8 +207,10 @@ def _seen(log: Log, seen: Observability) -> list[str]:
         for low, high, std, recovered, word in seen.table()
     ]
     text = (
-        f"Along {shown(Path(log.source).name)}: how sure the angle is; and how sure it is again after {seen.window:g} s "
-        "if it was lost by 10°. Where it is not found, friction, slack or a stop hides the joint, and only memory holds "
+        f"Along {shown(Path(log.source).name)}: how sure the angle is; and how sure it is again "
+        f"after {seen.window:g} s "
+        "if it was lost by 10°. Where it is not found, friction, slack or a stop hides the joint, "
+        "and only memory holds "
         "the angle."
     )
     caption = "Estimate with its band; below, its standard deviation, and where it is found again."

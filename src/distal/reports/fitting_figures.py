@@ -1,4 +1,6 @@
-"""Figures of a fit: before and after along each log, and what is left against angle, speed and load."""
+"""Figures of a fit: before and after along each log, and what is left against angle, speed and
+load.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,17 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs import Log, shown, true_angles
-from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, PANELS, Estimate, figure, legend_above, plot_estimates
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    DASHES,
+    PANELS,
+    Estimate,
+    figure,
+    legend_above,
+    plot_estimates,
+)
 from distal.rig import Rig
 from distal.run import log_health
 
@@ -31,44 +43,71 @@ FEWEST = 12
 
 
 def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure:
-    """Return truth, estimates after and before the fit, their errors, and what the filter compared, over one log."""
+    """Return truth, estimates after and before the fit, their errors, and what the filter compared,
+    over one log.
+    """
     # a page with a dozen logs stays small: no more points than a printed line can show
     rows, words = slice(None, None, max(1, len(log) // POINTS)), log_health(log, rig)
     estimates = [_thinned(after, rows, "after"), _thinned(before, rows, "before")]
-    title = shown(Path(log.source).name)  # any name of a file can be drawn: what is not printable is escaped
-    return plot_estimates(estimates, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows])
+    title = shown(
+        Path(log.source).name
+    )  # any name of a file can be drawn: what is not printable is escaped
+    return plot_estimates(
+        estimates, title=title, panels=PANELS, log=log.select(rows), rig=rig, health=words[rows]
+    )
 
 
 def _thinned(estimate: Estimate, rows: slice, name: str) -> Estimate:
     """Return some rows of an estimate, under another name."""
     columns = ("time", "means", "variances", "innovations", "innovation_variances")
     truths = None if estimate.truths is None else estimate.truths[rows]
-    return replace(estimate, estimator=name, truths=truths, **{key: getattr(estimate, key)[rows] for key in columns})
+    return replace(
+        estimate,
+        estimator=name,
+        truths=truths,
+        **{key: getattr(estimate, key)[rows] for key in columns},
+    )
 
 
-def draw_residuals(logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate], rig: Rig) -> Figure:
-    """Return the errors against angle, speed and load: median and the middle 80 %, before and after the fit.
+def draw_residuals(
+    logs: Sequence[Log], before: Sequence[Estimate], after: Sequence[Estimate], rig: Rig
+) -> Figure:
+    """Return the errors against angle, speed and load: median and the middle 80 %, before and after
+    the fit.
 
-    A curve that is not flat is physics that the rig does not have. Where no log has a truth, the innovations of the first
-    compared sensor stand for the errors.
+    A curve that is not flat is physics that the rig does not have. Where no log has a truth, the
+    innovations of the first compared sensor stand for the errors.
     """
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
     truths = [true_angles(log, [joint.name for joint in rig.joints]) for log in logs]
     pairs = [(i, j) for i in range(len(logs)) for j in range(len(rig.joints))]
-    with_truth = [(i, j) for i, j in pairs if (true := truths[i]) is not None and np.isfinite(true[:, j]).any()]
+    with_truth = [
+        (i, j)
+        for i, j in pairs
+        if (true := truths[i]) is not None and np.isfinite(true[:, j]).any()
+    ]
     chosen = with_truth or pairs
-    angles = [np.rad2deg((after[i].angles if (true := truths[i]) is None else true)[:, j]) for i, j in chosen]
+    angles = [
+        np.rad2deg((after[i].angles if (true := truths[i]) is None else true)[:, j])
+        for i, j in chosen
+    ]
     speeds = [_smooth_speed(logs[i].time, angle) for (i, _), angle in zip(chosen, angles)]
     against: list[tuple[str, list[Floats]]] = [("angle θ [°]", angles), ("speed [°/s]", speeds)]
     if force is not None:
-        against.append((f"{force.name} [{force.si}]", [logs[i].channels[force.name] for i, _ in chosen]))
+        against.append(
+            (f"{force.name} [{force.si}]", [logs[i].channels[force.name] for i, _ in chosen])
+        )
     with figure(1, len(against), (7.2, 2.9), sharey=True) as (drawing, panels):
         for name, estimates, colour in (("before", before, 1), ("after", after, 0)):
-            residuals = [_residuals(truths[i] if with_truth else None, estimates[i], j) for i, j in chosen]
+            residuals = [
+                _residuals(truths[i] if with_truth else None, estimates[i], j) for i, j in chosen
+            ]
             for axes, (label, columns) in zip(panels, against):
                 _draw_binned(axes, np.concatenate(columns), np.concatenate(residuals), colour, name)
                 axes.set_xlabel(label)
-        panels[0].set_ylabel("error [°]" if with_truth else f"innovation / its std, {after[0].measured[0]}")
+        panels[0].set_ylabel(
+            "error [°]" if with_truth else f"innovation / its std, {after[0].measured[0]}"
+        )
         for axes in panels:
             axes.axhline(0.0, color=BLACK, lw=0.6)
         legend_above(panels[0])
@@ -84,9 +123,15 @@ def _residuals(truth: Floats | None, estimate: Estimate, joint: int) -> Floats:
 def _smooth_speed(time: Floats, angle: Floats) -> Floats:
     """Return the slope of an angle over a tenth of a second, (k,)."""
     is_finite = np.isfinite(angle)
-    filled = np.interp(time, time[is_finite], angle[is_finite]) if is_finite.any() else np.zeros_like(time)
+    filled = (
+        np.interp(time, time[is_finite], angle[is_finite])
+        if is_finite.any()
+        else np.zeros_like(time)
+    )
     half = 0.05
-    return (np.interp(time + half, time, filled) - np.interp(time - half, time, filled)) / (2 * half)
+    return (np.interp(time + half, time, filled) - np.interp(time - half, time, filled)) / (
+        2 * half
+    )
 
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
@@ -101,6 +146,17 @@ def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> Non
     if not bins:
         return
     centres = [(edges[k] + edges[k + 1]) / 2 for k in bins]
-    lower, median, upper = np.transpose([np.quantile(y[number == k], [0.1, 0.5, 0.9]) for k in bins])
+    lower, median, upper = np.transpose(
+        [np.quantile(y[number == k], [0.1, 0.5, 0.9]) for k in bins]
+    )
     axes.fill_between(centres, lower, upper, color=COLOURS[index], alpha=BAND_ALPHA, lw=0)
-    axes.plot(centres, median, color=COLOURS[index], ls=DASHES[index], lw=1.4, marker="o", ms=2.5, label=name)
+    axes.plot(
+        centres,
+        median,
+        color=COLOURS[index],
+        ls=DASHES[index],
+        lw=1.4,
+        marker="o",
+        ms=2.5,
+        label=name,
+    )

@@ -1,4 +1,6 @@
-"""The chain of a log as it moves: links, the band of each angle as a fan, tendons coloured by their tension."""
+"""The chain of a log as it moves: links, the band of each angle as a fan, tendons coloured by their
+tension.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,14 @@ OBLIQUE = ((0.83, 0.56, 0.0), (-0.19, 0.28, 0.94))
 
 
 def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
-    """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, for behind the curves."""
+    """Return the HTML of a picture of the chain that is played and scrubbed, and what moves it, for
+    behind the curves.
+    """
     step = max(1, -(-len(log) // MOST_FRAMES))
     rows, time = slice(None, None, step), from_start(estimate.time)
-    columns = [None if column is None else _numbers(column[rows], 2) for column in _tensions(rig, log)]
+    columns = [
+        None if column is None else _numbers(column[rows], 2) for column in _tensions(rig, log)
+    ]
     tensions = [tension for column in columns for tension in column or () if tension is not None]
     most = max(tensions, default=0.0)
     frames = chain_shape(rig, most) | {
@@ -40,20 +46,33 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
         "from": float(time[0]),
         "angles": [_numbers(column, 4) for column in estimate.angles[rows].T],
         "halves": [_numbers(BAND * column, 4) for column in estimate.angle_stds[rows].T],
-        "truths": None if estimate.truths is None else [_numbers(column, 4) for column in estimate.truths[rows].T],
+        "truths": None
+        if estimate.truths is None
+        else [_numbers(column, 4) for column in estimate.truths[rows].T],
     }
     scale = tension_scale(f"{most:.3g} N") if tensions else ""
-    cells = "".join(f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints)
+    cells = "".join(
+        f"<tr><td>{escape(joint.name)}</td><td class='n'></td></tr>" for joint in rig.joints
+    )
     dashed = ", dashed is the truth" if estimate.truths is not None else ""
-    script = chain_script() + resources.files("distal.reports").joinpath("moving.js").read_text(encoding="utf-8")
-    speeds = "".join(f"<option value='{x}'{' selected' if x == 1 else ''}>{x}×</option>" for x in (0.1, 0.25, 1, 2, 5))
+    script = chain_script() + resources.files("distal.reports").joinpath("moving.js").read_text(
+        encoding="utf-8"
+    )
+    speeds = "".join(
+        f"<option value='{x}'{' selected' if x == 1 else ''}>{x}×</option>"
+        for x in (0.1, 0.25, 1, 2, 5)
+    )
     picture = (
-        f"<style>{_STYLE}</style><figure id='moving'><div><canvas role='img' aria-label='The chain as it is estimated to "
-        "stand; its angles are in the table'></canvas><p class='controls'><button type='button'>Play</button> "
+        f"<style>{_STYLE}</style><figure id='moving'><div><canvas role='img' aria-label='The "
+        "chain as it is estimated to "
+        "stand; its angles are in the table'></canvas><p class='controls'><button "
+        "type='button'>Play</button> "
         f"<label>speed <select>{speeds}</select></label> <output></output> {scale}"
-        f"<input type='range' min='0' max='{time[-1] - time[0]:.4f}' step='any' value='0' aria-label='time'></p></div>"
+        f"<input type='range' min='0' max='{time[-1] - time[0]:.4f}' step='any' value='0' "
+        "aria-label='time'></p></div>"
         f"<table><tbody>{cells}</tbody></table>"
-        f"<figcaption>The joints as they are estimated{dashed}; fans are 95 % bands. Grey tendons have no sensor of their "
+        f"<figcaption>The joints as they are estimated{dashed}; fans are 95 % bands. Grey tendons "
+        "have no sensor of their "
         "own. Drag to turn the view, click a curve to go to its time.</figcaption></figure>"
     )
     return picture, script_with("moving-data", frames, script)
@@ -65,33 +84,47 @@ def chain_script() -> str:
 
 
 def chain_shape(rig: Rig, most: float) -> dict[str, object]:
-    """Return what `chain_script` draws of a rig, up to the tension `most` at the end of the scale of colours [N]."""
+    """Return what `chain_script` draws of a rig, up to the tension `most` at the end of the scale
+    of colours [N].
+    """
     index = {joint.name: j for j, joint in enumerate(rig.joints)}
-    parents = [-1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))]
+    parents = [
+        -1 if (parent := rig.parent_of(j)) is None else parent for j in range(len(rig.joints))
+    ]
     return {
         "joints": [
             {"parent": parent, "offset": joint.offset, "axis": joint.axis, "link": list(link)}
             for parent, joint, link in zip(parents, rig.joints, _links(rig))
         ],
         "tendons": [
-            {"name": tendon.name, "crossings": sorted((index[name], float(arm)) for name, arm in tendon.arms().items())}
+            {
+                "name": tendon.name,
+                "crossings": sorted(
+                    (index[name], float(arm)) for name, arm in tendon.arms().items()
+                ),
+            }
             for tendon in rig.tendons
         ],
         "most": most,
         "ramp": CIVIDIS,
         "view": _view(rig),
         "colours": {
-            "ink": BLACK, "soft": SOFT, "faint": FAINT, "paper": WHITE, "estimate": COLOURS[0],
+            "ink": BLACK,
+            "soft": SOFT,
+            "faint": FAINT,
+            "paper": WHITE,
+            "estimate": COLOURS[0],
             "band": COLOURS[0] + f"{round(255 * BAND_ALPHA):02x}",
         },
-    }  # fmt: skip
+    }
 
 
 def tension_scale(most: str) -> str:
     """Return the scale of colours of the tensions, as HTML."""
     ramp = ", ".join(f"rgb{colour}" for colour in CIVIDIS)
     return (
-        f"<span style='white-space:nowrap'>tension 0 <span style='display:inline-block;width:6rem;height:.7rem;"
+        f"<span style='white-space:nowrap'>tension 0 <span "
+        "style='display:inline-block;width:6rem;height:.7rem;"
         f"background:linear-gradient(to right, {ramp})'></span> {most}</span>"
     )
 
@@ -111,12 +144,16 @@ _STYLE = f"""
 
 
 def _links(rig: Rig) -> Floats:
-    """Return where each link ends in its joint's frame [m]: at the joint that it carries, or twice as far as its mass."""
+    """Return where each link ends in its joint's frame [m]: at the joint that it carries, or twice
+    as far as its mass.
+    """
     arms = [abs(arm) for tendon in rig.tendons for arm in tendon.arms().values()]
     length = LENGTHS * max(arms, default=0.01)
     ends = np.tile([length, 0.0, 0.0], (len(rig.joints), 1))
     for j, joint in enumerate(rig.joints):
-        carried = [np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if rig.parent_of(i) == j]
+        carried = [
+            np.array(rig.joints[i].offset) for i in range(len(rig.joints)) if rig.parent_of(i) == j
+        ]
         far = max(carried, key=lambda offset: float(np.linalg.norm(offset)), default=np.zeros(3))
         centre = np.zeros(3) if joint.link is None else 2 * np.array(joint.link.centre)
         axis = np.array(joint.axis)
@@ -132,7 +169,9 @@ def _links(rig: Rig) -> Floats:
 
 
 def _view(rig: Rig) -> tuple[tuple[float, ...], ...]:
-    """Return what points right and up: a chain in one plane is seen along its axes, any other from the side and above."""
+    """Return what points right and up: a chain in one plane is seen along its axes, any other from
+    the side and above.
+    """
     first = np.array(rig.joints[0].axis)
     if any(abs(float(first @ np.array(joint.axis))) < 0.99 for joint in rig.joints):
         return OBLIQUE

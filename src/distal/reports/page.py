@@ -48,7 +48,9 @@ def page(title: str, lead: str, parts: Sequence[str]) -> str:
         "<!doctype html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>\n"
         f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        f"<h1>{escape(title)}</h1>\n<p class='lead'>{escape(lead)}</p>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
+        f"<h1>{escape(title)}</h1>\n<p class='lead'>{escape(lead)}</p>\n"
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
     )
 
 
@@ -76,14 +78,23 @@ def picture(svg: str, caption: str) -> str:
     return f"<figure>{svg[svg.index('<svg') :]}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
-def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Return a table; cells are HTML, and `numbers` are the indices of the columns that hold numbers."""
+def html_table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()
+) -> str:
+    """Return a table; cells are HTML, and `numbers` are the indices of the columns that hold
+    numbers.
+    """
     mark = [" class='n'" if i in numbers else "" for i in range(len(columns))]
     head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
     # on a narrow screen each row is a block of lines, and each cell tells its column
-    label = [f" data-of='{escape(name, quote=True)}'" if name and i else "" for i, name in enumerate(columns)]
+    label = [
+        f" data-of='{escape(name, quote=True)}'" if name and i else ""
+        for i, name in enumerate(columns)
+    ]
     body = "".join(
-        "<tr>" + "".join(f"<td{mark[i]}{label[i]}>{cell}</td>" for i, cell in enumerate(row)) + "</tr>\n"
+        "<tr>"
+        + "".join(f"<td{mark[i]}{label[i]}>{cell}</td>" for i, cell in enumerate(row))
+        + "</tr>\n"
         for row in rows
     )
     return f"<div class='scroll'><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>"
@@ -92,4 +103,6 @@ def html_table(columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: S
 def script_with(name: str, table: Mapping[str, object], script: str) -> str:
     """Return a script with the numbers that it reads, as JSON in an element of some name."""
     packed = json.dumps(table, separators=(",", ":")).replace("<", "\\u003c")
-    return f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"
+    return (
+        f"<script type='application/json' id='{name}'>{packed}</script>\n<script>{script}</script>"
+    )

@@ -1,4 +1,6 @@
-"""A drawing of a rig to scale: drives, tendons, pulleys, links, springs, stops, sensors, with their numbers."""
+"""A drawing of a rig to scale: drives, tendons, pulleys, links, springs, stops, sensors, with their
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,20 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
-from distal.reports.drawing.drives import draw_capstan, draw_slider, drive_lines, glyph_width, motor_half
-from distal.reports.drawing.joints import draw_coupling, draw_joint, draw_link, draw_pin, joint_lines
+from distal.reports.drawing.drives import (
+    draw_capstan,
+    draw_slider,
+    drive_lines,
+    glyph_width,
+    motor_half,
+)
+from distal.reports.drawing.joints import (
+    draw_coupling,
+    draw_joint,
+    draw_link,
+    draw_pin,
+    joint_lines,
+)
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
@@ -36,7 +50,8 @@ PANEL = (2.6, 1.2)
 def draw_rig(rig: Rig) -> Figure:
     """Return a drawing of a rig in its zero pose.
 
-    Joints, pulleys and spools are to scale, tendons are shortened. Each joint is seen along its own axis.
+    Joints, pulleys and spools are to scale, tendons are shortened. Each joint is seen along its own
+    axis.
     """
     sheet = Sheet()
     arms = np.array([[t.arms().get(joint.name, 0.0) for joint in rig.joints] for t in rig.tendons])
@@ -50,7 +65,9 @@ def draw_rig(rig: Rig) -> Figure:
     lines = [joint_lines(rig, j, stand.turn) for j, stand in enumerate(placed)]
     _draw_base(sheet, placed, past, base)
     for j, stand in enumerate(placed):
-        draw_link(sheet, stand, [child.centre for child in placed if child.parent == j] or [stand.tip])
+        draw_link(
+            sheet, stand, [child.centre for child in placed if child.parent == j] or [stand.tip]
+        )
     names = [joint.name for joint in rig.joints]
     for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
         if joint.coupled is not None:
@@ -68,18 +85,36 @@ def draw_rig(rig: Rig) -> Figure:
 
 
 def rig_svg(rig: Rig) -> str:
-    """Return the drawing of a rig as an SVG element for a page, with a text that says what it shows."""
-    joints, tendons = (", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons))
+    """Return the drawing of a rig as an SVG element for a page, with a text that says what it
+    shows.
+    """
+    joints, tendons = (
+        ", ".join(part.name for part in parts) for parts in (rig.joints, rig.tendons)
+    )
     drives = ", ".join(f"{drive.name} ({drive.kind})" for drive in rig.drives)
-    description = f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+    description = (
+        f"Drawing of the rig {rig.name}: joints {joints}; drives {drives}; tendons {tendons}"
+    )
     return svg_of(draw_rig(rig), description)
 
 
 def _scale(rig: Rig, placed: Sequence[Stand], largest: float) -> float:
     """Return the inches for a metre: the joints fit into some space, and so do the drives."""
-    xs = [x for stand in placed for x in (stand.centre[0] - largest, stand.centre[0] + largest, stand.tip[0])]
-    ys = [y for stand in placed for y in (stand.centre[1] - largest, stand.centre[1] + largest, stand.tip[1])]
-    limits = [0.62 / largest, (3.4 + 0.8 * max(len(placed) - 3, 0)) / (max(xs) - min(xs)), 3.4 / (max(ys) - min(ys))]
+    xs = [
+        x
+        for stand in placed
+        for x in (stand.centre[0] - largest, stand.centre[0] + largest, stand.tip[0])
+    ]
+    ys = [
+        y
+        for stand in placed
+        for y in (stand.centre[1] - largest, stand.centre[1] + largest, stand.tip[1])
+    ]
+    limits = [
+        0.62 / largest,
+        (3.4 + 0.8 * max(len(placed) - 3, 0)) / (max(xs) - min(xs)),
+        3.4 / (max(ys) - min(ys)),
+    ]
     spools = [drive.radius.value for drive in rig.drives if isinstance(drive, Capstan)]
     if spools:
         limits += [0.6 / max(spools), max(3.0, 0.5 * len(spools)) / (2 * sum(spools))]
@@ -94,7 +129,9 @@ def _around(past: Sequence[Sequence[Wheel]], stand: Stand) -> float:
     return max([*radii, *(pin for pin in pins if pin < 0.63), 0.12]) + 0.13
 
 
-def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], x: float) -> None:
+def _draw_base(
+    sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], x: float
+) -> None:
     """Draw the wall that the first joints are held by, and the bars to them."""
     from matplotlib.patches import Rectangle
 
@@ -110,9 +147,16 @@ def _draw_base(sheet: Sheet, placed: Sequence[Stand], past: Sequence[Sequence[Wh
 
 
 def _draw_proximal(
-    sheet: Sheet, rig: Rig, placed: Sequence[Stand], past: Sequence[Sequence[Wheel]], scale: float, base: float
+    sheet: Sheet,
+    rig: Rig,
+    placed: Sequence[Stand],
+    past: Sequence[Sequence[Wheel]],
+    scale: float,
+    base: float,
 ) -> None:
-    """Draw the drives below one another, in the order in which their tendons reach the base, and all tendons."""
+    """Draw the drives below one another, in the order in which their tendons reach the base, and
+    all tendons.
+    """
     heights = [tendon[0].point(0.0)[1] for tendon in past]
     wide, pitch = lane_room(rig)
     right = base - FAN
@@ -123,11 +167,16 @@ def _draw_proximal(
     margin = glyphs - 0.14 - max(line.width for lines in texts.values() for line in lines)
     rows = []
     for drive in rig.drives:
-        tendons = sorted((i for i, t in enumerate(rig.tendons) if t.drive == drive.name), key=lambda i: -heights[i])
+        tendons = sorted(
+            (i for i, t in enumerate(rig.tendons) if t.drive == drive.name),
+            key=lambda i: -heights[i],
+        )
         if isinstance(drive, Capstan):
             first = rig.tendons[tendons[0]]
             joint = names.index(first.joints[0])
-            way = placed[joint].turn * (1 if next(iter(first.arms().values())) * first.winding >= 0 else -1)
+            way = placed[joint].turn * (
+                1 if next(iter(first.arms().values())) * first.winding >= 0 else -1
+            )
             # wound by a positive angle: from below where that turns clockwise
             above = [i for i in tendons if rig.tendons[i].winding * way > 0]
             below = [i for i in tendons if i not in above]
@@ -154,7 +203,9 @@ def _draw_proximal(
         if isinstance(drive, Capstan):
             at = (left - motor_half(drive, scale), centre)
             draw_capstan(sheet, drive, lines, at, scale, way)
-            starts = {i: Wheel(at, scale * drive.radius.value, -1 if lanes[i] > 0 else 1) for i in lanes}
+            starts = {
+                i: Wheel(at, scale * drive.radius.value, -1 if lanes[i] > 0 else 1) for i in lanes
+            }
         else:
             begin = draw_slider(sheet, drive, lines, (left, centre), list(levels.values()), scale)
             starts = {i: Wheel((begin, level)) for i, level in levels.items()}
@@ -164,7 +215,11 @@ def _draw_proximal(
 
 
 def _write_joints(
-    sheet: Sheet, placed: Sequence[Stand], lines: Sequence[Sequence[Line]], around: Sequence[float], left: float
+    sheet: Sheet,
+    placed: Sequence[Stand],
+    lines: Sequence[Sequence[Line]],
+    around: Sequence[float],
+    left: float,
 ) -> None:
     """Write of each joint above all of them, side by side, with a thin line down to it."""
     centres = [stand.centre for stand in placed]
@@ -183,7 +238,9 @@ def _write_joints(
 
 
 def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale: float) -> None:
-    """Add name, scale, gravity, and the moment arms where there are several joints or they change."""
+    """Add name, scale, gravity, and the moment arms where there are several joints or they
+    change.
+    """
     changing = changing_arms(rig)
     (left, low), (right, high) = sheet.low, sheet.high
     _draw_scale(sheet, (right, low - 0.4), scale)
@@ -192,10 +249,16 @@ def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale
     if len(rig.joints) > 1:
         beside = right - left - table_width(rig) > 2.8
         end, bottom = draw_table(sheet, rig, arms, (left, low - (0.1 if beside else 0.6)))
-        panel = (end + 0.7, bottom - 0.1) if beside and end + 0.7 + PANEL[0] < right - 2.6 else (panel[0], bottom - 1.7)
+        panel = (
+            (end + 0.7, bottom - 0.1)
+            if beside and end + 0.7 + PANEL[0] < right - 2.6
+            else (panel[0], bottom - 1.7)
+        )
     if changing:
         sheet.reserve((panel[0] + PANEL[0], panel[1] - 0.32))
-        sheet.take((panel[0] - 0.45, panel[1] - 0.32, panel[0] + PANEL[0], panel[1] + PANEL[1] + 0.3))
+        sheet.take(
+            (panel[0] - 0.45, panel[1] - 0.32, panel[0] + PANEL[0], panel[1] + PANEL[1] + 0.3)
+        )
         bottom = min(bottom, panel[1] - 0.3)
     notes = ["Joints, pulleys and spools to scale at zero angle; tendons shortened."]
     if len({joint.axis for joint in rig.joints}) > 1:

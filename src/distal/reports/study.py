@@ -1,4 +1,6 @@
-"""The answer of a study as one self-contained page: a sentence, then what it rests on; nothing is fetched."""
+"""The answer of a study as one self-contained page: a sentence, then what it rests on; nothing is
+fetched.
+"""
 
 from __future__ import annotations
 
@@ -65,12 +67,17 @@ _STYLE = f"""<style>
 
 
 def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, folder: Path) -> Path:
-    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return where the page is."""
+    """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return
+    where the page is.
+    """
     asked, title = plan.study.requirement, plan.study.name or plan.rig.name
     lead = (
-        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in {', '.join(plan.study.scenarios)}. "
-        f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time. "
-        "Every rig as built is drawn from the standard deviations of the rig file; the estimator knows the rig file only."
+        f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in "
+        f"{', '.join(plan.study.scenarios)}. "
+        f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for "
+        f"{100 * asked.time:.3g} % of the time. "
+        "Every rig as built is drawn from the standard deviations of the rig file; the estimator "
+        "knows the rig file only."
     )
     parts = [_STYLE, f"<p class='answer'>{escape(answer.sentence)}</p>", *_scenarios(answer)]
     if answer.needs:
@@ -101,13 +108,23 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     }
     script = resources.files("distal.reports").joinpath("study_page.js").read_text(encoding="utf-8")
     parts.append(script_with("study-data", charts, script))
-    tables = json.dumps(asdict(answer), indent=2, ensure_ascii=False, default=lambda verdict: verdict.value) + "\n"
-    write_together({folder / "index.html": page(title, lead, parts), folder / "answer.json": tables})
+    tables = (
+        json.dumps(
+            asdict(answer), indent=2, ensure_ascii=False, default=lambda verdict: verdict.value
+        )
+        + "\n"
+    )
+    write_together(
+        {folder / "index.html": page(title, lead, parts), folder / "answer.json": tables}
+    )
     return folder / "index.html"
 
 
 def _scenarios(answer: Answer) -> list[str]:
-    rows = [[escape(name), f"{part.met:,} of {part.rigs:,}", str(part)] for name, part in answer.scenarios.items()]
+    rows = [
+        [escape(name), f"{part.met:,} of {part.rigs:,}", str(part)]
+        for name, part in answer.scenarios.items()
+    ]
     measured = [[escape(WORDS[name]), f"{answer.measures[name]:.3g}"] for name in MEASURES]
     table = html_table(["scenario", "rigs that meet it", "share"], rows)
     return [table, html_table(["mean over all runs", ""], measured, [1])]
@@ -141,7 +158,8 @@ def _influences(influences: Sequence[Influence]) -> list[str]:
     ]
     table = html_table(["number", "", "share of the variance of the RMS error"], rows, [2])
     explanation = (
-        "First-order Sobol indices by RBD-FAST with their 95 % intervals: what would be gone of the variance if the number "
+        "First-order Sobol indices by RBD-FAST with their 95 % intervals: what would be gone of "
+        "the variance if the number "
         "were known and held. As built: what one rig differs by from its description."
     )
     return [table.replace("<table>", "<table class='bars'>"), paragraph(explanation)]
@@ -149,23 +167,35 @@ def _influences(influences: Sequence[Influence]) -> list[str]:
 
 def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
     labels, controls = {"x": "across", "y": "up", "z": "shown"}, ""
-    options = "<option value='less'>less is better</option><option value='more'>more is better</option>"
+    options = (
+        "<option value='less'>less is better</option><option value='more'>more is better</option>"
+    )
     for axis in axes:
-        better = f"<select id='{name}-d{axis}' aria-label='better'>{options}</select>" if directed else ""
+        better = (
+            f"<select id='{name}-d{axis}' aria-label='better'>{options}</select>"
+            if directed
+            else ""
+        )
         controls += f"<label>{labels[axis]} <select id='{name}-{axis}'></select>{better}</label>"
     return [
         f"<div class='controls'>{controls}</div>",
-        f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption id='{name}-said'></figcaption></figure>",
+        f"<figure><svg class='chart' id='{name}' role='img'></svg><figcaption "
+        f"id='{name}-said'></figcaption></figure>",
     ]
 
 
 def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, object]]:
-    """Return the columns of the charts: a number for each design, or for each rig where there is one design only."""
+    """Return the columns of the charts: a number for each design, or for each rig where there is
+    one design only.
+    """
     n_scenarios = len(plan.scenarios)
     runs_per_dot = n_scenarios * (plan.study.seeds if space.axes else 1)
     count = len(columns["met"]) // runs_per_dot
     dots = np.sort(np.random.default_rng(0).permutation(count)[:MOST_DOTS])
-    points = {axis.path: _along(plan, axis, columns[axis.path][::runs_per_dot][dots]) for axis in space.axes}
+    points = {
+        axis.path: _along(plan, axis, columns[axis.path][::runs_per_dot][dots])
+        for axis in space.axes
+    }
     if not space.axes:
         for name in (name for name in columns if name.startswith(BUILT)):
             drawn = columns[name][::runs_per_dot][dots]
@@ -183,19 +213,40 @@ def _along(plan: Plan, axis: Axis, settings: NDArray[np.generic]) -> dict[str, o
     words = words_of(plan, axis.path)
     if axis.choices and not isinstance(axis.choices[0], float):
         order = list(dict.fromkeys(axis.choices))
-        labels = [("with" if choice else "without") if isinstance(choice, bool) else str(choice) for choice in order]
-        return {"words": words, "labels": labels, "values": [order.index(choice) for choice in settings.tolist()]}
+        labels = [
+            ("with" if choice else "without") if isinstance(choice, bool) else str(choice)
+            for choice in order
+        ]
+        return {
+            "words": words,
+            "labels": labels,
+            "values": [order.index(choice) for choice in settings.tolist()],
+        }
     numbers = _numbers(settings)
-    return {"words": f"{words} [{axis.unit}]" if axis.unit else words, "values": numbers, "log": axis.scale == "log"}
+    return {
+        "words": f"{words} [{axis.unit}]" if axis.unit else words,
+        "values": numbers,
+        "log": axis.scale == "log",
+    }
 
 
 def _numbers(values: NDArray[np.generic]) -> list[float | None]:
-    return [float(f"{number:.4g}") if np.isfinite(number) else None for number in values.astype(np.float64)]
+    return [
+        float(f"{number:.4g}") if np.isfinite(number) else None
+        for number in values.astype(np.float64)
+    ]
 
 
-def _chosen(influences: Sequence[Influence], points: dict[str, dict[str, object]]) -> dict[str, list[str]]:
+def _chosen(
+    influences: Sequence[Influence], points: dict[str, dict[str, object]]
+) -> dict[str, list[str]]:
     """Return which columns the charts show at first: those that matter most."""
     ranked = [influence.name for influence in influences if influence.name in points]
-    order = [*ranked, *(name for name in points if name not in ranked and name not in WORDS), "within", "worst_deg"]
+    order = [
+        *ranked,
+        *(name for name in points if name not in ranked and name not in WORDS),
+        "within",
+        "worst_deg",
+    ]
     numeric = [name for name in order if "labels" not in points.get(name, {"labels": 1})]
     return {"pareto": [numeric[0], "rms_deg"], "map": [order[0], order[1], "rms_deg"]}

@@ -1,4 +1,6 @@
-"""An interactive page on a log: the chain as it moves; angle, error, innovations, forces and health to zoom into."""
+"""An interactive page on a log: the chain as it moves; angle, error, innovations, forces and health
+to zoom into.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,16 @@ from distal.logs import Log, shown, write_whole
 from distal.reports.moving_chain import moving_chain
 from distal.reports.page import html_table, page, paragraph, picture
 from distal.reports.rig_drawing import rig_svg
-from distal.results import BAND_ALPHA, BLACK, COLOURS, HEALTH_COLOURS, SOFT, Estimate, from_start, time_label
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    HEALTH_COLOURS,
+    SOFT,
+    Estimate,
+    from_start,
+    time_label,
+)
 from distal.rig import Rig
 from distal.run import log_health
 
@@ -33,15 +44,20 @@ HEIGHTS = (320, 170, 135, 135, 85)
 GAP = 28
 """Between them [pixels]."""
 
-FILL = "rgba({}, {}, {}, {})".format(*(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)), BAND_ALPHA)
+FILL = "rgba({}, {}, {}, {})".format(
+    *(int(COLOURS[0][k : k + 2], 16) for k in (1, 3, 5)), BAND_ALPHA
+)
 """Of the band."""
 
 PAGE = {"scrollZoom": True, "displaylogo": False, "responsive": True}
 """How a page behaves: the wheel zooms."""
 
 
-def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentences: Sequence[str] = ()) -> Path:
-    """Write one self-contained HTML file on an estimate, with sentences above the curves, and return where it is.
+def view_page(
+    estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentences: Sequence[str] = ()
+) -> Path:
+    """Write one self-contained HTML file on an estimate, with sentences above the curves, and
+    return where it is.
 
     Raises:
         OutputError: plotly is not installed, or the file cannot be written.
@@ -53,33 +69,59 @@ def view_page(estimate: Estimate, log: Log, rig: Rig, path: str | Path, sentence
     rows, joints = slice(None, None, step), len(estimate.joint_names)
     words = log_health(log, rig)[rows]
     below = "error [°]" if estimate.truths is not None else "95 % band ± [°]"
-    angles = ["joint angle [°]"] if joints == 1 else [f"{_text(name)} [°]" for name in estimate.joint_names]
-    names = [*(name for angle in angles for name in (angle, below)), "innovation [σ]", "measured", "health"]
+    angles = (
+        ["joint angle [°]"]
+        if joints == 1
+        else [f"{_text(name)} [°]" for name in estimate.joint_names]
+    )
+    names = [
+        *(name for angle in angles for name in (angle, below)),
+        "innovation [σ]",
+        "measured",
+        "health",
+    ]
     heights = [*(HEIGHTS[:2] * joints), *HEIGHTS[2:]]
     total = sum(heights) + GAP * (len(heights) - 1)
-    figure = make_subplots(rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights)
+    figure = make_subplots(
+        rows=len(names), shared_xaxes="all", vertical_spacing=GAP / total, row_heights=heights
+    )
     time = from_start(estimate.time)[rows]
     for joint in range(joints):
         for row, trace in _angle(estimate, joint, time, rows):
             figure.add_trace(trace, row=2 * joint + row, col=1)
     last = len(names)
-    for row, trace in [*_compared(estimate, time, rows), *_measured(log, rig, time, rows), *_health(time, words)]:
+    for row, trace in [
+        *_compared(estimate, time, rows),
+        *_measured(log, rig, time, rows),
+        *_health(time, words),
+    ]:
         figure.add_trace(trace, row=last + row, col=1)
     for edge in (-2.0, 2.0):
-        figure.add_hline(y=edge, row=last - 2, col=1, line={"color": SOFT, "width": 1, "dash": "dash"})
+        figure.add_hline(
+            y=edge, row=last - 2, col=1, line={"color": SOFT, "width": 1, "dash": "dash"}
+        )
     for row, name in enumerate(names, 1):
         figure.update_yaxes(title_text=name, row=row, col=1)
     for row in (*range(2, 2 * joints + 1, 2), last):
         figure.update_xaxes(showticklabels=True, row=row, col=1)
     figure.update_xaxes(title_text=time_label(estimate.time), row=last)
-    figure.update_xaxes(showspikes=True, spikemode="across", spikethickness=1, spikecolor=SOFT, spikedash="dot")
+    figure.update_xaxes(
+        showspikes=True, spikemode="across", spikethickness=1, spikecolor=SOFT, spikedash="dot"
+    )
     figure.update_layout(
         template="plotly_white",
         hovermode="x unified",
         height=total + 180,
-        # the toolbar has the room above; the legend stands below, where it may take as many rows as a narrow page needs
+        # the toolbar has the room above; the legend stands below, where it may take as many rows as
+        # a narrow page needs
         margin={"l": 70, "r": 30, "t": 50, "b": 50},
-        legend={"orientation": "h", "yanchor": "top", "y": -60 / total, "x": 0.0, "traceorder": "normal"},
+        legend={
+            "orientation": "h",
+            "yanchor": "top",
+            "y": -60 / total,
+            "x": 0.0,
+            "traceorder": "normal",
+        },
     )
     figure.update_yaxes(type="category", range=[-0.7, len(set(words)) - 0.3], row=last, col=1)
     curves = figure.to_html(include_plotlyjs=True, full_html=False, config=PAGE)
@@ -109,7 +151,9 @@ def _summary(estimate: Estimate) -> str:
         ]
         for row in estimate.summary()
     ]
-    return html_table(["joint", "angle", "95 % band, median", "RMS error", "inside"], rows, range(1, 5))
+    return html_table(
+        ["joint", "angle", "95 % band, median", "RMS error", "inside"], rows, range(1, 5)
+    )
 
 
 def check_plotly() -> None:
@@ -125,10 +169,17 @@ def _text(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;")
 
 
-def _angle(estimate: Estimate, joint: int, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
-    """Return the traces of a joint's angle (row 1) and of its error, or of its band where the truth is not known."""
+def _angle(
+    estimate: Estimate, joint: int, time: Floats, rows: slice
+) -> Iterator[tuple[int, Scatter]]:
+    """Return the traces of a joint's angle (row 1) and of its error, or of its band where the truth
+    is not known.
+    """
     first = joint == 0
-    angle, half = np.rad2deg(estimate.angles[rows, joint]), np.rad2deg(BAND * estimate.angle_stds[rows, joint])
+    angle, half = (
+        np.rad2deg(estimate.angles[rows, joint]),
+        np.rad2deg(BAND * estimate.angle_stds[rows, joint]),
+    )
     yield from ((1, trace) for trace in _band(time, angle - half, angle + half, first))
     line = _line(time, angle, estimate.estimator, COLOURS[0], first)
     if estimate.truths is None:
@@ -145,14 +196,36 @@ def _angle(estimate: Estimate, joint: int, time: Floats, rows: slice) -> Iterato
 def _compared(estimate: Estimate, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
     ratios = (estimate.innovations / np.sqrt(estimate.innovation_variances))[rows]
     for i, name in enumerate(estimate.measured):
-        yield -2, _line(time, ratios[:, i], f"innovation {name}", COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+        yield (
+            -2,
+            _line(
+                time,
+                ratios[:, i],
+                f"innovation {name}",
+                COLOURS[(i + 1) % len(COLOURS)],
+                True,
+                width=1.0,
+            ),
+        )
 
 
 def _measured(log: Log, rig: Rig, time: Floats, rows: slice) -> Iterator[tuple[int, Scatter]]:
-    sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
+    sensors = [
+        s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels
+    ]
     for i, sensor in enumerate(sensors):
         name = f"{sensor.name} [{sensor.si}]"
-        yield -1, _line(time, log.channels[sensor.name][rows], name, COLOURS[(i + 1) % len(COLOURS)], True, width=1.0)
+        yield (
+            -1,
+            _line(
+                time,
+                log.channels[sensor.name][rows],
+                name,
+                COLOURS[(i + 1) % len(COLOURS)],
+                True,
+                width=1.0,
+            ),
+        )
 
 
 def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Scatter]]:
@@ -165,7 +238,12 @@ def _health(time: Floats, words: Sequence[str]) -> Iterator[tuple[int, Scatter]]
 
 
 def _line(
-    time: Floats, values: Floats | Sequence[str | None], name: str, colour: str, in_legend: bool, width: float = 1.5
+    time: Floats,
+    values: Floats | Sequence[str | None],
+    name: str,
+    colour: str,
+    in_legend: bool,
+    width: float = 1.5,
 ) -> Scatter:
     from plotly.graph_objects import Scatter
 
@@ -184,7 +262,14 @@ def _band(time: Floats, low: Floats, high: Floats, in_legend: bool) -> tuple[Sca
     """Return the edges of a band, filled between."""
     from plotly.graph_objects import Scatter
 
-    edge = {"x": time, "mode": "lines", "line": {"color": COLOURS[0], "width": 0.5}, "hoverinfo": "skip"}
+    edge = {
+        "x": time,
+        "mode": "lines",
+        "line": {"color": COLOURS[0], "width": 0.5},
+        "hoverinfo": "skip",
+    }
     lower = Scatter(y=low, showlegend=False, name="95 % band", **edge)
-    upper = Scatter(y=high, fill="tonexty", fillcolor=FILL, name="95 % band", showlegend=in_legend, **edge)
+    upper = Scatter(
+        y=high, fill="tonexty", fillcolor=FILL, name="95 % band", showlegend=in_legend, **edge
+    )
     return lower, upper

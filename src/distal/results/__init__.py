@@ -1,6 +1,15 @@
-"""What an estimator made of a log: angles, bands, innovations, what they say of the rig, and plots."""
+"""What an estimator made of a log: angles, bands, innovations, what they say of the rig, and
+plots.
+"""
 
-from distal.results.angle_plots import PANELS, check_panels, draw_estimate, from_start, plot_estimates, time_label
+from distal.results.angle_plots import (
+    PANELS,
+    check_panels,
+    draw_estimate,
+    from_start,
+    plot_estimates,
+    time_label,
+)
 from distal.results.estimate import ANGLE_UNITS, Estimate
 from distal.results.innovation_plots import HEALTH_COLOURS
 from distal.results.style import (

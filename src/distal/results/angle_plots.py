@@ -1,4 +1,6 @@
-"""Plots of estimates over time: truth, estimates and bands, for print and for colour-blind readers."""
+"""Plots of estimates over time: truth, estimates and bands, for print and for colour-blind
+readers.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ SHARE = 0.98
 """So much of the time an error axis shows at least; what is beyond is marked at its edge."""
 
 SHORT = 2.5
-"""An event whose errors are this many times as large as those of the rest is cut off, if it is short."""
+"""An event whose errors are this many times as large as those of the rest is cut off, if it is
+short.
+"""
 
 
 class PlotOptions(TypedDict, total=False):
@@ -69,7 +73,8 @@ def plot_estimates(
     rig: Rig | None = None,
     health: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw truth, estimates and their 95 % bands over time, below their errors. One column of axes for each joint.
+    """Draw truth, estimates and their 95 % bands over time, below their errors. One column of axes
+    for each joint.
 
     Where the truth is not known, the half-width of the band stands below instead of the errors.
 
@@ -77,8 +82,9 @@ def plot_estimates(
         path: where to save; None only returns the figure.
         title: default the rig's name.
         errors: draw the errors too; default where the truth is known.
-        panels: what else is drawn, of `PANELS`: innovations of the first estimate in standard deviations, with ±2;
-            measured forces, tensions and torques; the words that a stream of the log has for its health.
+        panels: what else is drawn, of `PANELS`: innovations of the first estimate in standard
+            deviations, with ±2; measured forces, tensions and torques; the words that a stream of
+            the log has for its health.
         log: for the panel of its forces, with the rig for their units.
         health: a word for each sample (`distal.log_health`).
 
@@ -89,7 +95,11 @@ def plot_estimates(
     _check_inputs(check_panels(panels), log, rig, health)
     with_errors = (first.truths is not None) if errors is None else errors
     below = "errors" if with_errors else "bands" if bands else ""
-    heights = [2.2, *([1.1] if below else []), *(0.8 if panel == "health" else 1.1 for panel in panels)]
+    heights = [
+        2.2,
+        *([1.1] if below else []),
+        *(0.8 if panel == "health" else 1.1 for panel in panels),
+    ]
     size = (6.5 if joints == 1 else 4.0 * joints, 0.9 + 1.25 * sum(heights))
     with figure(len(heights), joints, size, sharex=True, height_ratios=heights) as (drawing, axes):
         rows = 2 if below else 1
@@ -114,7 +124,9 @@ def plot_estimates(
 
 
 def _across(drawing: Figure, axes: Sequence[Axes], row: int, columns: int) -> Axes:
-    """Return axes over all columns of a row, in place of those of each column: they are for all joints."""
+    """Return axes over all columns of a row, in place of those of each column: they are for all
+    joints.
+    """
     for cell in axes[row * columns : (row + 1) * columns]:
         cell.remove()
     grid = axes[0].get_gridspec()
@@ -131,15 +143,25 @@ def check_panels(panels: Sequence[str]) -> tuple[str, ...]:
     return tuple(panels)
 
 
-def _check_inputs(panels: Sequence[str], log: Log | None, rig: Rig | None, health: Sequence[str] | None) -> None:
+def _check_inputs(
+    panels: Sequence[str], log: Log | None, rig: Rig | None, health: Sequence[str] | None
+) -> None:
     if "forces" in panels and (log is None or rig is None):
         raise OutputError("the panel 'forces' draws what was measured; give log=… and rig=…")
     if "health" in panels and health is None:
-        raise OutputError("the panel 'health' draws a word for each sample; give health=distal.log_health(log, rig)")
+        raise OutputError(
+            "the panel 'health' draws a word for each sample; give health=distal.log_health(log, "
+            "rig)"
+        )
 
 
 def _draw_panel(
-    axes: Axes, panel: str, first: Curves, log: Log | None, rig: Rig | None, health: Sequence[str] | None
+    axes: Axes,
+    panel: str,
+    first: Curves,
+    log: Log | None,
+    rig: Rig | None,
+    health: Sequence[str] | None,
 ) -> None:
     time = from_start(first.time)
     if panel == "innovations":
@@ -158,13 +180,24 @@ def from_start(time: Floats) -> Floats:
 
 def time_label(time: Floats) -> str:
     """Return the label of an axis of time."""
-    return "time [s]" if abs(time[0]) < 1e-9 else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+    return (
+        "time [s]"
+        if abs(time[0]) < 1e-9
+        else f"time [s] from the first sample on, which has t = {time[0]:.10g} s"
+    )
 
 
 def _draw_joint(
-    axes: Sequence[Axes], estimates: Sequence[Curves], joint: int, bands: bool, below: str, several: bool
+    axes: Sequence[Axes],
+    estimates: Sequence[Curves],
+    joint: int,
+    bands: bool,
+    below: str,
+    several: bool,
 ) -> None:
-    """Draw one joint: angles above, errors or the width of the band below. Of several, the first one has the legend."""
+    """Draw one joint: angles above, errors or the width of the band below. Of several, the first
+    one has the legend.
+    """
     top, truth = axes[0], _truth_of(estimates[0], joint)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
@@ -181,16 +214,27 @@ def _draw_joint(
         _draw_errors(axes[1], estimates, joint, bands)
     elif below == "bands":
         for i, estimate in enumerate(estimates):
-            axes[1].plot(from_start(estimate.time), _half_width(estimate, joint), linewidth=1.0, **curve_style(i))
+            axes[1].plot(
+                from_start(estimate.time),
+                _half_width(estimate, joint),
+                linewidth=1.0,
+                **curve_style(i),
+            )
         axes[1].set_ylim(bottom=0.0)
         axes[1].set_ylabel("95 % band ± [°]")
 
 
 def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: bool) -> None:
-    """Draw a joint's errors with the bands about zero; a short event does not flatten the others."""
+    """Draw a joint's errors with the bands about zero; a short event does not flatten the
+    others.
+    """
     curves = []
     for i, estimate in enumerate(estimates):
-        time, error, half = from_start(estimate.time), _error(estimate, joint), _half_width(estimate, joint)
+        time, error, half = (
+            from_start(estimate.time),
+            _error(estimate, joint),
+            _half_width(estimate, joint),
+        )
         if bands:
             _shade(axes, time, -half, half, i)
         axes.plot(time, error, linewidth=1.0, **curve_style(i))
@@ -201,14 +245,16 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: boo
 
 
 def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half: Floats) -> None:
-    """Choose the limits of an axis of errors so that `SHARE` of the time fills it, and mark what is beyond.
+    """Choose the limits of an axis of errors so that `SHARE` of the time fills it, and mark what is
+    beyond.
 
     Half of the first curve's band runs out of the picture where it is much wider than the errors.
     """
     sizes = [np.abs(error[np.isfinite(error)]) for _, _, error in errors]
     if not any(len(size) for size in sizes):
         return
-    # the first estimate is what the plot is about; the others may take the axis as far as eight times its errors
+    # the first estimate is what the plot is about; the others may take the axis as far as eight
+    # times its errors
     wanted = [_usual(size) for size in sizes if len(size)]
     shown = min(max(wanted), 8.0 * wanted[0])
     band = 1.1 * float(np.quantile(half, 0.9))
@@ -223,9 +269,14 @@ def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half
         for sign, marker in ((1, "^"), (-1, "v")):
             rows = some[np.sign(error[some]) == sign]
             edge = np.full(len(rows), sign * 0.94 * limit)
-            axes.plot(time[rows], edge, linestyle="none", marker=marker, markersize=4, color=colour(i))
+            axes.plot(
+                time[rows], edge, linestyle="none", marker=marker, markersize=4, color=colour(i)
+            )
         share = 100.0 * float(np.mean(size <= limit))
-        remarks.append(f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° (marked)")
+        remarks.append(
+            f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° "
+            "(marked)"
+        )
     if band > limit:
         remarks.append(f"band ±{float(np.median(half)):.3g}° (median), beyond the axis")
     if remarks:
@@ -233,7 +284,9 @@ def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half
 
 
 def _usual(size: Floats) -> float:
-    """Return how far an axis should go for errors of some size [°]: an event that is short and large is left out."""
+    """Return how far an axis should go for errors of some size [°]: an event that is short and
+    large is left out.
+    """
     largest, usual = float(size.max()), max(float(np.quantile(size, SHARE)), 0.02)
     return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
 
@@ -257,9 +310,16 @@ def _half_width(estimate: Curves, joint: int) -> Floats:
 
 
 def draw_estimate(
-    axes: Axes, estimate: Curves, index: int, band: bool = True, label: str | None = None, joint: int = 0
+    axes: Axes,
+    estimate: Curves,
+    index: int,
+    band: bool = True,
+    label: str | None = None,
+    joint: int = 0,
 ) -> Artist:
-    """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its handle for a legend."""
+    """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its
+    handle for a legend.
+    """
     theta, half = np.rad2deg(estimate.angles[:, joint]), _half_width(estimate, joint)
     time, name = from_start(estimate.time), label or estimate.estimator
     handles = [_shade(axes, time, theta - half, theta + half, index)] if band else []
@@ -268,14 +328,18 @@ def draw_estimate(
 
 
 def _shade(axes: Axes, time: Floats, low: Floats, high: Floats, index: int) -> Artist:
-    """Shade a band, with edges that are seen where it is hardly wider than a line; return its handle."""
+    """Shade a band, with edges that are seen where it is hardly wider than a line; return its
+    handle.
+    """
     for edge in (low, high):
         axes.plot(time, edge, color=colour(index), linewidth=0.4, alpha=0.6)
     return axes.fill_between(time, low, high, color=colour(index), alpha=BAND_ALPHA, linewidth=0)
 
 
 def _limit_angles(axes: Axes, estimates: Sequence[Curves], joint: int) -> None:
-    """Keep the curves readable where a band is much wider than they are: it then runs out of the picture."""
+    """Keep the curves readable where a band is much wider than they are: it then runs out of the
+    picture.
+    """
     curves = [np.rad2deg(estimate.angles[:, joint]) for estimate in estimates]
     truth = _truth_of(estimates[0], joint)
     curves += [] if truth is None else [np.rad2deg(truth)]

@@ -43,18 +43,24 @@ class Estimate:
         measured: names of the m channels with an innovation.
         innovations: (k, m), NaN where missing, or not compared (a force whose slider is at a stop).
         innovation_variances: (k, m).
-        truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none is.
+        truths: true angles [rad], (k, n_joints), NaN where a joint's is not known; None where none
+            is.
         covariances: (k, n, n); None from a batch, where they would fill the memory.
-        notes: remarks of the estimator on its estimate, one sentence each, such as how much was outside a learned range.
-        prior_means: of states that are constants of the rig or its sensors; NaN for states that vary, (n,); None where
-            the estimator has no such states.
+        notes: remarks of the estimator on its estimate, one sentence each, such as how much was
+            outside a learned range.
+        prior_means: of states that are constants of the rig or its sensors; NaN for states that
+            vary, (n,); None where the estimator has no such states.
         prior_stds: their standard deviations, (n,).
-        torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is known.
-        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None where none is known.
+        torque_truths: true external torques on the joints [N m], (k, n_joints); None where none is
+            known.
+        unseen: which joint motions the sensors cannot observe, a sentence also in `notes`; None
+            where none is known.
         state_kinds: what each state is, (n,); default those of the joints by their names.
-        state_parts: the joint, drive, tendon or sensor that each state is of, (n,), or the path of a number of the rig.
+        state_parts: the joint, drive, tendon or sensor that each state is of, (n,), or the path of
+            a number of the rig.
         state_units: SI unit of each state, (n,); default those of the joints' states.
-        stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other recordings.
+        stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other
+            recordings.
     """
 
     estimator: str
@@ -87,7 +93,11 @@ class Estimate:
             object.__setattr__(self, "state_kinds", kinds)
             object.__setattr__(self, "state_parts", parts)
         if not self.state_units:
-            object.__setattr__(self, "state_units", tuple(UNITS_OF_JOINTS.get(kind, "") for kind in self.state_kinds))
+            object.__setattr__(
+                self,
+                "state_units",
+                tuple(UNITS_OF_JOINTS.get(kind, "") for kind in self.state_kinds),
+            )
 
     def __len__(self) -> int:
         return len(self.time)
@@ -95,28 +105,39 @@ class Estimate:
     def __repr__(self) -> str:
         """Return a short description; the numbers are in the properties."""
         lines = [self.in_words(joint) for joint in range(len(self.joint_names))]
-        return f"{len(self)} samples of '{self.rig}', {self.time[0]:g} to {self.time[-1]:g} s; {'; '.join(lines)}"
+        return (
+            f"{len(self)} samples of '{self.rig}', {self.time[0]:g} to {self.time[-1]:g} s; "
+            f"{'; '.join(lines)}"
+        )
 
     def _repr_html_(self) -> str:
         """Return the same as a table, as notebooks show it."""
         return f"<p>{escape(repr(self))}</p>{html_rows(self.summary())}"
 
     def in_words(self, joint: int = 0) -> str:
-        """Return one line: the range of a joint's angle, its band, and its error where the truth is known."""
+        """Return one line: the range of a joint's angle, its band, and its error where the truth is
+        known.
+        """
         row = self.summary()[joint]
         which = "angle" if len(self.joint_names) == 1 else f"angle of {row['joint']}"
         text = (
-            f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to {row['greatest [deg]']:.2f}°, "
+            f"{self.estimator}: {which} from {row['least [deg]']:.2f}° to "
+            f"{row['greatest [deg]']:.2f}°, "
             f"95 % band ±{row['median band [deg]']:.2f}° (median)"
         )
         if row["RMS error [deg]"] is None or row["inside band"] is None:
             return text
-        return f"{text}, RMS error {row['RMS error [deg]']:.3g}°, {100 * row['inside band']:.0f} % inside the band"
+        return (
+            f"{text}, RMS error {row['RMS error [deg]']:.3g}°, {100 * row['inside band']:.0f} "
+            "% inside the band"
+        )
 
     def summary(self) -> list[SummaryRow]:
-        """Return a row for each joint: range, band, and error where the truth is known (else None) [deg].
+        """Return a row for each joint: range, band, and error where the truth is known (else None)
+        [deg].
 
-        The band is the median half-width of the 95 % band; ``inside band`` is a share of the samples.
+        The band is the median half-width of the 95 % band; ``inside band`` is a share of the
+        samples.
         """
         rows = []
         for joint, name in enumerate(self.joint_names):
@@ -129,8 +150,12 @@ class Estimate:
                 "least [deg]": float(np.rad2deg(angles.min())),
                 "greatest [deg]": float(np.rad2deg(angles.max())),
                 "median band [deg]": float(np.rad2deg(BAND * np.median(stds))),
-                "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2)))) if len(errors) else None,
-                "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors)))) if len(errors) else None,
+                "RMS error [deg]": float(np.rad2deg(np.sqrt(np.mean(errors**2))))
+                if len(errors)
+                else None,
+                "largest error [deg]": float(np.rad2deg(np.max(np.abs(errors))))
+                if len(errors)
+                else None,
                 "inside band": float(np.mean(inside)) if len(errors) else None,
             }
             rows.append(row)
@@ -170,17 +195,23 @@ class Estimate:
         return columns[:, 0]
 
     def state(self, name: str) -> Floats:
-        """Return a state over time, (k,), by its name of `state_names`, or a number of the rig by its path.
+        """Return a state over time, (k,), by its name of `state_names`, or a number of the rig by
+        its path.
 
         Raises:
             EstimationError: there is no such state.
         """
-        if name in self.state_parts and self.state_kinds[self.state_parts.index(name)] is StateKind.PARAMETER:
+        if (
+            name in self.state_parts
+            and self.state_kinds[self.state_parts.index(name)] is StateKind.PARAMETER
+        ):
             return self.means[:, self.state_parts.index(name)]
         if name not in self.state_names:
             old = f"tendon_angle_{name.removeprefix('theta_')}"
             renamed = f"; it is called '{old}' since release 0.2" if old in self.state_names else ""
-            raise EstimationError(f"no state is called '{name}'{renamed or did_you_mean(name, self.state_names)}")
+            raise EstimationError(
+                f"no state is called '{name}'{renamed or did_you_mean(name, self.state_names)}"
+            )
         return self.means[:, self.state_names.index(name)]
 
     @property
@@ -199,7 +230,9 @@ class Estimate:
         """Sum over the log of ln p(sample | past)."""
         finite = np.isfinite(self.innovations)
         variances = self.innovation_variances[finite]
-        return float(-0.5 * np.sum(self.innovations[finite] ** 2 / variances + np.log(2 * np.pi * variances)))
+        return float(
+            -0.5 * np.sum(self.innovations[finite] ** 2 / variances + np.log(2 * np.pi * variances))
+        )
 
     @property
     def external_torques(self) -> Floats:
@@ -230,22 +263,28 @@ class Estimate:
         return self._only(self.external_torque_stds, "external_torque_std", "external_torque_stds")
 
     def _torque_states(self) -> list[int]:
-        columns = states_of(StateKind.EXTERNAL_TORQUE, self.joint_names, self.state_kinds, self.state_parts)
+        columns = states_of(
+            StateKind.EXTERNAL_TORQUE, self.joint_names, self.state_kinds, self.state_parts
+        )
         for joint in self.joint_names:
             if joint not in columns:
                 raise EstimationError(
-                    f"the rig says that nothing touches '{joint}', so {self.estimator} has no torque of it; say how large "
+                    f"the rig says that nothing touches '{joint}', so {self.estimator} has no "
+                    "torque of it; say how large "
                     f"it may be: --set 'joints.{joint}.external_torque.std=\"0.05 N m\"'"
                 )
         return list(columns.values())
 
     def contacts(self, sigmas: float = 5.0, joint: int = 0) -> list[float]:
-        """Return when contacts with a joint begin [s]: its external torque exceeds `sigmas` standard deviations.
+        """Return when contacts with a joint begin [s]: its external torque exceeds `sigmas`
+        standard deviations.
 
-        Between two contacts the torque has fallen below half of that limit. With 5 there was no false contact in ten
-        minutes (`python -m benchmarks.strangers contact`).
+        Between two contacts the torque has fallen below half of that limit. With 5 there was no
+        false contact in ten minutes (`python -m benchmarks.strangers contact`).
         """
-        ratio = np.abs(self.external_torques[:, joint]) / np.maximum(self.external_torque_stds[:, joint], 1e-300)
+        ratio = np.abs(self.external_torques[:, joint]) / np.maximum(
+            self.external_torque_stds[:, joint], 1e-300
+        )
         onsets, touched = list[float](), False
         for time, level in zip(self.time.tolist(), ratio.tolist()):
             if not touched and level > sigmas:
@@ -254,23 +293,31 @@ class Estimate:
         return onsets
 
     def torque_errors(self) -> Floats:
-        """Return estimate minus true external torque [N m], (k,), or (k, n_joints); NaN where it is not known.
+        """Return estimate minus true external torque [N m], (k,), or (k, n_joints); NaN where it is
+        not known.
 
         Raises:
             EstimationError: no true torque is known, or there is no estimate of it.
         """
         if self.torque_truths is None:
-            raise EstimationError("the log has no true torque; add a sensor that measures the torque of the joint")
+            raise EstimationError(
+                "the log has no true torque; add a sensor that measures the torque of the joint"
+            )
         errors = self.external_torques - self.torque_truths
         return errors[:, 0] if len(self.joint_names) == 1 else errors
 
     def errors(self, truth: Floats | None = None) -> Floats:
-        """Return estimate minus `truth` [rad] (default: the log's own), (k,), or (k, n_joints); NaN where it is missing.
+        """Return estimate minus `truth` [rad] (default: the log's own), (k,), or (k, n_joints); NaN
+        where it is missing.
 
         Raises:
             EstimationError: no truth is known.
         """
-        truths = self.truths if truth is None else np.asarray(truth, dtype=np.float64).reshape(self.angles.shape)
+        truths = (
+            self.truths
+            if truth is None
+            else np.asarray(truth, dtype=np.float64).reshape(self.angles.shape)
+        )
         if truths is None:
             raise EstimationError("the log has no truth; pass it, or read the log with truth=…")
         errors = self.angles - truths
@@ -289,27 +336,34 @@ class Estimate:
         return float(BAND * np.mean(self.angle_stds))
 
     def inside_band(self, truth: Floats | None = None) -> float:
-        """Return the share of samples whose truth is inside the estimate's 95 % band, of all joints together."""
+        """Return the share of samples whose truth is inside the estimate's 95 % band, of all joints
+        together.
+        """
         errors = self.errors(truth)
         finite, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
         return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
-        """Return header → values: ``t [s]``, the angles with their ``_std``, and the external torques on the joints.
+        """Return header → values: ``t [s]``, the angles with their ``_std``, and the external
+        torques on the joints.
 
-        Where the log has dates ``stamp [ns]`` comes after the time. Angles are in the unit, "rad" or "deg"; with `every`
-        all states are there with their standard deviations, instead.
+        Where the log has dates ``stamp [ns]`` comes after the time. Angles are in the unit, "rad"
+        or "deg"; with `every` all states are there with their standard deviations, instead.
 
         Raises:
             EstimationError: the unit is neither.
         """
         if unit not in ANGLE_UNITS:
-            raise EstimationError(f"unit '{unit}': angles are written in {' or '.join(ANGLE_UNITS)}")
+            raise EstimationError(
+                f"unit '{unit}': angles are written in {' or '.join(ANGLE_UNITS)}"
+            )
         columns: dict[str, NDArray[np.generic]] = {header("t", "s"): self.time}
         if self.stamps is not None:
             columns[header("stamp", "ns")] = self.stamps
         stds = self.stds
-        for i, (name, kind, si) in enumerate(zip(self.state_names, self.state_kinds, self.state_units)):
+        for i, (name, kind, si) in enumerate(
+            zip(self.state_names, self.state_kinds, self.state_units)
+        ):
             factor, written = 1.0, si
             if si in ("rad", "rad/s"):
                 factor, written = 1.0 / ANGLE_UNITS[unit], si.replace("rad", unit)
@@ -328,7 +382,8 @@ class Estimate:
         return pandas_frame(self.columns(unit, every=every))
 
     def plot(self, path: str | Path | None = None, **options: Unpack[PlotOptions]) -> Figure:
-        """Draw truth, estimate and 95 % band over time, and save them in a PNG, SVG or PDF if it has a path.
+        """Draw truth, estimate and 95 % band over time, and save them in a PNG, SVG or PDF if it
+        has a path.
 
         The `options` are those of `distal.plot_estimates`.
         """

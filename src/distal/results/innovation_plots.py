@@ -1,4 +1,6 @@
-"""Panels below the angle: innovations, what was measured of forces, and the words of a stream's health."""
+"""Panels below the angle: innovations, what was measured of forces, and the words of a stream's
+health.
+"""
 
 from __future__ import annotations
 
@@ -25,25 +27,44 @@ WIDEST = 5.0
 
 
 def draw_innovations(axes: Axes, time: Floats, result: Curves) -> None:
-    """Draw innovations in standard deviations, with the ±2 that 95 % should be within; `time` is from the start on [s]."""
+    """Draw innovations in standard deviations, with the ±2 that 95 % should be within; `time` is
+    from the start on [s].
+    """
     ratios = result.innovations / np.sqrt(result.innovation_variances)
     axes.axhspan(-2.0, 2.0, color=PALE, linewidth=0)
     for edge in (-2.0, 2.0):
         axes.axhline(edge, color=SOFT, linewidth=0.7, linestyle=(0, (4, 2)))
     for i, name in enumerate(result.measured):
-        axes.plot(time, ratios[:, i], color=COLOURS[i % len(COLOURS)], linewidth=0.7, alpha=0.8, label=plain(name))
+        axes.plot(
+            time,
+            ratios[:, i],
+            color=COLOURS[i % len(COLOURS)],
+            linewidth=0.7,
+            alpha=0.8,
+            label=plain(name),
+        )
     sizes = np.abs(ratios[np.isfinite(ratios)])
     limit = max(WIDEST, 1.2 * float(np.quantile(sizes, 0.98))) if len(sizes) else WIDEST
     axes.set_ylim(-limit, limit)
     axes.set_ylabel("innovation [σ]")
     legend_above(axes, most=6)
     if not len(sizes):
-        axes.text(0.5, 0.5, "nothing is compared", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(
+            0.5,
+            0.5,
+            "nothing is compared",
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            color=SOFT,
+        )
 
 
 def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     """Draw the forces, tensions and motor torques of a log."""
-    sensors = [s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels]
+    sensors = [
+        s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels
+    ]
     for i, sensor in enumerate(sensors):
         label, force = plain(sensor.name), log.channels[sensor.name]
         axes.plot(log.time - log.time[0], force, linewidth=0.9, label=label, **curve_style(i))
@@ -51,17 +72,29 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
     axes.set_ylabel(f"measured [{', '.join(units)}]")
     legend_above(axes, most=6)
     if not sensors:
-        axes.text(0.5, 0.5, "no force is measured", transform=axes.transAxes, ha="center", va="center", color=SOFT)
+        axes.text(
+            0.5,
+            0.5,
+            "no force is measured",
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            color=SOFT,
+        )
 
 
 def draw_health(axes: Axes, time: Floats, health: Sequence[str]) -> None:
-    """Draw when a stream of the log has which word for its health, at a `time` from the start [s]; a line for each word."""
+    """Draw when a stream of the log has which word for its health, at a `time` from the start [s];
+    a line for each word.
+    """
     words = sorted(set(health), key=lambda word: (word != "ok", word))
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     for row, word in enumerate(words):
         edges = np.flatnonzero(np.diff(np.array(health) == word, prepend=False, append=False))
         spans = [(time[a], time[b - 1] - time[a] + step) for a, b in zip(edges[::2], edges[1::2])]
-        axes.broken_barh(spans, (row - 0.35, 0.7), color=HEALTH_COLOURS.get(word, COLOURS[1]), linewidth=0)
+        axes.broken_barh(
+            spans, (row - 0.35, 0.7), color=HEALTH_COLOURS.get(word, COLOURS[1]), linewidth=0
+        )
     axes.set_yticks(range(len(words)), words, fontsize=7)
     axes.set_ylim(len(words) - 0.4, -0.6)
     axes.set_ylabel("health")

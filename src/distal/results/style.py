@@ -1,4 +1,6 @@
-"""The look of every figure: colours and dashes that colour-blind readers can tell apart, legends beside the curves."""
+"""The look of every figure: colours and dashes that colour-blind readers can tell apart, legends
+beside the curves.
+"""
 
 from __future__ import annotations
 
@@ -19,14 +21,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as well
+# Okabe and Ito's palette, which colour-blind readers can tell apart; each curve has its own dash as
+# well
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 BAND_ALPHA = 0.2
 """Opacity of a shaded band."""
 
 _GAPS = ((5, 1.5), (1.5, 1), (5, 1, 1, 1), (8, 2), (3, 1, 1, 1, 1, 1))
 DASHES: tuple[object, ...] = ("-", *((0, gaps) for gaps in _GAPS))
-WHITE, PALE, FAINT, SOFT, INK, BLACK = "#FFFFFF", "#EEF1F4", "#D0D7DE", "#57606A", "#1B1F24", "#000000"
+WHITE, PALE, FAINT, SOFT, INK, BLACK = (
+    "#FFFFFF",
+    "#EEF1F4",
+    "#D0D7DE",
+    "#57606A",
+    "#1B1F24",
+    "#000000",
+)
 """From paper to ink: bodies, grids, what stands back, text; black is for what is true."""
 
 GOOD, BAD = "#00634A", "#A63C00"
@@ -92,7 +102,9 @@ def plain(text: str) -> str:
 
 
 def plot_kind(path: str | Path) -> str:
-    """Return the format that a plot's file name asks for: png, svg or pdf, else an `OutputError`."""
+    """Return the format that a plot's file name asks for: png, svg or pdf, else an
+    `OutputError`.
+    """
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg", "pdf"):
         raise OutputError(f"{path}: a plot cannot be '{kind}'; .png, .svg and .pdf are allowed")
@@ -120,14 +132,17 @@ def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     # no dates inside, so that the same results give the same file
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with styled(), warnings.catch_warnings():
-        # a title may hold characters that the font lacks, or be too long: the plot is made all the same
+        # a title may hold characters that the font lacks, or be too long: the plot is made all the
+        # same
         warnings.simplefilter("ignore", UserWarning)
         drawing.savefig(buffer, format=kind, dpi=150, metadata=metadata)
     return buffer.getvalue()
 
 
 def legend_above(axes: Axes, entries: Sequence[tuple[Artist, str]] = (), most: int = 4) -> None:
-    """Put the legend of `entries` (default: of the axes) above the axes, where it never lies on a curve."""
+    """Put the legend of `entries` (default: of the axes) above the axes, where it never lies on a
+    curve.
+    """
     handles, labels = zip(*entries) if entries else axes.get_legend_handles_labels()
     if handles:
         axes.legend(

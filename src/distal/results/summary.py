@@ -23,6 +23,9 @@ SummaryRow = TypedDict(
 
 def html_rows(rows: Sequence[Mapping[str, object]]) -> str:
     """Return rows as a table of HTML, numbers to four digits."""
-    written = ([f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row.values()] for row in rows)
+    written = (
+        [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row.values()]
+        for row in rows
+    )
     lines = ("".join(f"<td>{escape(cell)}</td>" for cell in line) for line in (rows[0], *written))
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"

@@ -1,7 +1,14 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
-from distal.rig.drives import Capstan, Hysteresis, Slider, SliderHysteresis, effort_unit, position_unit
+from distal.rig.drives import (
+    Capstan,
+    Hysteresis,
+    Slider,
+    SliderHysteresis,
+    effort_unit,
+    position_unit,
+)
 from distal.rig.files import (
     build_rig,
     edited_text,
@@ -16,7 +23,15 @@ from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
 from distal.rig.imported import Imported
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
 from distal.rig.joints import Joint
-from distal.rig.learned_map import CONSTANT, Affine, Contact, Discrepancy, JointMap, LearnedMap, factors
+from distal.rig.learned_map import (
+    CONSTANT,
+    Affine,
+    Contact,
+    Discrepancy,
+    JointMap,
+    LearnedMap,
+    factors,
+)
 from distal.rig.mjcf import compare_lengths, from_mujoco
 from distal.rig.naming import in_words, named, part_at
 from distal.rig.numbers import Number, known_to_a_factor, number

@@ -1,4 +1,6 @@
-"""How joints follow one another: the base, where each joint sits on the link before it, its link, rigid couplings."""
+"""How joints follow one another: the base, where each joint sits on the link before it, its link,
+rigid couplings.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,22 @@ Vector = tuple[float, float, float]
 
 
 def unit_vector(raw: object) -> object:
-    """Return an axis, given as "x", "y" or "z", "-x" and so on, or as three numbers, as a unit vector."""
+    """Return an axis, given as "x", "y" or "z", "-x" and so on, or as three numbers, as a unit
+    vector.
+    """
     if isinstance(raw, str):
         if raw.removeprefix("-") not in AXES:
-            raise UnitError(f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came')
+            raise UnitError(
+                f'must be "x", "y", "z", "-x", "-y", "-z" or three numbers, {raw!r} came'
+            )
         sign = -1.0 if raw.startswith("-") else 1.0
         return tuple(sign * part + 0.0 for part in AXES[raw.removeprefix("-")])
     if not isinstance(raw, (list, tuple)) or len(raw) != 3:
         raise UnitError(f'must be "x", "y", "z" or three numbers, {raw!r} came')
-    if not all(isinstance(part, (int, float)) and not isinstance(part, bool) and abs(part) < 1e9 for part in raw):
+    if not all(
+        isinstance(part, (int, float)) and not isinstance(part, bool) and abs(part) < 1e9
+        for part in raw
+    ):
         raise UnitError(f"must be three numbers, {raw!r} came")
     length = sqrt(sum(part * part for part in raw))
     if length < 1e-9:
@@ -48,11 +57,13 @@ class Base(Description):
 
     gravity: Annotated[Vector, In("m/s^2")] = Field(
         (0.0, 0.0, -9.80665),
-        description="acceleration of free fall, in the world's frame (the base's while it is upright)",
+        description="acceleration of free fall, in the world's frame (the base's while it is "
+        "upright)",
     )
     orientation: Annotated[Vector, In("rad")] = Field(
         (0.0, 0.0, 0.0),
-        description="how the base is turned: roll, pitch, yaw about the world's x, y and z, in this order",
+        description="how the base is turned: roll, pitch, yaw about the world's x, y and z, in "
+        "this order",
     )
 
 
@@ -60,10 +71,13 @@ class Link(Description):
     """A rigid body that a joint turns, in the frame of that joint."""
 
     mass: Annotated[Parameter, In("kg", "nonnegative")] = Field(description="mass")
-    centre: Annotated[Vector, In("m")] = Field(description="centre of mass, from the joint's axis, at θ = 0")
+    centre: Annotated[Vector, In("m")] = Field(
+        description="centre of mass, from the joint's axis, at θ = 0"
+    )
     inertia: Annotated[Vector, In("kg m^2", "nonnegative")] = Field(
         (0.0, 0.0, 0.0),
-        description="moments of inertia about the centre of mass, about x, y, z of the joint's frame (no products)",
+        description="moments of inertia about the centre of mass, about x, y, z of the joint's "
+        "frame (no products)",
     )
 
 
@@ -71,5 +85,9 @@ class Coupling(Description):
     """A rigid coupling to another joint: θ = ratio · θ_joint + offset."""
 
     joint: str = Field(description="name of the joint that it follows; it comes before this one")
-    ratio: Annotated[float, In("")] = Field(description="radians of this joint per radian of the other")
-    offset: Annotated[float, In("rad")] = Field(0.0, description="angle of this joint where the other is at zero")
+    ratio: Annotated[float, In("")] = Field(
+        description="radians of this joint per radian of the other"
+    )
+    offset: Annotated[float, In("rad")] = Field(
+        0.0, description="angle of this joint where the other is at zero"
+    )

@@ -19,15 +19,25 @@ def speed_names(joints: Sequence[str]) -> tuple[str, ...]:
 
 
 def torque_names(joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the torques on the joints from outside: ``external_torque``, or ``external_torque_JOINT``."""
-    return ("external_torque",) if len(joints) == 1 else tuple(f"external_torque_{joint}" for joint in joints)
+    """Return the names of the torques on the joints from outside: ``external_torque``, or
+    ``external_torque_JOINT``.
+    """
+    return (
+        ("external_torque",)
+        if len(joints) == 1
+        else tuple(f"external_torque_{joint}" for joint in joints)
+    )
 
 
 def std_name(name: str) -> str:
-    """Return the name of the std of what is called `name`: ``theta_std``, ``std of inertia of joint pip``."""
+    """Return the name of the std of what is called `name`: ``theta_std``, ``std of inertia of joint
+    pip``.
+    """
     return f"std of {name}" if " " in name else f"{name}_std"
 
 
 def tendon_angle_name(tendon: str) -> str:
-    """Return the name of the angle that one tendon alone gives, of the kinematic estimators: ``tendon_angle_TENDON``."""
+    """Return the name of the angle that one tendon alone gives, of the kinematic estimators:
+    ``tendon_angle_TENDON``.
+    """
     return f"tendon_angle_{tendon}"

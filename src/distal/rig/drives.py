@@ -13,21 +13,29 @@ from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 class SliderStribeck(Stribeck):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
 
-    speed: Annotated[Parameter, In("m/s", "positive")] = Field(description="speed at which it fades")
+    speed: Annotated[Parameter, In("m/s", "positive")] = Field(
+        description="speed at which it fades"
+    )
 
 
 class SliderFriction(Description):
     """Coulomb friction of a slider, limit = constant + load · Σ T (equation 13, reconstructed)."""
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(ZERO, description="part that is always there")
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(ZERO, description="part per newton of tension, μ_x")
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        ZERO, description="part that is always there"
+    )
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(
+        ZERO, description="part per newton of tension, μ_x"
+    )
     stribeck: SliderStribeck | None = Field(None, description="stiction that fades with speed")
 
 
 class CapstanFriction(Description):
     """Coulomb friction of a motor and its capstan, limit = constant + load · radius · Σ T."""
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(ZERO, description="part that is always there")
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
+        ZERO, description="part that is always there"
+    )
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         ZERO, description="part per newton of tension at the capstan's radius"
     )
@@ -35,14 +43,18 @@ class CapstanFriction(Description):
 
 
 class Hysteresis(Description):
-    """Dry friction inside the transmission, limit h = (constant + load · radius · Σ T)(1 + slope · θ).
+    """Dry friction inside the transmission, limit h = (constant + load · radius · Σ T)(1 + slope ·
+    θ).
 
-    What reaches the tendons' springs, z, follows the measured effort U by a play operator, z⁺ = clip(z, U − h, U + h)
-    (Prandtl, 1928; Visintin, Differential Models of Hysteresis, 1994): strands of a rope that rub, a cable in its
-    sheath. It is moved by the effort, not by the drive's motion: a stroke may pass before it has turned over.
+    What reaches the tendons' springs, z, follows the measured effort U by a play operator, z⁺ =
+    clip(z, U − h, U + h) (Prandtl, 1928; Visintin, Differential Models of Hysteresis, 1994):
+    strands of a rope that rub, a cable in its sheath. It is moved by the effort, not by the drive's
+    motion: a stroke may pass before it has turned over.
     """
 
-    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(ZERO, description="part that is always there")
+    constant: Annotated[Parameter, In("N m", "nonnegative")] = Field(
+        ZERO, description="part that is always there"
+    )
     load: Annotated[Parameter, In("", "nonnegative")] = Field(
         ZERO, description="part per newton of tension at the capstan's radius"
     )
@@ -51,67 +63,101 @@ class Hysteresis(Description):
     )
     error: Annotated[float, In("N m", "nonnegative")] = Field(
         0.0,
-        description="what this play leaves out, its standard deviation; estimators consider it, they do not estimate it",
+        description="what this play leaves out, its standard deviation; estimators consider it, "
+        "they do not estimate it",
     )
-    error_time: Annotated[float, In("s", "positive")] = Field(1.0, description="for how long that lasts")
+    error_time: Annotated[float, In("s", "positive")] = Field(
+        1.0, description="for how long that lasts"
+    )
 
 
 class SliderHysteresis(Hysteresis):
-    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see `Hysteresis`."""
+    """Dry friction inside the transmission, limit = (constant + load · Σ T)(1 + slope · θ); see
+    `Hysteresis`.
+    """
 
-    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(ZERO, description="part that is always there")
-    load: Annotated[Parameter, In("", "nonnegative")] = Field(ZERO, description="part per newton of tension")
+    constant: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        ZERO, description="part that is always there"
+    )
+    load: Annotated[Parameter, In("", "nonnegative")] = Field(
+        ZERO, description="part per newton of tension"
+    )
     error: Annotated[float, In("N", "nonnegative")] = Field(
         0.0,
-        description="what this play leaves out, its standard deviation; estimators consider it, they do not estimate it",
+        description="what this play leaves out, its standard deviation; estimators consider it, "
+        "they do not estimate it",
     )
 
 
 class Backlash(Description):
-    """Free play between a motor's encoder and its capstan: what winds the tendons stays within ± width/2 of the encoder.
+    """Free play between a motor's encoder and its capstan: what winds the tendons stays within ±
+    width/2 of the encoder.
 
-    The capstan's place p follows the encoder's φ as a play operator, p⁺ = clip(p, φ − width/2, φ + width/2): gears that
-    stay where they are until they are pushed. With `held = false` its tendons turn it within the gap, against `friction`.
+    The capstan's place p follows the encoder's φ as a play operator, p⁺ = clip(p, φ − width/2, φ +
+    width/2): gears that stay where they are until they are pushed. With `held = false` its tendons
+    turn it within the gap, against `friction`.
     """
 
-    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="from one side to the other")
-    held: bool = Field(True, description="whether nothing but the near side moves the far one within the gap")
+    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(
+        description="from one side to the other"
+    )
+    held: bool = Field(
+        True, description="whether nothing but the near side moves the far one within the gap"
+    )
     friction: Annotated[Parameter, In("N m", "nonnegative")] = Field(
-        ZERO, description="friction that holds the far side against its tendons, where `held` is false"
+        ZERO,
+        description="friction that holds the far side against its tendons, where `held` is false",
     )
 
 
 class SliderBacklash(Backlash):
     """Free play between a slider's sensor and what pulls its tendons; see `Backlash`."""
 
-    width: Annotated[Parameter, In("m", "nonnegative")] = Field(description="from one side to the other")
+    width: Annotated[Parameter, In("m", "nonnegative")] = Field(
+        description="from one side to the other"
+    )
     friction: Annotated[Parameter, In("N", "nonnegative")] = Field(
-        ZERO, description="friction that holds the far side against its tendons, where `held` is false"
+        ZERO,
+        description="friction that holds the far side against its tendons, where `held` is false",
     )
 
 
 class Cogging(Description):
-    """Torque of a motor that repeats as it turns: cosine · cos(N φ) + sine · sin(N φ), it adds to the motor's own."""
+    """Torque of a motor that repeats as it turns: cosine · cos(N φ) + sine · sin(N φ), it adds to
+    the motor's own.
+    """
 
-    periods: Annotated[float, In("", "positive")] = Field(description="periods in one turn of the capstan, N")
-    cosine: Annotated[Parameter, In("N m")] = Field(ZERO, description="part that is largest at φ = 0")
+    periods: Annotated[float, In("", "positive")] = Field(
+        description="periods in one turn of the capstan, N"
+    )
+    cosine: Annotated[Parameter, In("N m")] = Field(
+        ZERO, description="part that is largest at φ = 0"
+    )
     sine: Annotated[Parameter, In("N m")] = Field(ZERO, description="part that is zero there")
 
 
 class Servo(Description):
-    """How a drive follows the places that are sent to it: a lag of first order behind a delay, no faster than it can."""
+    """How a drive follows the places that are sent to it: a lag of first order behind a delay, no
+    faster than it can.
+    """
 
     bandwidth: Annotated[float, In("Hz", "positive")] | None = Field(
         None, description="frequency at which it follows 71 % of a sine; default: all"
     )
-    delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="time before it begins to follow")
-    fastest: Annotated[float, In("rad/s", "positive")] | None = Field(None, description="largest speed")
+    delay: Annotated[float, In("s", "nonnegative")] = Field(
+        0.0, description="time before it begins to follow"
+    )
+    fastest: Annotated[float, In("rad/s", "positive")] | None = Field(
+        None, description="largest speed"
+    )
 
 
 class SliderServo(Servo):
     """How a slider follows the places that are sent to it; see `Servo`."""
 
-    fastest: Annotated[float, In("m/s", "positive")] | None = Field(None, description="largest speed")
+    fastest: Annotated[float, In("m/s", "positive")] | None = Field(
+        None, description="largest speed"
+    )
 
 
 class Slider(Description):
@@ -119,12 +165,22 @@ class Slider(Description):
 
     kind: Literal["slider"]
     name: Name
-    mass: Annotated[Parameter, In("kg", "positive")] = Field(description="moving mass of the slider")
-    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(ZERO, description="viscous damping b_x")
+    mass: Annotated[Parameter, In("kg", "positive")] = Field(
+        description="moving mass of the slider"
+    )
+    damping: Annotated[Parameter, In("kg/s", "nonnegative")] = Field(
+        ZERO, description="viscous damping b_x"
+    )
     friction: SliderFriction = Field(SliderFriction(), description="Coulomb friction")
-    hysteresis: SliderHysteresis | None = Field(None, description="dry friction inside the transmission")
-    backlash: SliderBacklash | None = Field(None, description="free play between its sensor and its tendons")
-    stops: Annotated[tuple[float, float], In("m")] | None = Field(None, description="range of the slider [x_L, x_H]")
+    hysteresis: SliderHysteresis | None = Field(
+        None, description="dry friction inside the transmission"
+    )
+    backlash: SliderBacklash | None = Field(
+        None, description="free play between its sensor and its tendons"
+    )
+    stops: Annotated[tuple[float, float], In("m")] | None = Field(
+        None, description="range of the slider [x_L, x_H]"
+    )
     stop_stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(
         Parameter(value=1e5), description="stiffness of the stops k_s"
     )
@@ -146,7 +202,8 @@ class Slider(Description):
 class Capstan(Description):
     """A motor that winds tendons on a capstan: angle φ [rad] and torque [N m].
 
-    A tendon on side +1 is wound by positive φ, a tendon on side −1 is paid out: displacement = side · radius · φ.
+    A tendon on side +1 is wound by positive φ, a tendon on side −1 is paid out: displacement = side
+    · radius · φ.
     """
 
     kind: Literal["capstan"]
@@ -155,12 +212,18 @@ class Capstan(Description):
         description="moment of inertia of rotor and capstan, seen at the capstan"
     )
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the capstan R")
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(ZERO, description="viscous damping")
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+        ZERO, description="viscous damping"
+    )
     friction: CapstanFriction = Field(CapstanFriction(), description="Coulomb friction")
     hysteresis: Hysteresis | None = Field(None, description="dry friction inside the transmission")
-    backlash: Backlash | None = Field(None, description="free play between its encoder and its capstan")
+    backlash: Backlash | None = Field(
+        None, description="free play between its encoder and its capstan"
+    )
     cogging: Cogging | None = Field(None, description="torque that repeats as the motor turns")
-    stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the capstan's angle")
+    stops: Annotated[tuple[float, float], In("rad")] | None = Field(
+        None, description="range of the capstan's angle"
+    )
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the stops"
     )

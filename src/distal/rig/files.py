@@ -22,14 +22,19 @@ def shipped_rigs() -> tuple[str, ...]:
 
 
 def rig_text(name: str | Path) -> tuple[str, str]:
-    """Return the text of a shipped rig or of the file at a path, and what to call it in messages."""
+    """Return the text of a shipped rig or of the file at a path, and what to call it in
+    messages.
+    """
     shipped = shipped_rigs()
     if str(name) in shipped:
         file = resources.files("distal.rig").joinpath("library", f"{name}.toml")
         return file.read_text(encoding="utf-8"), str(name)
     path = Path(name)
     if path.suffix != ".toml" and not path.exists():
-        raise RigError(f"unknown rig '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file")
+        raise RigError(
+            f"unknown rig '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml "
+            "file"
+        )
     return read_text(path, RigError), str(path)
 
 
@@ -52,7 +57,8 @@ def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, ob
 
 
 def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
-    """Load a rig by name (see `shipped_rigs`) or from a TOML file, with assignments ``path=value`` as by ``--set``.
+    """Load a rig by name (see `shipped_rigs`) or from a TOML file, with assignments ``path=value``
+    as by ``--set``.
 
     Raises:
         RigError: the rig is unknown, cannot be read, or its description is wrong.
@@ -68,7 +74,8 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
         is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)
         torque = "; declare external_torque.std in the rig file before the fit" if is_torque else ""
         warnings.warn(
-            f"{source}: [discrepancy] was learned with other numbers than {', '.join(moved)} now has: "
+            f"{source}: [discrepancy] was learned with other numbers than {', '.join(moved)} now "
+            "has: "
             f"fit again, or remove it{torque}",
             DistalWarning,
             stacklevel=2,
@@ -77,7 +84,9 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
 
 
 def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
-    """Return the text of a rig file with some values replaced, as by `load_rig`; its comments stay."""
+    """Return the text of a rig file with some values replaced, as by `load_rig`; its comments
+    stay.
+    """
     text, source = rig_text(name)
     raw = parse_toml(text, source, RigError)
     for assignment in assignments:
@@ -95,9 +104,15 @@ def edited_text(name: str | Path, assignments: Sequence[str] = ()) -> str:
 
 def template_text() -> str:
     """Return a commented template of a rig file."""
-    return resources.files("distal.rig").joinpath("library", "template.toml").read_text(encoding="utf-8")
+    return (
+        resources.files("distal.rig")
+        .joinpath("library", "template.toml")
+        .read_text(encoding="utf-8")
+    )
 
 
 def build_rig(raw: Mapping[str, object], source: str) -> Rig:
-    """Check a raw description and return the rig, or raise a `RigError`; `source` names it in messages."""
+    """Check a raw description and return the rig, or raise a `RigError`; `source` names it in
+    messages.
+    """
     return validated(Rig, raw, source, RigError)

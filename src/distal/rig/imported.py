@@ -1,4 +1,6 @@
-"""A rig made from other files, and its TOML text: a guess is written with what it is as a comment."""
+"""A rig made from other files, and its TOML text: a guess is written with what it is as a
+comment.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,11 @@ class Guess:
 
 @dataclass(frozen=True)
 class Imported:
-    """A rig made from other files, and the text of its own, with a comment at each number that they do not have.
+    """A rig made from other files, and the text of its own, with a comment at each number that they
+    do not have.
 
-    The `notes` say what was left out, held or fitted, a line each; `missing` is what the files do not say.
+    The `notes` say what was left out, held or fitted, a line each; `missing` is what the files do
+    not say.
     """
 
     rig: Rig
@@ -33,9 +37,16 @@ class Imported:
 
     @staticmethod
     def of(raw: Mapping[str, object], title: str, source: str, notes: tuple[str, ...]) -> Imported:
-        """Return the rig of a raw description with guesses; the `source` that lacks them is named in its comments."""
+        """Return the rig of a raw description with guesses; the `source` that lacks them is named
+        in its comments.
+        """
         rig = build_rig(cast(dict[str, object], plain(dict(raw))), title)
-        return Imported(rig, written(raw, source), notes, tuple(dict.fromkeys(guess.of for guess in guesses(raw))))
+        return Imported(
+            rig,
+            written(raw, source),
+            notes,
+            tuple(dict.fromkeys(guess.of for guess in guesses(raw))),
+        )
 
 
 def name_of(name: str, otherwise: str) -> str:
@@ -64,7 +75,9 @@ def guesses(raw: object) -> Iterator[Guess]:
 
 
 def written(raw: Mapping[str, object], source: str) -> str:
-    """Return the TOML text of a raw description, each guess with a comment that it is not in the `source`."""
+    """Return the TOML text of a raw description, each guess with a comment that it is not in the
+    `source`.
+    """
     import tomlkit
 
     document = tomlkit.document()
@@ -75,7 +88,9 @@ def written(raw: Mapping[str, object], source: str) -> str:
                 tables.append(_table(row, source))
             document.add(key, tables)
         else:
-            document.add(key, _table(part, source) if isinstance(part, dict) else tomlkit.item(plain(part)))
+            document.add(
+                key, _table(part, source) if isinstance(part, dict) else tomlkit.item(plain(part))
+            )
     return tomlkit.dumps(document)
 
 

@@ -16,8 +16,12 @@ REACH = 1.2
 class Stribeck(Description):
     """Stiction that fades with speed: Coulomb friction times 1 + excess · exp(−(v/speed)²)."""
 
-    excess: Annotated[Parameter, In("", "nonnegative")] = Field(description="stiction beyond Coulomb friction, a share")
-    speed: Annotated[Parameter, In("rad/s", "positive")] = Field(description="speed at which it fades")
+    excess: Annotated[Parameter, In("", "nonnegative")] = Field(
+        description="stiction beyond Coulomb friction, a share"
+    )
+    speed: Annotated[Parameter, In("rad/s", "positive")] = Field(
+        description="speed at which it fades"
+    )
 
 
 class JointFriction(Description):
@@ -27,7 +31,9 @@ class JointFriction(Description):
     μ_θ r_a (T0 + T1 + T2). A larger exponent lets friction grow faster than the load beyond N_ref.
     """
 
-    coefficient: Annotated[Parameter, In("", "nonnegative")] = Field(description="friction coefficient μ")
+    coefficient: Annotated[Parameter, In("", "nonnegative")] = Field(
+        description="friction coefficient μ"
+    )
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="radius of the axle r_a")
     preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
         ZERO, description="load on the axle before any tension, T0"
@@ -36,7 +42,9 @@ class JointFriction(Description):
         Parameter(value=1.0), description="growth of friction with load, e (1 = proportional)"
     )
     reference: Annotated[float, In("N", "positive")] | None = Field(
-        None, description="load N_ref at which the exponent changes nothing; default: N at nominal forces"
+        None,
+        description="load N_ref at which the exponent changes nothing; default: N at nominal "
+        "forces",
     )
     stribeck: Stribeck | None = Field(None, description="stiction that fades with speed")
 
@@ -51,36 +59,58 @@ class JointFriction(Description):
 
 
 class Spring(Description):
-    """Return spring at the joint: torque = −(stiffness x + quadratic x² + cubic x³), x = θ − rest_angle."""
+    """Return spring at the joint: torque = −(stiffness x + quadratic x² + cubic x³), x = θ −
+    rest_angle.
+    """
 
-    stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(description="torsional stiffness")
-    rest_angle: Annotated[Parameter, In("rad")] = Field(ZERO, description="angle at which the spring is relaxed")
-    quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(ZERO, description="growth of stiffness to one side")
+    stiffness: Annotated[Parameter, In("N m/rad", "nonnegative")] = Field(
+        description="torsional stiffness"
+    )
+    rest_angle: Annotated[Parameter, In("rad")] = Field(
+        ZERO, description="angle at which the spring is relaxed"
+    )
+    quadratic: Annotated[Parameter, In("N m/rad^2")] = Field(
+        ZERO, description="growth of stiffness to one side"
+    )
     cubic: Annotated[Parameter, In("N m/rad^3")] = Field(
         ZERO, description="growth of stiffness to both sides; negative where it gets softer"
     )
 
 
 class ExtensionSpring(Description):
-    """Extension spring between a point of the link and one of the base: torque = −F r R sin(θ − line_angle)/L.
+    """Extension spring between a point of the link and one of the base: torque = −F r R sin(θ −
+    line_angle)/L.
 
     L² = r² + R² − 2 r R cos(θ − line_angle); F = max(preload + stiffness (L − free_length), 0).
     """
 
     stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="of the spring, k")
-    free_length: Annotated[Parameter, In("m", "positive")] = Field(description="its length where it begins to open")
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="from the axis to the point of the link, r")
-    distance: Annotated[Parameter, In("m", "positive")] = Field(description="from the axis to the point of the base, R")
-    line_angle: Annotated[Parameter, In("rad")] = Field(
-        ZERO, description="joint angle at which both points are in line with the axis, on the same side"
+    free_length: Annotated[Parameter, In("m", "positive")] = Field(
+        description="its length where it begins to open"
     )
-    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(ZERO, description="force at which its coils open")
+    radius: Annotated[Parameter, In("m", "positive")] = Field(
+        description="from the axis to the point of the link, r"
+    )
+    distance: Annotated[Parameter, In("m", "positive")] = Field(
+        description="from the axis to the point of the base, R"
+    )
+    line_angle: Annotated[Parameter, In("rad")] = Field(
+        ZERO,
+        description="joint angle at which both points are in line with the axis, on the same side",
+    )
+    preload: Annotated[Parameter, In("N", "nonnegative")] = Field(
+        ZERO, description="force at which its coils open"
+    )
 
 
 class JointBacklash(Description):
-    """Free play between the pulley that the tendons turn and the link: within it no torque reaches the link."""
+    """Free play between the pulley that the tendons turn and the link: within it no torque reaches
+    the link.
+    """
 
-    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="from one side to the other")
+    width: Annotated[Parameter, In("rad", "nonnegative")] = Field(
+        description="from one side to the other"
+    )
 
 
 class Gravity(Description):
@@ -96,10 +126,16 @@ class Gravity(Description):
 
 
 class ExternalTorque(Description):
-    """A torque on the joint that nobody measures (a hand, a grasped object): zero mean, exponentially correlated."""
+    """A torque on the joint that nobody measures (a hand, a grasped object): zero mean,
+    exponentially correlated.
+    """
 
-    std: Annotated[float, In("N m", "nonnegative")] = Field(0.0, description="standard deviation; 0 = cannot occur")
-    correlation_time: Annotated[float, In("s", "positive")] = Field(0.5, description="correlation time")
+    std: Annotated[float, In("N m", "nonnegative")] = Field(
+        0.0, description="standard deviation; 0 = cannot occur"
+    )
+    correlation_time: Annotated[float, In("s", "positive")] = Field(
+        0.5, description="correlation time"
+    )
 
 
 class Joint(Description):
@@ -107,27 +143,46 @@ class Joint(Description):
 
     name: Name
     parent: str | None = Field(
-        None, description='the joint on whose link it sits, or "base"; default: the joint before it in the file'
+        None,
+        description='the joint on whose link it sits, or "base"; default: the joint before it in '
+        "the file",
     )
-    axis: Axis = Field(AXES["y"], description='its axis in its own frame: "x", "y", "z", "-x", … or three numbers')
+    axis: Axis = Field(
+        AXES["y"], description='its axis in its own frame: "x", "y", "z", "-x", … or three numbers'
+    )
     offset: Annotated[Vector, In("m")] = Field(
         (0.0, 0.0, 0.0), description="where its frame sits, in the frame of its parent"
     )
-    link: Link | None = Field(None, description="the body that it turns; without one `inertia` is all there is")
+    link: Link | None = Field(
+        None, description="the body that it turns; without one `inertia` is all there is"
+    )
     coupled: Coupling | None = Field(None, description="a rigid coupling to a joint before it")
     inertia: Annotated[Parameter, In("kg m^2", "positive")] = Field(
-        description="moment of inertia J about its axis; with a `link` what comes on top of it, such as an armature"
+        description="moment of inertia J about its axis; with a `link` what comes on top of it, "
+        "such as an armature"
     )
-    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(ZERO, description="viscous damping b_θ")
-    initial: Annotated[Parameter, In("rad", drifts=False)] = Field(ZERO, description="angle at the log's first sample")
+    damping: Annotated[Parameter, In("N m s/rad", "nonnegative")] = Field(
+        ZERO, description="viscous damping b_θ"
+    )
+    initial: Annotated[Parameter, In("rad", drifts=False)] = Field(
+        ZERO, description="angle at the log's first sample"
+    )
     friction: JointFriction | None = Field(None, description="Coulomb friction at the axle")
     spring: Spring | None = Field(None, description="return spring")
-    extension_spring: ExtensionSpring | None = Field(None, description="return spring between two points")
+    extension_spring: ExtensionSpring | None = Field(
+        None, description="return spring between two points"
+    )
     gravity: Gravity | None = Field(None, description="weight of an off-axis mass")
-    backlash: JointBacklash | None = Field(None, description="free play between its pulley and its link")
-    stops: Annotated[tuple[float, float], In("rad")] | None = Field(None, description="range of the joint [low, high]")
+    backlash: JointBacklash | None = Field(
+        None, description="free play between its pulley and its link"
+    )
+    stops: Annotated[tuple[float, float], In("rad")] | None = Field(
+        None, description="range of the joint [low, high]"
+    )
     stops_std: Annotated[float, In("rad", "nonnegative")] = Field(
-        0.0, description="how well each end of that range is known; a calibration against them is no better"
+        0.0,
+        description="how well each end of that range is known; a calibration against them is no "
+        "better",
     )
     stop_stiffness: Annotated[Parameter, In("N m/rad", "positive")] = Field(
         Parameter(value=100.0), description="stiffness of the joint's stops"
@@ -136,9 +191,13 @@ class Joint(Description):
         Parameter(value=0.1), description="viscous damping in the joint's stops"
     )
     unmodelled: Annotated[float, In("rad/s", "nonnegative")] = Field(
-        0.5, description="torque the model does not know, as the random change of speed that it makes in 1 s (1σ)"
+        0.5,
+        description="torque the model does not know, as the random change of speed that it makes "
+        "in 1 s (1σ)",
     )
-    external_torque: ExternalTorque = Field(ExternalTorque(), description="a torque nobody measures")
+    external_torque: ExternalTorque = Field(
+        ExternalTorque(), description="a torque nobody measures"
+    )
 
     @property
     def travel(self) -> tuple[float, float]:

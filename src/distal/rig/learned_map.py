@@ -1,4 +1,6 @@
-"""What logs taught by least squares: coefficients of terms of the sensors' readings, and how far to trust them."""
+"""What logs taught by least squares: coefficients of terms of the sensors' readings, and how far to
+trust them.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ FORMS = ("{}", "abs({})", "play({})", "slip({})")
 
 
 def factors(term: str) -> tuple[str, ...]:
-    """Return the variables whose product a term is, with ``*`` between them; none for the constant."""
+    """Return the variables whose product a term is, with ``*`` between them; none for the
+    constant.
+    """
     return () if term == CONSTANT else tuple(factor.strip() for factor in term.split("*"))
 
 
@@ -28,85 +32,135 @@ class JointMap(Description):
     """The map of one joint: Σ b_i φ_i."""
 
     joint: str = Field(min_length=1, description="name of the joint")
-    coefficients: Row = Field(min_length=1, description="b, one for each term, in the unit of what is mapped")
-    covariance: tuple[Row, ...] = Field(
-        min_length=1, description="of the coefficients of the next log about these: between logs, and of the fit"
+    coefficients: Row = Field(
+        min_length=1, description="b, one for each term, in the unit of what is mapped"
     )
-    std: Annotated[float, In("rad", "positive")] = Field(description="residual with a log's own coefficients")
+    covariance: tuple[Row, ...] = Field(
+        min_length=1,
+        description="of the coefficients of the next log about these: between logs, and of the fit",
+    )
+    std: Annotated[float, In("rad", "positive")] = Field(
+        description="residual with a log's own coefficients"
+    )
 
     @model_validator(mode="after")
     def _covariance_fits(self) -> Self:
         n = len(self.coefficients)
         if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
-            raise ValueError(f"covariance must be {n} rows of {n} numbers, as there are {n} coefficients")
+            raise ValueError(
+                f"covariance must be {n} rows of {n} numbers, as there are {n} coefficients"
+            )
         matrix = np.array(self.covariance)
         if not (np.isfinite(matrix).all() and np.isfinite(self.coefficients).all()):
             raise ValueError("coefficients and covariance must be finite numbers")
         size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
         scaled = matrix / np.outer(size, size)
-        if np.abs(scaled - scaled.T).max() > 1e-6 or np.linalg.eigvalsh(0.5 * (scaled + scaled.T)).min() < -1e-6:
+        if (
+            np.abs(scaled - scaled.T).max() > 1e-6
+            or np.linalg.eigvalsh(0.5 * (scaled + scaled.T)).min() < -1e-6
+        ):
             raise ValueError("covariance must be symmetric and positive semidefinite")
         return self
 
 
 class LearnedMap(Description):
-    """Σ b_i φ_i of what the sensors read, its variance c² (φᵀ C φ + s²), and the range that it was learned in.
+    """Σ b_i φ_i of what the sensors read, its variance c² (φᵀ C φ + s²), and the range that it was
+    learned in.
 
-    A term φ is a product of variables: ``SENSOR`` (its reading, less `centre`, over `scale`), ``abs(SENSOR)``,
-    ``play(SENSOR)`` (that variable z after a play of half-width w = `width`), ``slip(SENSOR)`` (which way it last moved,
-    (SENSOR − z)/w, between −1 and 1), ``angle(JOINT)`` (what the filter itself says, likewise scaled; alone).
+    A term φ is a product of variables: ``SENSOR`` (its reading, less `centre`, over `scale`),
+    ``abs(SENSOR)``, ``play(SENSOR)`` (that variable z after a play of half-width w = `width`),
+    ``slip(SENSOR)`` (which way it last moved, (SENSOR − z)/w, between −1 and 1), ``angle(JOINT)``
+    (what the filter itself says, likewise scaled; alone).
     """
 
     MARGIN: ClassVar[float] = np.inf
-    """Terms go on beyond the learned range by this share of half of it; further out they stay as they are there."""
+    """Terms go on beyond the learned range by this share of half of it; further out they stay as
+    they are there.
+    """
 
     FADE: ClassVar[float] = np.inf
-    """So many halves of the learned range beyond its end, all terms of a curve but the constant count half."""
+    """So many halves of the learned range beyond its end, all terms of a curve but the constant
+    count half.
+    """
 
     terms: tuple[str, ...] = Field(min_length=1, description="what is summed; '1' is the constant")
-    channels: tuple[str, ...] = Field(min_length=1, description="the sensors, in the estimator's order")
-    centre: Row = Field(description="mean of each sensor's readings, then of each joint's angle by the filter [SI]")
+    channels: tuple[str, ...] = Field(
+        min_length=1, description="the sensors, in the estimator's order"
+    )
+    centre: Row = Field(
+        description="mean of each sensor's readings, then of each joint's angle by the filter [SI]"
+    )
     scale: Row = Field(description="their standard deviations [SI]; 1 for what was constant")
     low: Row = Field(description="smallest of each [SI]; below it the band grows")
     high: Row = Field(description="largest of each [SI]")
-    rate: Row = Field(description="RMS speed of each [SI/s]: how fast a missing value loses its worth")
+    rate: Row = Field(
+        description="RMS speed of each [SI/s]: how fast a missing value loses its worth"
+    )
     width: Row = Field(description="half-width of the play of each sensor, in units of `scale`")
     distance: tuple[Row, ...] = Field(
-        description="matrix M of the squared Mahalanobis distance zᵀ M z of the sensors' scaled readings z"
+        description="matrix M of the squared Mahalanobis distance zᵀ M z of the sensors' scaled "
+        "readings z"
     )
     reach: float = Field(gt=0.0, description="largest such distance in the logs")
     correlation_time: Annotated[float, In("s", "positive")] = Field(description="of what is left")
     tracked: bool = Field(
-        True, description="whether places of drives are as the filter tracks them; else as their sensors read them"
+        True,
+        description="whether places of drives are as the filter tracks them; else as their "
+        "sensors read them",
     )
     follows: bool = Field(
-        False, description="whether terms go on beyond the learned range; else they stay as they are there"
+        False,
+        description="whether terms go on beyond the learned range; else they stay as they are "
+        "there",
     )
-    own: float = Field(1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts")
-    spread: Row = Field(description="RMS over the logs of what is mapped: outside the range so much is not known")
-    band: Row = Field(description="c, one for each joint: factor on the standard deviation, by logs left out")
+    own: float = Field(
+        1.0, ge=0.0, le=1.0, description="share of the filter's own standard deviation that counts"
+    )
+    spread: Row = Field(
+        description="RMS over the logs of what is mapped: outside the range so much is not known"
+    )
+    band: Row = Field(
+        description="c, one for each joint: factor on the standard deviation, by logs left out"
+    )
     extrapolation: Row = Field(
-        (), description="what the angle errs by for each radian beyond what a homing move covered, of each joint [1]"
+        (),
+        description="what the angle errs by for each radian beyond what a homing move covered, of "
+        "each joint [1]",
     )
     homed: tuple[tuple[float, float], ...] = Field(
-        (), description="lowest and highest angle that this run's homing move covered, of each joint [rad]"
+        (),
+        description="lowest and highest angle that this run's homing move covered, of each joint "
+        "[rad]",
     )
     logs: int = Field(ge=0, description="number of logs; 0: from a homing move alone")
-    dropped: tuple[str, ...] = Field((), description="sensors that told nothing of their own: constant, or collinear")
-    joints: tuple[JointMap, ...] = Field(min_length=1, description="coefficients and covariance, one for each joint")
+    dropped: tuple[str, ...] = Field(
+        (), description="sensors that told nothing of their own: constant, or collinear"
+    )
+    joints: tuple[JointMap, ...] = Field(
+        min_length=1, description="coefficients and covariance, one for each joint"
+    )
 
     @model_validator(mode="before")
     @classmethod
     def _as_first_written(cls, raw: object) -> object:
-        """Read what a fit wrote before all maps had one form: widths by another name, no terms, no band."""
-        if not isinstance(raw, Mapping) or "width" in raw or "channels" not in raw or "joints" not in raw:
+        """Read what a fit wrote before all maps had one form: widths by another name, no terms, no
+        band.
+        """
+        if (
+            not isinstance(raw, Mapping)
+            or "width" in raw
+            or "channels" not in raw
+            or "joints" not in raw
+        ):
             return raw
         fields, m, joints = dict(raw), len(raw["channels"]), len(raw["joints"])
         if "dead_band" in fields:  # [affine]: a straight line and directions of motion
             bands = fields.pop("dead_band")
             turns = [f"slip({name})" for name in raw["channels"][: len(bands)]]
             fields["terms"] = [CONSTANT, *raw["channels"], *turns]
-            fields["width"] = [bands[i] / raw["scale"][i] if i < len(bands) else 1.0 for i in range(m)]
+            fields["width"] = [
+                bands[i] / raw["scale"][i] if i < len(bands) else 1.0 for i in range(m)
+            ]
         else:
             fields["width"] = [fields.pop("play", fields.pop("slip", 1.0))] * m
         fields.setdefault("rate", [0.0] * len(raw["centre"]))
@@ -122,17 +176,25 @@ class LearnedMap(Description):
         m, n, joints = len(self.channels), len(self.centre), len(self.joints)
         if n not in (m, m + joints):
             raise ValueError(
-                f"centre must have {m} entries, one for each channel, or {m + joints} with joints; {n} came"
+                f"centre must have {m} entries, one for each channel, or {m + joints} with "
+                f"joints; {n} came"
             )
         for name in ("scale", "low", "high", "rate"):
             if len(getattr(self, name)) != n:
-                raise ValueError(f"{name} must have {n} entries, as many as centre; {len(getattr(self, name))} came")
+                raise ValueError(
+                    f"{name} must have {n} entries, as many as centre; {len(getattr(self, name))} "
+                    "came"
+                )
         for name, size in (("width", m), ("spread", joints), ("band", joints)):
             if len(getattr(self, name)) != size:
-                raise ValueError(f"{name} must have {size} entries; {len(getattr(self, name))} came")
+                raise ValueError(
+                    f"{name} must have {size} entries; {len(getattr(self, name))} came"
+                )
         for name in ("extrapolation", "homed"):
             if len(getattr(self, name)) not in (0, joints):
-                raise ValueError(f"{name} must have {joints} entries or none; {len(getattr(self, name))} came")
+                raise ValueError(
+                    f"{name} must have {joints} entries or none; {len(getattr(self, name))} came"
+                )
         if len(self.distance) != m or any(len(row) != m for row in self.distance):
             raise ValueError(f"distance must be {m} rows of {m} numbers")
         are_positive = all(size > 0.0 for size in (*self.scale, *self.width, *self.band))
@@ -143,11 +205,14 @@ class LearnedMap(Description):
         for term in self.terms:
             for factor in factors(term):
                 if factor not in self.variables:
-                    raise ValueError(f"terms: '{factor}' is no variable ({', '.join(self.variables)})")
+                    raise ValueError(
+                        f"terms: '{factor}' is no variable ({', '.join(self.variables)})"
+                    )
         for joint in self.joints:
             if len(joint.coefficients) != len(self.terms):
                 raise ValueError(
-                    f"joint '{joint.joint}': {len(self.terms)} coefficients are needed, one for each term, "
+                    f"joint '{joint.joint}': {len(self.terms)} coefficients are needed, one for "
+                    "each term, "
                     f"{len(joint.coefficients)} came"
                 )
         return self
@@ -165,7 +230,9 @@ class LearnedMap(Description):
 
     @property
     def fades_over(self) -> float:
-        """How far outside the learned range, in halves of it, terms of a curve count half; lines do not fade."""
+        """How far outside the learned range, in halves of it, terms of a curve count half; lines do
+        not fade.
+        """
         return self.FADE if any(len(factors(term)) > 1 for term in self.terms) else np.inf
 
     @property
@@ -178,26 +245,38 @@ class LearnedMap(Description):
         """Indices of the readings, then of the angles, that stand in some term."""
         used = {factor for term in self.terms for factor in factors(term)}
         variables = [{form.format(name) for form in FORMS} for name in self.channels]
-        variables += [{f"angle({joint.joint})"} for joint in self.joints] if self.uses_angles else []
+        variables += (
+            [{f"angle({joint.joint})"} for joint in self.joints] if self.uses_angles else []
+        )
         return tuple(i for i, names in enumerate(variables) if used & names)
 
     @property
     def played(self) -> tuple[int, ...]:
         """Indices of the channels that a play follows."""
         used = {factor for term in self.terms for factor in factors(term)}
-        return tuple(i for i, name in enumerate(self.channels) if f"play({name})" in used or f"slip({name})" in used)
+        return tuple(
+            i
+            for i, name in enumerate(self.channels)
+            if f"play({name})" in used or f"slip({name})" in used
+        )
 
 
 class Affine(LearnedMap):
-    """Joints' angles by least squares of what the sensors read (as logged, biases included); `distal fit` writes it."""
+    """Joints' angles by least squares of what the sensors read (as logged, biases included);
+    `distal fit` writes it.
+    """
 
 
 class Discrepancy(LearnedMap):
-    """The joints' angles less what `adaptive` makes of them (Kennedy and O'Hagan, 2001); `distal fit` writes it."""
+    """The joints' angles less what `adaptive` makes of them (Kennedy and O'Hagan, 2001); `distal
+    fit` writes it.
+    """
 
     MARGIN: ClassVar[float] = 0.5
     FADE: ClassVar[float] = 0.25
 
 
 class Contact(LearnedMap):
-    """The torque on the joints from outside, of what is read at the proximal end; `distal fit` writes it."""
+    """The torque on the joints from outside, of what is read at the proximal end; `distal fit`
+    writes it.
+    """

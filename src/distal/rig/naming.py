@@ -9,26 +9,34 @@ KINDS = ("joints", "drives", "tendons", "sensors")
 
 
 def name_in(items: Sequence[object], index: int) -> str | None:
-    """Return the name by which a path reaches an item of a list, a crossing by its joint; None where it has none."""
+    """Return the name by which a path reaches an item of a list, a crossing by its joint; None
+    where it has none.
+    """
     names = [_get(item, "name") or _get(item, "joint") for item in items]
     name = names[index] if index < len(names) else None
     return name if isinstance(name, str) and names.count(name) == 1 else None
 
 
 def index_of(items: Sequence[object], key: str) -> int | None:
-    """Return the index of an item that a path names by its index or its name, None where there is none."""
+    """Return the index of an item that a path names by its index or its name, None where there is
+    none.
+    """
     if key.isascii() and key.isdigit() and len(key) < 10:
         return int(key) if int(key) < len(items) else None
     return next((i for i in range(len(items)) if name_in(items, i) == key), None)
 
 
 def names_in(items: Sequence[object]) -> list[str]:
-    """Return what the items of a list are called in a path: by name where they have one, else by index."""
+    """Return what the items of a list are called in a path: by name where they have one, else by
+    index.
+    """
     return [name_in(items, i) or str(i) for i in range(len(items))]
 
 
 def named(root: object, path: str) -> str:
-    """Return a path with names of parts for their indices, where it has some: ``joints.pip`` for ``joints.0``."""
+    """Return a path with names of parts for their indices, where it has some: ``joints.pip`` for
+    ``joints.0``.
+    """
     return ".".join(key for key, _ in _steps(root, path))
 
 
@@ -38,7 +46,9 @@ def part_at(root: object, path: str) -> object:
 
 
 def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
-    """Yield each key of a path, as a name where it has one, and the part of a description, checked or raw, it leads to."""
+    """Yield each key of a path, as a name where it has one, and the part of a description, checked
+    or raw, it leads to.
+    """
     part = root
     for key in path.split("."):
         if isinstance(part, (list, tuple)):
@@ -52,9 +62,11 @@ def _steps(root: object, path: str) -> Iterator[tuple[str, object]]:
 
 
 def in_words(root: object, *paths: str) -> str:
-    """Return the names of numbers in plain words: "spring stiffness of joint pip" for ``joints.0.spring.stiffness``.
+    """Return the names of numbers in plain words: "spring stiffness of joint pip" for
+    ``joints.0.spring.stiffness``.
 
-    Numbers that differ only in their part are named together, "stiffness of all tendons"; ``*`` stands for all of a kind.
+    Numbers that differ only in their part are named together, "stiffness of all tendons"; ``*``
+    stands for all of a kind.
     """
     parts_of: dict[tuple[str, str, str], list[str]] = {}
     for path in paths:
@@ -72,16 +84,26 @@ def in_words(root: object, *paths: str) -> str:
         elif parts == ["*"] or (len(parts) > 1 and len(parts) == every):
             phrases.append(f"{what} of all {kind}{where}")
         else:
-            phrases.append(f"{what} of {kind if len(parts) > 1 else kind[:-1]} {', '.join(parts)}{where}")
+            phrases.append(
+                f"{what} of {kind if len(parts) > 1 else kind[:-1]} {', '.join(parts)}{where}"
+            )
     return "; ".join(phrases)
 
 
 def _what(tail: str) -> tuple[str, str]:
-    """Return what a number below a part is, and where along a tendon: "radius", " at pip" of ``crossings.pip.radius``."""
+    """Return what a number below a part is, and where along a tendon: "radius", " at pip" of
+    ``crossings.pip.radius``.
+    """
     keys, where = tail.split("."), ""
     if keys[0] == "crossings" and len(keys) > 2:
         at, keys = keys[1], keys[2:]
-        where = " at all joints" if at == "*" else f" at crossing {int(at) + 1}" if at.isdigit() else f" at {at}"
+        where = (
+            " at all joints"
+            if at == "*"
+            else f" at crossing {int(at) + 1}"
+            if at.isdigit()
+            else f" at {at}"
+        )
     return " ".join(keys).replace("_", " "), where
 
 

@@ -13,17 +13,27 @@ from distal.rig.rig import Rig
 from distal.suggestions import did_you_mean
 
 ROUGH, ROUGH_ARM = 0.5, 0.2
-"""A positive number, or a moment arm, whose std is above this share of it is known to a factor only."""
+"""A positive number, or a moment arm, whose std is above this share of it is known to a factor
+only.
+"""
 
 
 def known_to_a_factor(path: str, value: float, std: float) -> bool:
-    """Return whether of a positive number, of some value and std, only the order of magnitude is known."""
+    """Return whether of a positive number, of some value and std, only the order of magnitude is
+    known.
+    """
     return std > (ROUGH_ARM if is_arm(path) else ROUGH) * value > 0.0
 
 
 def is_arm(path: str) -> bool:
-    """Return whether a number is a moment arm: it shows in the readings as its product with the angle only."""
-    return ".insertion." in path or ".crossings." in path or (path.startswith("drives.") and path.endswith(".radius"))
+    """Return whether a number is a moment arm: it shows in the readings as its product with the
+    angle only.
+    """
+    return (
+        ".insertion." in path
+        or ".crossings." in path
+        or (path.startswith("drives.") and path.endswith(".radius"))
+    )
 
 
 @dataclass(frozen=True)
@@ -34,7 +44,8 @@ class Number:
         path: keys and indices joined by dots, names of parts replaced by their indices.
         std: what is not known of its value; 0 where it has none.
         hold: whether its std is for fitting only.
-        shared: the name of what it errs by together with others, and how much as a share of the value; None if alone.
+        shared: the name of what it errs by together with others, and how much as a share of the
+            value; None if alone.
         independent_std: what is not known of it alone.
     """
 
@@ -50,11 +61,15 @@ class Number:
     @property
     def is_rough(self) -> bool:
         """Whether it is known to a factor only and cannot be zero: its prior is then log-normal."""
-        return self.quantity.bound == "positive" and known_to_a_factor(self.path, self.value, self.std)
+        return self.quantity.bound == "positive" and known_to_a_factor(
+            self.path, self.value, self.std
+        )
 
 
 def number(rig: Rig, path: str) -> Number:
-    """Return a number of a description by its path, as in ``--set``: parts by index or by name; others are errors."""
+    """Return a number of a description by its path, as in ``--set``: parts by index or by name;
+    others are errors.
+    """
     part: object = rig
     owner: type[BaseModel] | None = None
     field = ""
@@ -67,7 +82,9 @@ def number(rig: Rig, path: str) -> Number:
             part, key = part[index], str(index)
         elif isinstance(part, BaseModel) and not isinstance(part, Parameter):
             if key not in type(part).model_fields:
-                raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, type(part).model_fields)}")
+                raise RigError(
+                    f"'{path}': there is no '{key}'{did_you_mean(key, type(part).model_fields)}"
+                )
             owner, field, part = type(part), key, getattr(part, key)
         else:
             raise RigError(f"'{path}': '{'.'.join(keys)}' is a plain value and has no '{key}'")
@@ -77,9 +94,16 @@ def number(rig: Rig, path: str) -> Number:
         quantity = next((m for m in owner.model_fields[field].metadata if isinstance(m, In)), None)
     if quantity is None or not isinstance(part, (Parameter, int, float)):
         raise RigError(
-            f"'{path}' is not a number with a unit; give the path of one, e.g. joints.{rig.joints[0].name}.inertia"
+            f"'{path}' is not a number with a unit; give the path of one, e.g. "
+            f"joints.{rig.joints[0].name}.inertia"
         )
     if isinstance(part, Parameter):
-        shared = (part.shared.name, part.shared.std) if part.shared is not None and part.shared.std > 0.0 else None
-        return Number(".".join(keys), part.value, part.total_std, quantity, True, part.hold, shared, part.std)
+        shared = (
+            (part.shared.name, part.shared.std)
+            if part.shared is not None and part.shared.std > 0.0
+            else None
+        )
+        return Number(
+            ".".join(keys), part.value, part.total_std, quantity, True, part.hold, shared, part.std
+        )
     return Number(".".join(keys), float(part), 0.0, quantity, False)

@@ -23,13 +23,17 @@ _LOOSE_QUANTITY = re.compile(r"^[-+]?[0-9.][0-9.eE+-]*\s*[A-Za-z%°µμ][^\"'\[\
 
 
 def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
-    """Split ``path=value``, its value in TOML, or raise `error`; a quantity whose quotes a shell removed is text."""
+    """Split ``path=value``, its value in TOML, or raise `error`; a quantity whose quotes a shell
+    removed is text.
+    """
     path, equals, value = text.partition("=")
     path, value = path.strip(), value.strip()
     if "\n" in value or "\r" in value:
         raise error(f"--set '{path}': the value has more than one line; give one value")
     if not equals or not path or not value:
-        raise error(f"--set '{text}': write path=value, e.g. --set joints.finger.friction.coefficient=0.4")
+        raise error(
+            f"--set '{text}': write path=value, e.g. --set joints.finger.friction.coefficient=0.4"
+        )
     try:
         return path, tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError):
@@ -42,14 +46,18 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
 
 
 def set_value(raw: object, path: str, value: object, error: type[DistalError]) -> None:
-    """Replace the value at `path` in `raw`, in place, or raise `error` where an item of the path does not exist.
+    """Replace the value at `path` in `raw`, in place, or raise `error` where an item of the path
+    does not exist.
 
-    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by their name or index, crossings
-    by their joint; ``*`` stands for all of them.
+    A bare value that replaces ``{ value, std }`` keeps the std. Items of a list are named by their
+    name or index, crossings by their joint; ``*`` stands for all of them.
     """
     keys = path.split(".")
     if len(keys) > DEEPEST:
-        raise error(f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than {DEEPEST}")
+        raise error(
+            f"--set '{path[:40]}…': has {len(keys)} parts; no value of a rig has more than "
+            f"{DEEPEST}"
+        )
     if ALL in keys:
         _set_all(raw, keys, path, value, error)
         return
@@ -71,22 +79,37 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
 
 
 def _write_out_sensors(raw: object, keys: Sequence[str]) -> None:
-    """Write out the sensors of several numbers, in place, where the path names one of their numbers."""
-    if not isinstance(raw, MutableMapping) or keys[0] != "sensors" or len(keys) < 2 or keys[1] == ALL:
+    """Write out the sensors of several numbers, in place, where the path names one of their
+    numbers.
+    """
+    if (
+        not isinstance(raw, MutableMapping)
+        or keys[0] != "sensors"
+        or len(keys) < 2
+        or keys[1] == ALL
+    ):
         return
     sensors = raw.get("sensors")
     if isinstance(sensors, list) and index_of(sensors, keys[1]) is None:
         raw["sensors"] = one_number_each(sensors)
 
 
-def _set_all(raw: object, keys: list[str], path: str, value: object, error: type[DistalError]) -> None:
+def _set_all(
+    raw: object, keys: list[str], path: str, value: object, error: type[DistalError]
+) -> None:
     """Replace the value in every item of the list that ``*`` stands for."""
     at = keys.index(ALL)
     parent, where = raw, ".".join(keys[:at])
     for key in keys[:at]:
-        parent = parent.get(key) if isinstance(parent, MutableMapping) else _descend(parent, key, where, path, error)
+        parent = (
+            parent.get(key)
+            if isinstance(parent, MutableMapping)
+            else _descend(parent, key, where, path, error)
+        )
     if not isinstance(parent, (list, tuple)) or not parent:
-        raise error(f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand for")
+        raise error(
+            f"--set '{path}': '{where or ALL}' is no list with items that '{ALL}' could stand for"
+        )
     for index in range(len(parent)):
         # a table is changed in place: each item gets one of its own
         set_value(raw, ".".join([*keys[:at], str(index), *keys[at + 1 :]]), deepcopy(value), error)
@@ -96,7 +119,13 @@ def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
             # a table that says how far the value may be off says all of it
-            spreads = {"std", "factor", "shared"} if "factor" in new else {"shared"} if "std" in new else set[str]()
+            spreads = (
+                {"std", "factor", "shared"}
+                if "factor" in new
+                else {"shared"}
+                if "std" in new
+                else set[str]()
+            )
             return {key: part for key, part in old.items() if key not in spreads} | dict(new)
         old["value"] = new
         return old
@@ -109,7 +138,11 @@ def _descend(parent: object, key: str, where: str, path: str, error: type[Distal
     if isinstance(parent, MutableMapping):
         if parent.get(key) is None:
             parent[key] = {}
-        elif isinstance(parent[key], tuple) and parent[key] and isinstance(parent[key][0], MutableMapping):
+        elif (
+            isinstance(parent[key], tuple)
+            and parent[key]
+            and isinstance(parent[key][0], MutableMapping)
+        ):
             parent[key] = list(parent[key])
         elif isinstance(parent[key], (int, float, str)):
             # `coefficient = 0.5` then `--set …coefficient.std=0.1`: the bare number becomes a table
@@ -118,7 +151,9 @@ def _descend(parent: object, key: str, where: str, path: str, error: type[Distal
     raise error(f"--set '{path}': '{where}' is a plain value and has no '{key}'")
 
 
-def _index(items: Sequence[object], key: str, where: str, path: str, error: type[DistalError]) -> int:
+def _index(
+    items: Sequence[object], key: str, where: str, path: str, error: type[DistalError]
+) -> int:
     index = index_of(items, key)
     if index is None:
         raise error(f"--set '{path}': '{where}' has no '{key}'{did_you_mean(key, names_in(items))}")

@@ -1,4 +1,6 @@
-"""Allowed but improbable values of a rig: a number whose unit was forgotten, a joint that nothing turns back."""
+"""Allowed but improbable values of a rig: a number whose unit was forgotten, a joint that nothing
+turns back.
+"""
 
 from __future__ import annotations
 
@@ -33,42 +35,68 @@ def doubts(rig: Rig) -> list[str]:
         low, high, unit = USUAL[name]
         if not low <= size <= high:
             sentences.append(
-                f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is usual: is its unit there?"
+                f"{in_words(rig, path)} is {size:g} {unit}; between {low:g} and {high:g} is "
+                "usual: is its unit there?"
             )
-    parts = [(kind, part) for kind in ("joints", "drives", "tendons", "sensors") for part in getattr(rig, kind)]
-    for path, parameter in chain(*(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)):
+    parts = [
+        (kind, part)
+        for kind in ("joints", "drives", "tendons", "sensors")
+        for part in getattr(rig, kind)
+    ]
+    for path, parameter in chain(
+        *(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)
+    ):
         std, size = parameter.std, abs(parameter.value)
         if 0.0 < std < SMALLEST_STD * size:
             sentences.append(
-                f"{in_words(rig, path)}: a std of {std:g} is {std / size:.1g} of its value: is its unit there?"
+                f"{in_words(rig, path)}: a std of {std:g} is {std / size:.1g} of its value: is "
+                "its unit there?"
             )
     for joint in rig.joints:
-        away = max(abs(part) for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ())))
+        away = max(
+            abs(part)
+            for part in (*joint.offset, *(joint.link.centre if joint.link is not None else ()))
+        )
         if away > LARGEST_OFFSET:
-            sentences.append(f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?")
+            sentences.append(
+                f"joint {joint.name} sits or weighs {away:g} m away; is its unit there?"
+            )
         swings = joint.coupled is None and joint.damping.absent and joint.friction is None
         if rig.is_chain and len(rig.joints) > 1 and swings:
-            sentences.append(f"joint {joint.name} has neither friction nor damping: nothing stops it from swinging")
+            sentences.append(
+                f"joint {joint.name} has neither friction nor damping: nothing stops it from "
+                "swinging"
+            )
     for drive in rig.drives:
-        if not any(sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors):
-            sentences.append(f"drive {drive.name} has no position sensor: its place has to be guessed from forces")
-    rubbing = {tendon.name for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes == 0}
+        if not any(
+            sensor.measures == "position" and sensor.of == drive.name for sensor in rig.sensors
+        ):
+            sentences.append(
+                f"drive {drive.name} has no position sensor: its place has to be guessed from "
+                "forces"
+            )
+    rubbing = {
+        tendon.name for tendon in rig.tendons if tendon.path is not None and tendon.path.nodes == 0
+    }
     for sensor in rig.sensors:
         if sensor.measures == "tension" and sensor.of in rubbing:
             sentences.append(
-                f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the friction of its path, at the "
+                f"sensor {sensor.name} measures the tension of tendon {sensor.of} behind the "
+                "friction of its path, at the "
                 "joint; a cell at the motor's end measures the 'force' of its drive: which is it?"
             )
         if sensor.measures == "force" and getattr(sensor, "lever", None) is not None:
             windings = [tendon.winding for tendon in rig.tendons if tendon.drive == sensor.of]
             if len(windings) > 1:
                 sentences.append(
-                    f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls {len(windings)}, whose "
+                    f"sensor {sensor.name} is a load cell in one tendon, but {sensor.of} pulls "
+                    f"{len(windings)}, whose "
                     "tensions together are its torque: measure the 'tension' of each"
                 )
             elif windings == [-1] and sensor.sign == 1:
                 sentences.append(
-                    f"sensor {sensor.name} is a load cell in a tendon on side -1, where a pull is a negative torque: "
+                    f"sensor {sensor.name} is a load cell in a tendon on side -1, where a pull is "
+                    "a negative torque: "
                     "is sign = -1 missing?"
                 )
     for joint in rig.joints:
@@ -77,7 +105,8 @@ def doubts(rig: Rig) -> list[str]:
         turned = (joint.spring, joint.extension_spring, joint.gravity, joint.link, joint.coupled)
         if len(sides) == 1 and not any(turned) and joint.external_torque.std == 0.0:
             sentences.append(
-                f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it back: is one side wrong?"
+                f"all tendons of '{joint.name}' have side = {sides.pop()}, and no spring turns it "
+                "back: is one side wrong?"
             )
     return sentences
 
@@ -96,4 +125,8 @@ def _numbers(rig: Rig) -> Iterator[tuple[str, str, float]]:
         for at, shape in tendon.shapes():
             yield f"tendons.{tendon.name}.{at}.radius", "radius", shape.radius.value
             if isinstance(shape, Pinned):
-                yield f"tendons.{tendon.name}.{at}.free_length", "free_length", shape.free_length.value
+                yield (
+                    f"tendons.{tendon.name}.{at}.free_length",
+                    "free_length",
+                    shape.free_length.value,
+                )

@@ -1,4 +1,6 @@
-"""The kinds of number in a description: a certain scalar, a parameter with a standard deviation, an interval."""
+"""The kinds of number in a description: a certain scalar, a parameter with a standard deviation, an
+interval.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 SMALLEST, LARGEST = 1e-20, 1e12
-"""Sizes beyond which a number in a description is a mistake, and squares of it would leave what a computer can hold."""
+"""Sizes beyond which a number in a description is a mistake, and squares of it would leave what a
+computer can hold.
+"""
 
 KEYS = ("value", "std", "factor", "drift", "hold", "shared")
 """Keys of a parameter that is written as a table."""
@@ -36,7 +40,8 @@ class Description(BaseModel):
 
 
 class Shared(Description):
-    """What parameters of one make err by together: all that name it are off by the same share of their values.
+    """What parameters of one make err by together: all that name it are off by the same share of
+    their values.
 
     p_i = value_i (1 + std z) + std_i ε_i, with one z for all of a name, and an ε_i for each.
     """
@@ -46,11 +51,12 @@ class Shared(Description):
 
 
 class Parameter(Description):
-    """A physical parameter: value, the standard deviation of what is not known about it, and its random walk, all SI.
+    """A physical parameter: value, the standard deviation of what is not known about it, and its
+    random walk, all SI.
 
-    The walk is `drift` per √s; None leaves its size to the estimator. With `hold` the std is a prior for fitting only:
-    estimators take the value as it is.
-    A parameter that is exactly zero with ``std = 0`` does not exist for the model: its terms are left out.
+    The walk is `drift` per √s; None leaves its size to the estimator. With `hold` the std is a
+    prior for fitting only: estimators take the value as it is. A parameter that is exactly zero
+    with ``std = 0`` does not exist for the model: its terms are left out.
     """
 
     value: float
@@ -72,7 +78,11 @@ class Parameter(Description):
     @property
     def total_std(self) -> float:
         """The std of all that is not known of the value, its own and what it shares."""
-        return float(hypot(self.std, self.value * self.shared.std)) if self.shared is not None else self.std
+        return (
+            float(hypot(self.std, self.value * self.shared.std))
+            if self.shared is not None
+            else self.std
+        )
 
 
 ZERO = Parameter(value=0.0)
@@ -81,32 +91,39 @@ ZERO = Parameter(value=0.0)
 
 @dataclass(frozen=True)
 class In:
-    """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a unit.
+    """Annotation of a field: its SI unit and its bound; it reads bare numbers as SI and text with a
+    unit.
 
-    On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …, std = … } }`` (std and
-    drift may be percentages of the value, the shared std is a share of it; ``factor = 3`` in place of a std says that the
-    value may be three times as large or small), on a pair of floats an interval [low, high], on
-    three a vector [x, y, z].
-    Where `drifts` is False the parameter cannot walk and shares nothing.
+    On a `Parameter` it also reads ``{ value = …, std = …, drift = …, hold = …, shared = { name = …,
+    std = … } }`` (std and drift may be percentages of the value, the shared std is a share of it;
+    ``factor = 3`` in place of a std says that the value may be three times as large or small), on a
+    pair of floats an interval [low, high], on three a vector [x, y, z]. Where `drifts` is False the
+    parameter cannot walk and shares nothing.
     """
 
     si: str
     bound: Bound = "any"
     drifts: bool = True
 
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         """Put the reader in front of pydantic's own check of the field."""
         readers: dict[object, Callable[[object], object]] = {
             Parameter: self._parameter,
             float: self._scalar,
             tuple[float, float, float]: self._vector,
         }
-        return core_schema.no_info_before_validator_function(readers.get(source, self._interval), handler(source))
+        return core_schema.no_info_before_validator_function(
+            readers.get(source, self._interval), handler(source)
+        )
 
     def _scalar(self, raw: object) -> float:
         number = to_si(raw, self.si)
         if number != 0.0 and not SMALLEST <= abs(number) <= LARGEST:
-            raise UnitError(f"must be between {SMALLEST:g} and {LARGEST:g} in size, {number:g} came")
+            raise UnitError(
+                f"must be between {SMALLEST:g} and {LARGEST:g} in size, {number:g} came"
+            )
         if self.bound == "positive" and number <= 0.0:
             raise UnitError(f"must be positive, {number:g} came")
         if self.bound == "nonnegative" and number < 0.0:
@@ -124,28 +141,51 @@ class In:
         if "value" not in raw:
             raise UnitError("has no 'value'; write { value = …, std = … }")
         value = self._scalar(raw["value"])
-        std = self._spread("std", raw.get("std", 0.0), value) if "factor" not in raw else self._within(raw, value)
+        std = (
+            self._spread("std", raw.get("std", 0.0), value)
+            if "factor" not in raw
+            else self._within(raw, value)
+        )
         drift = None
         if raw.get("drift") is not None:
             drift = self._spread("drift", raw["drift"], value)
             if not self.drifts:
-                raise UnitError("has no drift: it is a start, or read only where nothing else is; remove 'drift'")
+                raise UnitError(
+                    "has no drift: it is a start, or read only where nothing else is; remove "
+                    "'drift'"
+                )
             if std == 0.0 and drift > 0.0 and raw.get("shared") is None:
-                raise UnitError(f"drift needs a std: what is certain does not walk, drift = {drift:g} came without one")
+                raise UnitError(
+                    f"drift needs a std: what is certain does not walk, drift = {drift:g} came "
+                    "without one"
+                )
         hold = raw.get("hold", False)
         if not isinstance(hold, bool):
             raise UnitError(f"hold must be true or false, {hold!r} came")
-        return {"value": value, "std": std, "drift": drift, "hold": hold, "shared": self._shared(raw, value)}
+        return {
+            "value": value,
+            "std": std,
+            "drift": drift,
+            "hold": hold,
+            "shared": self._shared(raw, value),
+        }
 
     def _within(self, raw: Mapping[str, object], value: float) -> float:
-        """Return the std of a number that is known to a factor: the logarithm's is then the factor's, ln(1 + std/value)."""
+        """Return the std of a number that is known to a factor: the logarithm's is then the
+        factor's, ln(1 + std/value).
+        """
         factor = to_si(raw["factor"], "")
         if "std" in raw:
             raise UnitError("has 'std' and 'factor'; give one of them")
         if self.bound == "any" or value <= 0.0:
-            raise UnitError(f"may be zero or negative, so it is not known to a factor; give it a std, {value:g} came")
+            raise UnitError(
+                "may be zero or negative, so it is not known to a factor; give it a std, "
+                f"{value:g} came"
+            )
         if not 1.0 < factor <= LARGEST_FACTOR:
-            raise UnitError(f"factor must be above 1 and at most {LARGEST_FACTOR:g}, {factor:g} came")
+            raise UnitError(
+                f"factor must be above 1 and at most {LARGEST_FACTOR:g}, {factor:g} came"
+            )
         return (factor - 1.0) * value
 
     def _shared(self, raw: Mapping[str, object], value: float) -> object:
@@ -155,12 +195,18 @@ class In:
         if not isinstance(shared, Mapping) or set(shared) != set(SHARED_KEYS):
             raise UnitError(f'shared must be {{ name = "spool", std = "10 %" }}, {shared!r} came')
         if not self.drifts:
-            raise UnitError("shares nothing: it is a start, or read only where nothing else is; remove 'shared'")
+            raise UnitError(
+                "shares nothing: it is a start, or read only where nothing else is; remove 'shared'"
+            )
         if value == 0.0:
-            raise UnitError("is zero, so there is no share of it that others err by too; remove 'shared'")
+            raise UnitError(
+                "is zero, so there is no share of it that others err by too; remove 'shared'"
+            )
         std = to_si(shared["std"], "")
         if not 0.0 <= std <= 1.0:
-            raise UnitError(f"the shared std is a share of the value, between 0 and 1 (100 %); {std:g} came")
+            raise UnitError(
+                f"the shared std is a share of the value, between 0 and 1 (100 %); {std:g} came"
+            )
         return {"name": shared["name"], "std": std}
 
     def _spread(self, key: str, raw: object, value: float) -> float:
@@ -184,7 +230,10 @@ class In:
             raise UnitError(f"must be two numbers [low, high], {raw!r} came")
         low, high = to_si(raw[0], self.si), to_si(raw[1], self.si)
         if not low < high:
-            raise UnitError(f"is the wrong way round: low ({low:g} {self.si}) must be below high ({high:g} {self.si})")
+            raise UnitError(
+                f"is the wrong way round: low ({low:g} {self.si}) must be below high ({high:g} "
+                f"{self.si})"
+            )
         return low, high
 
 

@@ -24,7 +24,9 @@ from distal.units import unit_factor
 Learned = Affine | Discrepancy | Contact | None
 
 MOST_JOINTS = 32
-"""More joints than this are no finger and no instrument; their cost grows with the square of the number."""
+"""More joints than this are no finger and no instrument; their cost grows with the square of the
+number.
+"""
 
 
 class TimeColumn(Description):
@@ -33,7 +35,8 @@ class TimeColumn(Description):
     column: str = Field("t", min_length=1, description="column of the log")
     unit: str = Field("s", min_length=1, description="unit in the log")
     repeated: Literal["refused", "first", "last"] = Field(
-        "refused", description="which of several rows with one stamp is kept; refused: such a log is not read"
+        "refused",
+        description="which of several rows with one stamp is kept; refused: such a log is not read",
     )
 
 
@@ -60,13 +63,19 @@ class Rig(Description):
 
     name: str = Field(min_length=1, description="title for plots and reports")
     log: LogFormat = Field(LogFormat(), description="format of the logs")
-    base: Base = Field(Base(), description="what the first joint sits on, and which way gravity points")
-    joints: tuple[Joint, ...] = Field(min_length=1, description="the joints, from the base outwards")
+    base: Base = Field(
+        Base(), description="what the first joint sits on, and which way gravity points"
+    )
+    joints: tuple[Joint, ...] = Field(
+        min_length=1, description="the joints, from the base outwards"
+    )
     drives: tuple[Drive, ...] = Field(min_length=1, description="sliders and capstans")
     tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
     sensors: tuple[Sensor, ...] = Field((), description="the sensors")
     stepping: Stepping = Field(Stepping(), description="time step of the model")
-    affine: Affine | None = Field(None, description="the obvious estimator, as learned: `distal fit` writes it")
+    affine: Affine | None = Field(
+        None, description="the obvious estimator, as learned: `distal fit` writes it"
+    )
     discrepancy: Discrepancy | None = Field(
         None, description="what the model leaves of the angle, as learned: `distal fit` writes it"
     )
@@ -78,7 +87,9 @@ class Rig(Description):
     @classmethod
     def _chained(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
         if len(joints) > MOST_JOINTS:
-            raise ValueError(f"{len(joints)} joints came; chains of up to {MOST_JOINTS} are supported")
+            raise ValueError(
+                f"{len(joints)} joints came; chains of up to {MOST_JOINTS} are supported"
+            )
         for i, joint in enumerate(joints):
             _check_place(i, joint, [before.name for before in joints[:i]])
             _check_coupling(i, joint, joints[:i])
@@ -91,11 +102,16 @@ class Rig(Description):
         if joints is None or drives is None:
             return tendons
         for i, tendon in enumerate(tendons):
-            for role, parts, wanted in (("joint", joints, tendon.joints), ("drive", drives, (tendon.drive,))):
+            for role, parts, wanted in (
+                ("joint", joints, tendon.joints),
+                ("drive", drives, (tendon.drive,)),
+            ):
                 names = [part.name for part in parts]
                 for name in wanted:
                     if name not in names:
-                        raise ValueError(f"{i}.{role}: no {role} is called '{name}'{did_you_mean(name, names)}")
+                        raise ValueError(
+                            f"{i}.{role}: no {role} is called '{name}'{did_you_mean(name, names)}"
+                        )
         return tendons
 
     @field_validator("sensors", mode="before")
@@ -103,10 +119,13 @@ class Rig(Description):
     def _sensor_units(cls, raw: object, info: ValidationInfo) -> object:
         """Find what each sensor measures, so that its errors are read in the right unit."""
         if any(kind not in info.data for kind in MEASURED):
-            return ()  # what the sensors measure is refused already; their own check would only repeat it
+            # what the sensors measure is refused already; their own check would only repeat it
+            return ()
         if not isinstance(raw, Sequence) or isinstance(raw, str):
             return raw
-        return [sensor for i, table in enumerate(raw) for sensor in checked_parts(table, i, info.data)]
+        return [
+            sensor for i, table in enumerate(raw) for sensor in checked_parts(table, i, info.data)
+        ]
 
     @field_validator("sensors", mode="after")
     @classmethod
@@ -123,10 +142,14 @@ class Rig(Description):
     def _learned_fits(cls, learned: Learned, info: ValidationInfo) -> Learned:
         if learned is None or any(kind not in info.data for kind in ("sensors", *MEASURED)):
             return learned
-        sensors, joints = ([part.name for part in info.data[kind]] for kind in ("sensors", "joints"))
+        sensors, joints = (
+            [part.name for part in info.data[kind]] for kind in ("sensors", "joints")
+        )
         for channel in learned.channels:
             if channel not in sensors:
-                raise ValueError(f"channels: no sensor is called '{channel}'{did_you_mean(channel, sensors)}")
+                raise ValueError(
+                    f"channels: no sensor is called '{channel}'{did_you_mean(channel, sensors)}"
+                )
         if [joint_map.joint for joint_map in learned.joints] != joints:
             raise ValueError(f"joints: one for each joint is needed ({', '.join(joints)})")
         return learned
@@ -138,42 +161,60 @@ class Rig(Description):
             names = [part.name for part in getattr(self, kind)]
             _distinct(names, f"{kind}: the name")
             for name in names:
-                # states are written as theta_NAME, position_NAME and, with _std behind it, their standard deviations
+                # states are written as theta_NAME, position_NAME and, with _std behind it, their
+                # standard deviations
                 if name in ("std", "dot") or name.endswith("_std"):
                     raise ValueError(
-                        f"{kind}: the name '{name}' would be mistaken for a column of an estimate; choose another"
+                        f"{kind}: the name '{name}' would be mistaken for a column of an "
+                        "estimate; choose another"
                     )
         for drive in self.drives:
             if not any(tendon.drive == drive.name for tendon in self.tendons):
-                raise ValueError(f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's 'drive'")
+                raise ValueError(
+                    f"drives: '{drive.name}' pulls no tendon; remove it or name it in a tendon's "
+                    "'drive'"
+                )
         crossed = {name for tendon in self.tendons for name in tendon.joints}
-        crossed |= {joint.coupled.joint for joint in self.joints if joint.coupled is not None and joint.name in crossed}
+        crossed |= {
+            joint.coupled.joint
+            for joint in self.joints
+            if joint.coupled is not None and joint.name in crossed
+        }
         for joint in self.joints:
             if joint.name not in crossed and joint.coupled is None:
                 raise ValueError(
-                    f"joints: no tendon crosses '{joint.name}', so nothing tells where it is; name it in a tendon, or give "
+                    f"joints: no tendon crosses '{joint.name}', so nothing tells where it is; "
+                    "name it in a tendon, or give "
                     "'coupled'"
                 )
         columns = [sensor.log_column for sensor in self.sensors]
         for column in columns:
             if column.startswith("true_"):
-                raise ValueError(f"sensors: the log column '{column}' begins with 'true_', which is kept for the truth")
+                raise ValueError(
+                    f"sensors: the log column '{column}' begins with 'true_', which is kept for "
+                    "the truth"
+                )
         _distinct([*columns, self.log.time.column], "sensors: the log column")
         _share_alike(self)
         _plays_apart(self)
         for i, joint in enumerate(self.joints):
             friction = joint.friction
-            if friction is None or (friction.exponent.value == 1.0 and friction.exponent.filter_std == 0.0):
+            if friction is None or (
+                friction.exponent.value == 1.0 and friction.exponent.filter_std == 0.0
+            ):
                 continue
             if self.reference_load(i) <= 0.0:
                 raise ValueError(
-                    f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' load "
+                    f"joints.{joint.name}.friction: an exponent other than 1 needs a 'reference' "
+                    "load "
                     "(or a preload, a pretension or a nominal_force to take it from)"
                 )
         return self
 
     def reference_load(self, joint: int) -> float:
-        """Return N_ref [N]: the given reference, else preload + nominal pulls + pretensions of the joint's tendons."""
+        """Return N_ref [N]: the given reference, else preload + nominal pulls + pretensions of the
+        joint's tendons.
+        """
         friction = self.joints[joint].friction
         if friction is not None and friction.reference is not None:
             return float(friction.reference)
@@ -181,7 +222,11 @@ class Rig(Description):
         tendons = [t for t in self.tendons if self.joints[joint].name in t.joints]
         pulls = {t.drive for t in tendons}
         load += sum(t.pretension.value for t in tendons)
-        return load + sum(abs(d.nominal_force.value) for d in self.drives if d.name in pulls and d.kind == "slider")
+        return load + sum(
+            abs(d.nominal_force.value)
+            for d in self.drives
+            if d.name in pulls and d.kind == "slider"
+        )
 
     @property
     def is_chain(self) -> bool:
@@ -196,7 +241,9 @@ class Rig(Description):
         return None if name == BASE else [parent.name for parent in self.joints].index(name)
 
     def sharing(self) -> dict[str, dict[str, float]]:
-        """Return the shared errors: name → path of each parameter that has it → its std, as a share of the value."""
+        """Return the shared errors: name → path of each parameter that has it → its std, as a share
+        of the value.
+        """
         stds: dict[str, dict[str, float]] = {}
         for kind in ("joints", "drives", "tendons"):
             for i, part in enumerate(getattr(self, kind)):
@@ -209,26 +256,38 @@ class Rig(Description):
         """Return what it is in a few words; `model_dump` has all of it."""
         kinds = ("joints", "drives", "tendons", "sensors")
         counts = ((len(getattr(self, kind)), kind) for kind in kinds)
-        parts = [f"{count} {kind.removesuffix('s') if count == 1 else kind}" for count, kind in counts]
-        learned = [name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None]
-        return f"Rig '{self.name}': {', '.join(parts)}" + (f"; learned: {', '.join(learned)}" if learned else "")
+        parts = [
+            f"{count} {kind.removesuffix('s') if count == 1 else kind}" for count, kind in counts
+        ]
+        learned = [
+            name for name in ("affine", "discrepancy", "contact") if getattr(self, name) is not None
+        ]
+        return f"Rig '{self.name}': {', '.join(parts)}" + (
+            f"; learned: {', '.join(learned)}" if learned else ""
+        )
 
     __str__ = __repr__
 
     def bare(self) -> Rig:
-        """Return a copy without the maps learned from logs: no `affine`, `discrepancy`, `contact`."""
+        """Return a copy without the maps learned from logs: no `affine`, `discrepancy`,
+        `contact`.
+        """
         return self.model_copy(update={"affine": None, "discrepancy": None, "contact": None})
 
     def sensors_of(self, measures: str) -> tuple[Sensor, ...]:
-        """Return the sensors that measure `measures` (position, force, tension, angle or torque), in their order."""
+        """Return the sensors that measure `measures` (position, force, tension, angle or torque),
+        in their order.
+        """
         return tuple(sensor for sensor in self.sensors if sensor.measures == measures)
 
     def with_values(self, values: Mapping[str, object]) -> Rig:
-        """Return a copy with some values replaced, named by path as with ``--set`` on the command line.
+        """Return a copy with some values replaced, named by path as with ``--set`` on the command
+        line.
 
         Args:
-            values: path → value, e.g. ``{"joints.finger.inertia": 1e-4, "drives.left.stops": ["-5 mm", "15 mm"]}``.
-                A bare number (or text) replaces a parameter's value and keeps its std.
+            values: path → value, e.g. ``{"joints.finger.inertia": 1e-4, "drives.left.stops": ["-5
+                mm", "15 mm"]}``. A bare number (or text) replaces a parameter's value and keeps its
+                std.
 
         Raises:
             RigError: a path does not exist, or the new description is wrong.
@@ -247,15 +306,19 @@ def _check_place(index: int, joint: Joint, before: Sequence[str]) -> None:
         raise ValueError(f"{index}.name: '{BASE}' is what the first joint sits on; choose another")
     if joint.parent is not None and joint.parent != BASE and joint.parent not in before:
         raise ValueError(
-            f"{index}.parent: no joint before it is called '{joint.parent}'{did_you_mean(joint.parent, [BASE, *before])}"
+            f"{index}.parent: no joint before it is called "
+            f"'{joint.parent}'{did_you_mean(joint.parent, [BASE, *before])}"
         )
     if joint.gravity is None:
         return
     if joint.link is not None:
-        raise ValueError(f"{index}.gravity: the link's mass and centre say it already; leave out one")
+        raise ValueError(
+            f"{index}.gravity: the link's mass and centre say it already; leave out one"
+        )
     if before and joint.parent != BASE:
         raise ValueError(
-            f"{index}.gravity: is for a joint on the base (parent = \"{BASE}\"); on a chain give its 'link' mass and centre"
+            f'{index}.gravity: is for a joint on the base (parent = "{BASE}"); on a chain give '
+            "its 'link' mass and centre"
         )
 
 
@@ -278,7 +341,10 @@ def _check_coupling(index: int, joint: Joint, before: Sequence[Joint]) -> None:
         ("initial", joint.initial.value != 0.0 or joint.initial.std > 0.0),
     ):
         if is_given:
-            raise ValueError(f"{index}.{name}: is not supported on a coupled joint; give it to '{joint.coupled.joint}'")
+            raise ValueError(
+                f"{index}.{name}: is not supported on a coupled joint; give it to "
+                f"'{joint.coupled.joint}'"
+            )
 
 
 def _distinct(names: Sequence[str], what: str) -> None:
@@ -294,8 +360,10 @@ def _share_alike(rig: Rig) -> None:
         for path, other_std in sharing.items():
             if abs(other_std - std) > 1e-9 * std:
                 raise ValueError(
-                    f"{named(rig, path)}.shared: the error '{name}' is the same share of each value; "
-                    f"std {other_std:g} came here and {std:g} at {named(rig, before)}; make them equal, or use two names"
+                    f"{named(rig, path)}.shared: the error '{name}' is the same share of each "
+                    "value; "
+                    f"std {other_std:g} came here and {std:g} at {named(rig, before)}; make them "
+                    "equal, or use two names"
                 )
 
 
@@ -305,7 +373,8 @@ def _plays_apart(rig: Rig) -> None:
     for joint in rig.joints:
         if joint.backlash is not None and (rig.is_chain or joint.name in several):
             raise ValueError(
-                f"joints.{joint.name}.backlash: is not supported on a chain, nor where a tendon crosses several joints; "
+                f"joints.{joint.name}.backlash: is not supported on a chain, nor where a tendon "
+                "crosses several joints; "
                 "describe it at the drive"
             )
 

@@ -8,7 +8,16 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.rig.insertions import Crossing, Guide, Insertion, Linkage, Pinned, Polynomial, Pulley, Shape
+from distal.rig.insertions import (
+    Crossing,
+    Guide,
+    Insertion,
+    Linkage,
+    Pinned,
+    Polynomial,
+    Pulley,
+    Shape,
+)
 from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 
@@ -29,7 +38,9 @@ class Meeting:
     guide: Guide | None = None
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms by joint [m], positive where it pulls to +θ; a pinned tendon's are those at zero."""
+        """Return the moment arms by joint [m], positive where it pulls to +θ; a pinned tendon's are
+        those at zero.
+        """
         if isinstance(self.shape, Polynomial):
             return self.shape.arms(angles)
         return {self.joints[0]: self.side * self.shape.arm(angles.get(self.joints[0], 0.0))}
@@ -42,27 +53,38 @@ MOST_NODES = 4
 class Path(Description):
     """Friction along the tendon's way, by the capstan equation T_drive = T e^{±μβ}.
 
-    Without `nodes` all of it acts at the drive: a few pulleys there. With them it is spread over the tendon's length, at
-    points between its stretches: a cable in its sheath, which stretches differently as it is drawn in and let out.
+    Without `nodes` all of it acts at the drive: a few pulleys there. With them it is spread over
+    the tendon's length, at points between its stretches: a cable in its sheath, which stretches
+    differently as it is drawn in and let out.
     """
 
     friction: Annotated[Parameter, In("", "nonnegative")] = Field(
         description="friction coefficient against its guides, μ"
     )
-    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="sum of the bends of its path, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian of the joint")
+    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(
+        description="sum of the bends of its path, β"
+    )
+    wrap_slope: Annotated[Parameter, In("")] = Field(
+        ZERO, description="change of β per radian of the joint"
+    )
     let_out: Annotated[Parameter, In("", "nonnegative")] = Field(
-        Parameter(value=1.0), description="friction coefficient while the tendon is let out, as a share of μ"
+        Parameter(value=1.0),
+        description="friction coefficient while the tendon is let out, as a share of μ",
     )
     nodes: int = Field(
-        0, ge=0, le=MOST_NODES, description="points over which the friction is spread; 0 = all at the drive"
+        0,
+        ge=0,
+        le=MOST_NODES,
+        description="points over which the friction is spread; 0 = all at the drive",
     )
 
 
 class Creep(Description):
-    """A tendon that goes on stretching under load: T/k is joined by c with time · dc/dt = share · T/k − c.
+    """A tendon that goes on stretching under load: T/k is joined by c with time · dc/dt = share ·
+    T/k − c.
 
-    A Kelvin–Voigt element in series with the tendon's spring; together they are the standard linear solid.
+    A Kelvin–Voigt element in series with the tendon's spring; together they are the standard linear
+    solid.
     """
 
     share: Annotated[Parameter, In("", "nonnegative")] = Field(
@@ -71,36 +93,47 @@ class Creep(Description):
     time: Annotated[Parameter, In("s", "positive")] = Field(description="time constant")
     settled: Annotated[Parameter, In("", "nonnegative", drifts=False)] = Field(
         Parameter(value=0.5, std=0.3),
-        description="how much of it has come at the log's first sample: 0 = loaded just then, 1 = long ago",
+        description="how much of it has come at the log's first sample: 0 = loaded just then, 1 = "
+        "long ago",
     )
 
 
 class Tendon(Description):
-    """A tendon from a drive to the joints that it crosses; T = max(k δ + c δ̇, 0) for a stretch δ > 0, else 0.
+    """A tendon from a drive to the joints that it crosses; T = max(k δ + c δ̇, 0) for a stretch δ >
+    0, else 0.
 
     `joint`, `side` and `insertion` are the short form of one crossing.
 
-    With `stiffening` a, T = T_pre + k (e^{aδ} − 1)/a: its stiffness is k + a (T − T_pre). With `slack`, δ is what is
-    left of the elongation beyond it.
+    With `stiffening` a, T = T_pre + k (e^{aδ} − 1)/a: its stiffness is k + a (T − T_pre). With
+    `slack`, δ is what is left of the elongation beyond it.
     """
 
     name: Name
-    joint: str | None = Field(None, description="name of the joint that it moves, where it is only one")
+    joint: str | None = Field(
+        None, description="name of the joint that it moves, where it is only one"
+    )
     drive: str = Field(description="name of the drive that pulls it")
     side: Literal[1, -1] | None = Field(
         None,
-        description="+1 pulls the joint to +θ, −1 to −θ; with `crossings`: +1 is wound by a capstan's positive angle "
+        description="+1 pulls the joint to +θ, −1 to −θ; with `crossings`: +1 is wound by a "
+        "capstan's positive angle "
         "(default: the side of the first crossing)",
     )
-    insertion: Insertion | None = Field(None, description="how it meets the joint, where it is only one")
-    crossings: tuple[Crossing, ...] = Field((), description="how it meets each joint that it crosses")
+    insertion: Insertion | None = Field(
+        None, description="how it meets the joint, where it is only one"
+    )
+    crossings: tuple[Crossing, ...] = Field(
+        (), description="how it meets each joint that it crosses"
+    )
     stiffness: Annotated[Parameter, In("N/m", "positive")] = Field(description="spring constant k")
     damping: Annotated[Parameter, In("N s/m", "nonnegative")] = Field(ZERO, description="damping c")
     pretension: Annotated[Parameter, In("N", "nonnegative")] = Field(
         ZERO, description="tension at zero angle and zero drive displacement"
     )
     slack: Annotated[Parameter, In("m", "nonnegative")] = Field(
-        ZERO, description="how far it must be pulled at zero angle and zero drive displacement to be taut"
+        ZERO,
+        description="how far it must be pulled at zero angle and zero drive displacement to be "
+        "taut",
     )
     stiffening: Annotated[Parameter, In("1/m", "nonnegative")] = Field(
         ZERO, description="growth of stiffness with tension, a"
@@ -115,11 +148,16 @@ class Tendon(Description):
         if self.crossings:
             for name in ("joint", "insertion"):
                 if short[name] is not None:
-                    raise ValueError(f"{name}: is the short form of one crossing; leave it out, or 'crossings'")
+                    raise ValueError(
+                        f"{name}: is the short form of one crossing; leave it out, or 'crossings'"
+                    )
             return self
         missing = [name for name, value in short.items() if value is None]
         if missing:
-            raise ValueError(f"{missing[0]}: is missing (or give 'crossings', one for each joint that it crosses)")
+            raise ValueError(
+                f"{missing[0]}: is missing (or give 'crossings', one for each joint that it "
+                "crosses)"
+            )
         return self
 
     @property
@@ -130,7 +168,9 @@ class Tendon(Description):
         return tuple(
             Meeting(f"crossings.{i}", crossing.joints, 1, crossing)
             if isinstance(crossing, Polynomial)
-            else Meeting(f"crossings.{i}", (crossing.joint,), crossing.side, crossing, crossing.guide)
+            else Meeting(
+                f"crossings.{i}", (crossing.joint,), crossing.side, crossing, crossing.guide
+            )
             for i, crossing in enumerate(self.crossings)
         )
 
@@ -145,7 +185,9 @@ class Tendon(Description):
         return self.meetings[0].side if self.side is None else self.side
 
     def arms(self, angles: dict[str, float] | None = None) -> dict[str, float]:
-        """Return its moment arm [m] at each joint that it crosses, positive where it pulls to +θ; by default at θ = 0."""
+        """Return its moment arm [m] at each joint that it crosses, positive where it pulls to +θ;
+        by default at θ = 0.
+        """
         arms = dict.fromkeys(self.joints, 0.0)
         for meeting in self.meetings:
             for name, arm in meeting.arms(angles or {}).items():
@@ -154,9 +196,11 @@ class Tendon(Description):
 
     @property
     def total_arm(self) -> float:
-        """The sum of its moment arms, without their signs: how far it moves as all its joints turn by a radian [m].
+        """The sum of its moment arms, without their signs: how far it moves as all its joints turn
+        by a radian [m].
 
-        At zero, or where they are largest at the ends of a polynomial's range: arms may be zero at zero.
+        At zero, or where they are largest at the ends of a polynomial's range: arms may be zero at
+        zero.
         """
         places: list[dict[str, float]] = [{}]
         for meeting in self.meetings:
@@ -174,7 +218,10 @@ class Tendon(Description):
     @model_validator(mode="after")
     def _forms_agree(self) -> Self:
         if not self.slack.absent and not self.pretension.absent:
-            raise ValueError("slack: a tendon is slack at home, or pulled there by its 'pretension'; give one of them")
+            raise ValueError(
+                "slack: a tendon is slack at home, or pulled there by its 'pretension'; give one "
+                "of them"
+            )
         if self.slow_creep is not None and self.creep is None:
             raise ValueError("slow_creep: is a second one; call the only one 'creep'")
         return self

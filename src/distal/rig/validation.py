@@ -23,8 +23,12 @@ SHOWN = 3
 """How many problems of a description are listed at once."""
 
 
-def validated(kind: type[Checked], raw: Mapping[str, object], source: str, error: type[DistalError]) -> Checked:
-    """Check a raw description of some kind; its problems become one line of an error of that kind."""
+def validated(
+    kind: type[Checked], raw: Mapping[str, object], source: str, error: type[DistalError]
+) -> Checked:
+    """Check a raw description of some kind; its problems become one line of an error of that
+    kind.
+    """
     try:
         return kind.model_validate(raw)
     except ValidationError as problem:
@@ -38,19 +42,26 @@ _BRIEFLY = reprlib.Repr()
 _BRIEFLY.maxlevel, _BRIEFLY.maxstring, _BRIEFLY.maxother = 3, 60, 60
 
 
-def explain(problem: ValidationError, source: str, root: type[BaseModel], raw: Mapping[str, object]) -> str:
-    """Return one line for pydantic's findings, the first few in full, the number of others; it begins with the `source`."""
+def explain(
+    problem: ValidationError, source: str, root: type[BaseModel], raw: Mapping[str, object]
+) -> str:
+    """Return one line for pydantic's findings, the first few in full, the number of others; it
+    begins with the `source`.
+    """
     findings = problem.errors(include_url=False)
     # a list whose items are all wrong is not short of items
     inner = [finding["loc"] for finding in findings if finding["type"] != "too_short"]
     findings = [
         finding
         for finding in findings
-        if finding["type"] != "too_short" or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
+        if finding["type"] != "too_short"
+        or not any(loc[: len(finding["loc"])] == finding["loc"] for loc in inner)
     ]
     if isinstance(sensors := raw.get("sensors"), list):
         raw = {**raw, "sensors": one_number_each(sensors)}
-    line = f"{source}: " + "; also ".join(_by_name(_finding(finding, root), raw) for finding in findings[:SHOWN])
+    line = f"{source}: " + "; also ".join(
+        _by_name(_finding(finding, root), raw) for finding in findings[:SHOWN]
+    )
     others = len(findings) - SHOWN
     return line + (f" (and {others} more problem{'s' if others > 1 else ''})" if others > 0 else "")
 
@@ -108,7 +119,9 @@ def _known_keys(root: type[BaseModel], location: Sequence[int | str]) -> list[st
 
 
 def models_in(field: FieldInfo | None) -> list[type[BaseModel]]:
-    """Return the descriptions that a field of a description can hold, by pydantic's account of it; none for None."""
+    """Return the descriptions that a field of a description can hold, by pydantic's account of it;
+    none for None.
+    """
     models: list[type[BaseModel]] = []
     stack = [] if field is None else [field.annotation]
     while stack:

@@ -1,4 +1,6 @@
-"""Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a stream."""
+"""Run an estimator over a log, over many logs or over a stream; smoothing, and the health of a
+stream.
+"""
 
 from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours
 from distal.run.batch import estimate_batch, estimate_on_cluster

@@ -54,22 +54,35 @@ def by_hour(pieces: Iterable[PieceEstimate]) -> tuple[Hour, ...]:
 
 
 def plot_hours(hours_of: Mapping[str, Sequence[Hour]], path: str | Path | None = None) -> Figure:
-    """Draw error, half of the band and the share inside it over the hours, a curve for each way of estimating.
+    """Draw error, half of the band and the share inside it over the hours, a curve for each way of
+    estimating.
 
     Args:
         path: where to save; None only returns the figure.
     """
     with figure(2, 1, (6.5, 4.4), sharex=True, height_ratios=(3, 2)) as (drawing, (errors, shares)):
         for k, (name, hours) in enumerate(hours_of.items()):
-            at, look = [hour.index + 1 for hour in hours], {"color": COLOURS[k], "marker": "o", "markersize": 3}
-            errors.plot(at, np.rad2deg([hour.rms for hour in hours]), ls=DASHES[0], label=f"{name}: RMS error", **look)
+            at, look = (
+                [hour.index + 1 for hour in hours],
+                {"color": COLOURS[k], "marker": "o", "markersize": 3},
+            )
+            errors.plot(
+                at,
+                np.rad2deg([hour.rms for hour in hours]),
+                ls=DASHES[0],
+                label=f"{name}: RMS error",
+                **look,
+            )
             band = np.rad2deg([hour.half_band for hour in hours])
             errors.plot(at, band, ls=DASHES[1], label=f"{name}: half of the band", **look)
             shares.plot(at, [100 * hour.inside for hour in hours], ls=DASHES[k], **look)
         errors.set_ylim(0.0, None)
         errors.set_ylabel("angle [°]")
         shares.axhline(100 * COVERED, color="black", lw=0.8)
-        shares.set_ylim(min(80.0, 100 * min(hour.inside for hours in hours_of.values() for hour in hours) - 2), 101.0)
+        shares.set_ylim(
+            min(80.0, 100 * min(hour.inside for hours in hours_of.values() for hour in hours) - 2),
+            101.0,
+        )
         shares.set_ylabel("inside the band [%]")
         shares.set_xlabel("hour")
         legend_above(errors, most=2)

@@ -1,4 +1,6 @@
-"""Many logs at once: on all cores, several runs side by side in vector lanes, with only current logs in memory."""
+"""Many logs at once: on all cores, several runs side by side in vector lanes, with only current
+logs in memory.
+"""
 
 from __future__ import annotations
 
@@ -43,11 +45,12 @@ def estimate_batch(
     progress: Callable[[int], None] | None = None,
     skip: Skip | None = None,
 ) -> Iterator[Estimate]:
-    """Estimate the joint angle over many logs; yield the estimates in order, with the same numbers as `estimate`.
+    """Estimate the joint angle over many logs; yield the estimates in order, with the same numbers
+    as `estimate`.
 
-    Several runs go through the compiled kernel side by side, one in each vector lane, on all cores. Logs are read when
-    their turn comes, and only current logs are in memory: covariances are not kept (`Estimate.covariances` is None).
-    Arguments that `estimate` has too mean the same there.
+    Several runs go through the compiled kernel side by side, one in each vector lane, on all cores.
+    Logs are read when their turn comes, and only current logs are in memory: covariances are not
+    kept (`Estimate.covariances` is None). Arguments that `estimate` has too mean the same there.
 
     Args:
         logs: each as `estimate` takes it; may be a generator.
@@ -55,7 +58,8 @@ def estimate_batch(
         homing: for how long the truth is used [s].
         workers: threads; default one per core.
         progress: called with the number of logs that are done.
-        skip: called with source and error of a log that cannot be estimated; with None the error is raised.
+        skip: called with source and error of a log that cannot be estimated; with None the error is
+            raised.
 
     Raises:
         EstimationError: a log lacks a sensor, or the estimator cannot run on this rig.
@@ -95,11 +99,16 @@ def estimate_batch(
 
         @one_blas_thread()
         def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
-            runs = [_attempt(lambda source: prepared(load(source), runner, homing), source) for source in sources]
+            runs = [
+                _attempt(lambda source: prepared(load(source), runner, homing), source)
+                for source in sources
+            ]
             answers = iter(run_all([run for run in runs if isinstance(run, Run)]))
             return [run if isinstance(run, DistalError) else next(answers) for run in runs]
 
-        for source, outcome in in_order(chain([first], sources), _side_by_side(runner), work, workers):
+        for source, outcome in in_order(
+            chain([first], sources), _side_by_side(runner), work, workers
+        ):
             report(next(done))
             if isinstance(outcome, Estimate):
                 yield outcome
@@ -120,7 +129,8 @@ def estimate_on_cluster(
     progress: Callable[[int], None] | None = None,
     skip: Skip | None = None,
 ) -> Iterator[Estimate]:
-    """Estimate over many logs by the workers of a Dask cluster, which read the same files; yield as `estimate_batch` does.
+    """Estimate over many logs by the workers of a Dask cluster, which read the same files; yield as
+    `estimate_batch` does.
 
     Args:
         address: of the scheduler, ``tcp://host:8786``.
@@ -132,7 +142,9 @@ def estimate_on_cluster(
     chunks = [logs[k : k + PER_TASK] for k in range(0, len(logs), PER_TASK)]
     tasks = {k: (list(chunk), rig, estimator, truth, homing) for k, chunk in enumerate(chunks)}
     held, following, done = dict[int, list[Estimate | tuple[str, DistalError]]](), 0, 0
-    for k, outcomes in on_cluster(_chunk, tasks, address, EstimationError, "give fewer logs, or none to the cluster"):
+    for k, outcomes in on_cluster(
+        _chunk, tasks, address, EstimationError, "give fewer logs, or none to the cluster"
+    ):
         held[k] = outcomes
         done += len(outcomes)
         if progress is not None:
@@ -151,16 +163,24 @@ def estimate_on_cluster(
 def _chunk(
     logs: Sequence[Source], rig: Rig, estimator: str, truth: str | Path | None, homing: float | None
 ) -> list[Estimate | tuple[str, DistalError]]:
-    """Return the estimates of some logs, or name and error of what cannot be estimated, in their order."""
+    """Return the estimates of some logs, or name and error of what cannot be estimated, in their
+    order.
+    """
     failed = dict[str, DistalError]()
     found = estimate_batch(logs, rig, estimator, truth, homing, workers=1, skip=failed.__setitem__)
     estimates = iter(list(found))
-    return [(name, failed[name]) if (name := _named(log)) in failed else next(estimates) for log in logs]
+    return [
+        (name, failed[name]) if (name := _named(log)) in failed else next(estimates) for log in logs
+    ]
 
 
 def _side_by_side(runner: Estimator) -> int:
     """Return how many runs of an estimator go side by side."""
-    return runner.kernel.side_by_side if isinstance(runner, KernelEstimator) and runner.has_kernel else 1
+    return (
+        runner.kernel.side_by_side
+        if isinstance(runner, KernelEstimator) and runner.has_kernel
+        else 1
+    )
 
 
 def _named(source: Log | Source) -> str:
@@ -182,7 +202,8 @@ def _attempt(function: Callable[[Input], Output], argument: Input) -> Output | D
 
 
 def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
-    """Return the estimates of some runs of one estimator, side by side where there are lanes for that.
+    """Return the estimates of some runs of one estimator, side by side where there are lanes for
+    that.
 
     Args:
         runs: at most as many as there are lanes.
@@ -193,7 +214,12 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     runners = [run.runner for run in runs if isinstance(run.runner, KernelEstimator)]
     kernels = {id(runner.kernel) for runner in runners if runner.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
-    if len(runs) == 1 or len(kernels) > 1 or not isinstance(runner, KernelEstimator) or _side_by_side(runner) == 1:
+    if (
+        len(runs) == 1
+        or len(kernels) > 1
+        or not isinstance(runner, KernelEstimator)
+        or _side_by_side(runner) == 1
+    ):
         return [_attempt(_alone, run) for run in runs]
     try:
         # a homing move gives each run parameters of its own
@@ -213,14 +239,19 @@ def _judged(run: Run, found: tuple[Floats, Floats, Floats]) -> Estimate:
     runner = run.runner
     assert isinstance(runner, KernelEstimator)
     means, variances = (
-        sealed(part) for part in (runner.report.means(means, ys), runner.report.variances_of(variances, ys))
+        sealed(part)
+        for part in (runner.report.means(means, ys), runner.report.variances_of(variances, ys))
     )
     check_bounds(run, means, variances)
-    return finished(run, means, variances, *(sealed(part) for part in runner.innovations_of(ys, run.samples)))
+    return finished(
+        run, means, variances, *(sealed(part) for part in runner.innovations_of(ys, run.samples))
+    )
 
 
 def _alone(run: Run) -> Estimate:
-    means, covariances, innovations, variances = run.runner.scan(run.start, run.log.time, run.samples)
+    means, covariances, innovations, variances = run.runner.scan(
+        run.start, run.log.time, run.samples
+    )
     spreads = np.diagonal(covariances, axis1=1, axis2=2)
     check_bounds(run, means, spreads)
     return finished(run, means, spreads, innovations, variances)

@@ -12,11 +12,13 @@ BEYOND = 0.05
 """A drive further beyond its stops than this share of its travel is not where it can be."""
 
 ROOM, ROOM_STDS, KNOWN = radians(1.5), 0.7, radians(8.0)
-"""A joint is beyond its range by more than the first, and so many stds of its zero and play, before it is said; of a motor
-whose zero is known to the third at the joint [rad]: docs/results/hands.md."""
+"""A joint is beyond its range by more than the first, and so many stds of its zero and play, before
+it is said; of a motor whose zero is known to the third at the joint [rad]: docs/results/hands.md.
+"""
 
 FAR = 10.0
-"""A drive without stops this many times as far as the joint could turn it is not where it can be."""
+"""A drive without stops this many times as far as the joint could turn it is not where it can be.
+"""
 
 
 def place_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
@@ -25,7 +27,11 @@ def place_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
         return -1e300, 1e300
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
     low, high = drive_travel(rig, rig.drives.index(drive))
-    room = (BEYOND if drive.stops is not None else FAR) * (high - low) + sensor.linearity + 10.0 * sensor.noise
+    room = (
+        (BEYOND if drive.stops is not None else FAR) * (high - low)
+        + sensor.linearity
+        + 10.0 * sensor.noise
+    )
     return low - room + sensor.bias.value, high + room + sensor.bias.value
 
 
@@ -59,13 +65,15 @@ class RangeEnd:
 def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
     """Return the ends of the motors whose zero is known and whose joints have stops.
 
-    In free motion a spool that slips, or a tendon that comes off, changes little that a motor feels; at the end of a range
-    it is where it cannot be. What lets a tendon out alone has no end.
+    In free motion a spool that slips, or a tendon that comes off, changes little that a motor
+    feels; at the end of a range it is where it cannot be. What lets a tendon out alone has no end.
     """
     found = list[RangeEnd]()
     for drive in rig.drives:
         sensors = {
-            sensor.measures: sensor for sensor in rig.sensors if sensor.of == drive.name and sensor.name in channels
+            sensor.measures: sensor
+            for sensor in rig.sensors
+            if sensor.of == drive.name and sensor.name in channels
         }
         if not isinstance(drive, Capstan) or not {"position", "force"} <= set(sensors):
             continue
@@ -78,8 +86,8 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
                 continue
             end = max(way * reading for reading in reached)
             loose = tendon.slack.value - tendon.pretension.value / tendon.stiffness.value
-            # numbers that were found at the ends of the ranges are wrong together: there, what is not known of the ranges
-            # makes no difference
+            # numbers that were found at the ends of the ranges are wrong together: there, what is
+            # not known of the ranges makes no difference
             ranges = max(part.stops_std for part in rig.joints if part.name in tendon.arms())
             stds = position.bias.total_std * joint, tendon.slack.total_std / tendon.total_arm
             unsure = sqrt(sum(max(std**2 - ranges**2, 0.0) for std in stds))
@@ -100,22 +108,31 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
 
 
 def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
-    """Return the limits of a capstan's angle by the ranges of its joints, play, and what is not known of its zero [rad].
+    """Return the limits of a capstan's angle by the ranges of its joints, play, and what is not
+    known of its zero [rad].
 
     They are infinite for other sensors, and where a joint has no stops.
     """
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     if sensor.measures != "position" or drive is None or drive.kind != "capstan":
         return -inf, inf
-    reached, tendon = _reached(rig, sensor), next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
+    reached, tendon = (
+        _reached(rig, sensor),
+        next(tendon for tendon in rig.tendons if tendon.drive == drive.name),
+    )
     if reached is None:
         return -inf, inf
-    room = 2 * sensor.bias.total_std + (2 * tendon.slack.value + BEYOND * tendon.total_arm) / drive.radius.value
+    room = (
+        2 * sensor.bias.total_std
+        + (2 * tendon.slack.value + BEYOND * tendon.total_arm) / drive.radius.value
+    )
     return reached[0] - room, reached[1] + room
 
 
 def _reached(rig: Rig, sensor: Sensor) -> tuple[float, float] | None:
-    """Return what a capstan's position sensor reads with its joints at their stops [rad], None where one has none."""
+    """Return what a capstan's position sensor reads with its joints at their stops [rad], None
+    where one has none.
+    """
     drive = next(drive for drive in rig.drives if drive.name == sensor.of)
     assert isinstance(drive, Capstan)
     tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)

@@ -1,6 +1,8 @@
-"""The health of a stream as one function, which Python, C, the lab and FMUs share: what is wrong with a sample.
+"""The health of a stream as one function, which Python, C, the lab and FMUs share: what is wrong
+with a sample.
 
-Ages and means are remembered from sample to sample. Limits are here, but for what a filter goes by too (`dead_after`).
+Ages and means are remembered from sample to sample. Limits are here, but for what a filter goes by
+too (`dead_after`).
 """
 
 from __future__ import annotations
@@ -24,14 +26,18 @@ from distal.rig import Role, measurand_of, step_of
 from distal.run.drive_range import FAR, RangeEnd, place_range, range_ends
 from distal.run.offline import priors_of
 
-Health = Literal["ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"]
+Health = Literal[
+    "ok", "untested", "missing", "gap", "disagrees", "dead", "restarted", "late", "duplicate", "bad"
+]
 
 HEALTH: dict[Health, str] = {
     "ok": "all sensors were read, and those that are compared agree",
-    "untested": "all sensors were read, and none can disagree: no force is compared, or its innovations are far too small",
+    "untested": "all sensors were read, and none can disagree: no force is compared, or its "
+    "innovations are far too small",
     "missing": "a sensor has no value for longer than its own interval; it is bridged",
     "gap": "samples are missing before this one; they are bridged",
-    "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of the rig left its prior: "
+    "disagrees": "a sensor is not where it can be, its innovations are too large, or a number of "
+    "the rig left its prior: "
     "do not trust the band",
     "dead": f"a sensor has had no value, or always the same one, for {DEAD:g} s or more",
     "restarted": "the clock jumped, or the filter left all bounds: it begins anew with this sample",
@@ -54,7 +60,9 @@ UNKNOWN = 1.0
 """Standard deviation of the angle beyond which it is not known [rad]."""
 
 HURRIED = 0.2
-"""If intervals are below this share of the rig's nominal interval, the unit of time is probably wrong."""
+"""If intervals are below this share of the rig's nominal interval, the unit of time is probably
+wrong.
+"""
 
 WAITING = 1.5
 """After so many nominal intervals without a sample there is a gap."""
@@ -72,7 +80,9 @@ NEVER = 1e30
 """An age that no sensor reaches, since C has no infinity without a header [s]."""
 
 NEAR, AWAY = 2.0, 10.0
-"""A joint is at its end from less than the first before it until it is further than the second away [deg]."""
+"""A joint is at its end from less than the first before it until it is further than the second away
+[deg].
+"""
 
 
 @dataclass(frozen=True)
@@ -80,14 +90,17 @@ class Watch:
     """What is watched of an estimator.
 
     Args:
-        memory: what is remembered: of each channel its last value, its age and for how long it has been the same; of each
-            drive's place the share of time beyond its range; of each compared sensor the mean ν²/S; the pace of the
-            stamps; of each end, in this visit, its furthest reading, and how far the joint was beyond it [deg].
-        sample: what comes: whether it is the first, dt, values and mask of the channels, stds of the angles, innovations,
-            their mask and their variances, the watched states and their variances.
-        findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read, untested, unknown; of each
-            channel dead, stuck, missing; of each place wrong; of each of the `ends` by how much the joint is beyond
-            it [deg]; of each compared sensor large; of each watched state left.
+        memory: what is remembered: of each channel its last value, its age and for how long it has
+            been the same; of each drive's place the share of time beyond its range; of each
+            compared sensor the mean ν²/S; the pace of the stamps; of each end, in this visit, its
+            furthest reading, and how far the joint was beyond it [deg].
+        sample: what comes: whether it is the first, dt, values and mask of the channels, stds of
+            the angles, innovations, their mask and their variances, the watched states and their
+            variances.
+        findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read,
+            untested, unknown; of each channel dead, stuck, missing; of each place wrong; of each of
+            the `ends` by how much the joint is beyond it [deg]; of each compared sensor large; of
+            each watched state left.
         placed: channels that are places of drives.
         ends: of the travels of motors whose joints have stops.
         watched: states that are numbers of the rig.
@@ -104,7 +117,9 @@ class Watch:
 
 
 def begun(watch: Watch) -> Floats:
-    """Return the memory before the first sample: ν²/S and the pace are one, no end was visited, all else is zero."""
+    """Return the memory before the first sample: ν²/S and the pace are one, no end was visited, all
+    else is zero.
+    """
     memory = np.zeros(watch.memory.size)
     memory[watch.memory["ratio"]] = memory[watch.memory["pace"]] = 1.0
     memory[watch.memory["furthest"]] = -NEVER
@@ -126,40 +141,81 @@ def watch_of(runner: KernelEstimator) -> Watch:
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
     ends = range_ends(runner.rig, runner.channels)
-    n, m, j, k, p = len(chosen), len(runner.measured), len(runner.rig.joints), len(watched), len(placed)
-    memory = Layout(last=n, age=n, same=n, outside=p, ratio=m, pace=1, furthest=len(ends), found=len(ends))
+    n, m, j, k, p = (
+        len(chosen),
+        len(runner.measured),
+        len(runner.rig.joints),
+        len(watched),
+        len(placed),
+    )
+    memory = Layout(
+        last=n, age=n, same=n, outside=p, ratio=m, pace=1, furthest=len(ends), found=len(ends)
+    )
     sample = Layout(
-        first=1, dt=1, values=n, mask=n, stds=j, innovations=m, compared=m, variances=m, numbers=k, number_variances=k
+        first=1,
+        dt=1,
+        values=n,
+        mask=n,
+        stds=j,
+        innovations=m,
+        compared=m,
+        variances=m,
+        numbers=k,
+        number_variances=k,
     )
     findings = Layout(
-        code=1, gap=1, hurried=1, nothing=1, untested=1, unknown=1, dead=n, stuck=n, missing=n, wrong=p,
-        beyond=len(ends), large=m, left=k,
-    )  # fmt: skip
+        code=1,
+        gap=1,
+        hurried=1,
+        nothing=1,
+        untested=1,
+        unknown=1,
+        dead=n,
+        stuck=n,
+        missing=n,
+        wrong=p,
+        beyond=len(ends),
+        large=m,
+        left=k,
+    )
     before, current = ca.SX.sym("memory", memory.size), ca.SX.sym("sample", sample.size)
     was, came = memory.parts(before), sample.parts(current)
     first, dt, mask = came["first"], came["dt"], came["mask"]
     since = ca.if_else(ca.logic_and(dt > 0, dt < LONGEST_GAP), dt, interval)
     share = ca.fmin(since / MEMORY, 1)
-    # a sensor without a first value is missing from the beginning; a known angle, which homes, never is
-    overdue = _column([NEVER if role is Role.REFERENCE else OVERDUE / s.rate for s, role in zip(chosen, roles)])
-    silence = _column([NEVER if role is Role.REFERENCE else dead_after(s) for s, role in zip(chosen, roles)])
+    # a sensor without a first value is missing from the beginning; a known angle, which homes,
+    # never is
+    overdue = _column(
+        [NEVER if role is Role.REFERENCE else OVERDUE / s.rate for s, role in zip(chosen, roles)]
+    )
+    silence = _column(
+        [NEVER if role is Role.REFERENCE else dead_after(s) for s, role in zip(chosen, roles)]
+    )
     age = ca.if_else(mask, 0, ca.if_else(first, 1.01 * overdue, was["age"] + dt))
     moved = ca.logic_or(first, ca.logic_and(mask, came["values"] != was["last"]))
     same = ca.if_else(moved, 0, was["same"] + dt)
     # a sensor with noise does not say the same twice for long
-    noisy = _column([s.noise > step_of(s) and role is not Role.REFERENCE for s, role in zip(chosen, roles)])
+    noisy = _column(
+        [s.noise > step_of(s) and role is not Role.REFERENCE for s, role in zip(chosen, roles)]
+    )
     dead = age >= silence - ROUNDING
     stuck = noisy * mask * (same >= silence - ROUNDING)
     missing = ca.logic_and(age > overdue, ca.logic_not(dead))
-    low, high = (_column([place_range(runner.rig, chosen[i])[end] for i in placed]) for end in (0, 1))
+    low, high = (
+        _column([place_range(runner.rig, chosen[i])[end] for i in placed]) for end in (0, 1)
+    )
     place, read = came["values"][list(placed)], mask[list(placed)]
-    outside = was["outside"] + share * (read * ca.logic_or(place < low, place > high) - was["outside"])
+    outside = was["outside"] + share * (
+        read * ca.logic_or(place < low, place > high) - was["outside"]
+    )
     far = read * (ca.fabs(place - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
     square = ca.fmin(came["innovations"] ** 2 / came["variances"], CAPPED)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
     prior, allowed = _column(means[list(watched)]), LARGE_PRIOR * _column(stds[list(watched)])
-    left = ca.fabs(came["numbers"] - prior) - ca.sqrt(ca.fmax(came["number_variances"], 0)) > allowed
+    left = (
+        ca.fabs(came["numbers"] - prior) - ca.sqrt(ca.fmax(came["number_variances"], 0)) > allowed
+    )
     weight = min(interval / MEMORY, 1.0)
     pace = was["pace"] + ca.if_else(first, 0, weight * (ca.fmin(dt / interval, 2) - was["pace"]))
     flags: dict[str, Vector] = {
@@ -169,25 +225,50 @@ def watch_of(runner: KernelEstimator) -> Watch:
         "untested": ca.logic_not(_any(ratio >= SMALL)),
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
-    flags |= {"dead": dead, "stuck": stuck, "missing": missing, "wrong": wrong, "large": ratio > LARGE, "left": left}
-    visits = [_at_end(end, was["furthest"][k], was["found"][k], came["values"], mask) for k, end in enumerate(ends)]
-    furthest, sizes = (ca.vertcat(ca.SX(0, 1), *(visit[part] for visit in visits)) for part in (0, 1))
+    flags |= {
+        "dead": dead,
+        "stuck": stuck,
+        "missing": missing,
+        "wrong": wrong,
+        "large": ratio > LARGE,
+        "left": left,
+    }
+    visits = [
+        _at_end(end, was["furthest"][k], was["found"][k], came["values"], mask)
+        for k, end in enumerate(ends)
+    ]
+    furthest, sizes = (
+        ca.vertcat(ca.SX(0, 1), *(visit[part] for visit in visits)) for part in (0, 1)
+    )
     flags["beyond"] = sizes > 0
     said = {name: word for name, word in WORDS.items() if name != "beyond" or ends}
     code = reduce(ca.fmax, (word_code(word) * _any(flags[name]) for name, word in said.items()))
     last = ca.if_else(mask, came["values"], was["last"])
     remembered = memory.joined(
-        last=last, age=age, same=same, outside=outside, ratio=ratio, pace=pace, furthest=furthest, found=sizes
+        last=last,
+        age=age,
+        same=same,
+        outside=outside,
+        ratio=ratio,
+        pace=pace,
+        furthest=furthest,
+        found=sizes,
     )
     outputs = [remembered, findings.joined(code=code, **flags | {"beyond": sizes})]
-    function = ca.Function("judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"])
+    function = ca.Function(
+        "judged", [before, current], ca.cse(outputs), ["memory", "sample"], ["next", "findings"]
+    )
     return Watch(memory, sample, findings, placed, ends, watched, function)
 
 
-def _at_end(end: RangeEnd, furthest: Scalar, found: Scalar, values: Vector, mask: Vector) -> tuple[Scalar, Scalar]:
-    """Return the furthest reading of this visit to an end, and how much further the joint is than it can be [deg], or 0.
+def _at_end(
+    end: RangeEnd, furthest: Scalar, found: Scalar, values: Vector, mask: Vector
+) -> tuple[Scalar, Scalar]:
+    """Return the furthest reading of this visit to an end, and how much further the joint is than
+    it can be [deg], or 0.
 
-    What its torque stretches is taken off. Only on the way there: on the way back friction hides the tendon's tension.
+    What its torque stretches is taken off. Only on the way there: on the way back friction hides
+    the tendon's tension.
     """
     read, reading = mask[end.place] * mask[end.torque], end.way * values[end.place]
     before = degrees(end.joint) * (reading - end.contact)
@@ -195,7 +276,9 @@ def _at_end(end: RangeEnd, furthest: Scalar, found: Scalar, values: Vector, mask
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])
     found = ca.if_else(ca.logic_and(further, over > degrees(end.room)), ca.fmax(found, over), found)
     left = ca.logic_and(read, before < -AWAY)
-    return ca.if_else(left, -NEVER, ca.if_else(further, reading, furthest)), ca.if_else(left, 0, found)
+    return ca.if_else(left, -NEVER, ca.if_else(further, reading, furthest)), ca.if_else(
+        left, 0, found
+    )
 
 
 WORDS: dict[str, Health] = {

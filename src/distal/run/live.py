@@ -1,4 +1,6 @@
-"""An estimator in a control loop: one belief, one call per sample; arrays are made before the first."""
+"""An estimator in a control loop: one belief, one call per sample; arrays are made before the
+first.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,8 @@ LATEST = 1e300
 
 
 class LiveEstimator:
-    """Estimates the joints' angles sample by sample, with the numbers that `estimate` gives over the whole log.
+    """Estimates the joints' angles sample by sample, with the numbers that `estimate` gives over
+    the whole log.
 
     ```python
     live = distal.LiveEstimator("paper-2008")
@@ -52,12 +55,19 @@ class LiveEstimator:
     """
 
     def __init__(
-        self, rig: Rig | str | Path, estimator: str | KernelEstimator = DEFAULT, compiled: bool = True
+        self,
+        rig: Rig | str | Path,
+        estimator: str | KernelEstimator = DEFAULT,
+        compiled: bool = True,
     ) -> None:
         rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        runner = make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+        runner = (
+            make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
+        )
         if not runner.has_kernel:
-            raise EstimationError(f"{runner.name} is for logs; live, use adaptive or another one with a kernel")
+            raise EstimationError(
+                f"{runner.name} is for logs; live, use adaptive or another one with a kernel"
+            )
         self._made_of = rig, estimator, compiled
         self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
         self._loop = runner.kernel.loop(runner.numbers)
@@ -72,10 +82,17 @@ class LiveEstimator:
         self._time, self._samples = nan, 0
         self._interval = runner.interval
         mean, covariance = mean_of(self._carry, self._n), covariance_of(self._carry, self._n)
-        # what is reported is the filter's own state, or, where a map speaks of some of it, another one beside it
+        # what is reported is the filter's own state, or, where a map speaks of some of it, another
+        # one beside it
         has_map = bool(runner.report.states)
-        self._state, self._spread = (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
-        self._joints, self._mean, self._covariance = self._state[self._angles], _view(self._state), _view(self._spread)
+        self._state, self._spread = (
+            (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
+        )
+        self._joints, self._mean, self._covariance = (
+            self._state[self._angles],
+            _view(self._state),
+            _view(self._spread),
+        )
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
         self._torques = list(external_torques_of(runner).values())
@@ -83,7 +100,9 @@ class LiveEstimator:
         self._warm()
 
     def _warm(self) -> None:
-        """Take two samples and forget them: what is built for the first ones would make them miss their deadlines."""
+        """Take two samples and forget them: what is built for the first ones would make them miss
+        their deadlines.
+        """
         with suppress(EstimationError):
             for time in (0.0, self._interval):
                 self.step(time, np.zeros(self._width))
@@ -99,8 +118,9 @@ class LiveEstimator:
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
         Raises:
-            EstimationError: the stamp is late, repeats or follows a gap that is too long; the sample has a wrong shape or a
-                wild value; the state is then unchanged. Or the filter diverged: call `reset`.
+            EstimationError: the stamp is late, repeats or follows a gap that is too long; the
+                sample has a wrong shape or a wild value; the state is then unchanged. Or the filter
+                diverged: call `reset`.
         """
         name = self._runner.name
         problem = sample_problem(sample, self._runner.channels)
@@ -128,7 +148,9 @@ class LiveEstimator:
                 check_time(name, self._time, time, False)
             parts = predictions(dt, self._interval)
             if parts > MOST_BRIDGES:
-                raise EstimationError(f"{name}: a gap of {dt:g} s is too long to bridge; call reset")
+                raise EstimationError(
+                    f"{name}: a gap of {dt:g} s is too long to bridge; call reset"
+                )
             x[0] = dt / parts
         if parts > 1:
             self._bridge(parts)
@@ -148,7 +170,9 @@ class LiveEstimator:
         return angles[0] if len(angles) == 1 else self.angles
 
     def _bridge(self, parts: int) -> None:
-        """Cross a gap by all but the last of its predictions; the row of the sample itself stands in x after it."""
+        """Cross a gap by all but the last of its predictions; the row of the sample itself stands
+        in x after it.
+        """
         values, mask = self._x[1 : 1 + self._width], self._x[1 + self._width :]
         sample, is_read = values.copy(), mask == READ
         for rows_after in range(parts - 1, 0, -1):
@@ -175,21 +199,27 @@ class LiveEstimator:
         """Forget everything: the next sample is the first.
 
         Args:
-            angle: probable joint angle at that sample [rad], one number for each joint; default the rig's `initial`.
-            angle_std: smallest standard deviation of that angle [rad]; the rig's std where that is larger.
+            angle: probable joint angle at that sample [rad], one number for each joint; default the
+                rig's `initial`.
+            angle_std: smallest standard deviation of that angle [rad]; the rig's std where that is
+                larger.
 
         Raises:
             EstimationError: there are more or fewer angles than joints.
         """
         angles = None if angle is None else np.atleast_1d(np.asarray(angle, dtype=np.float64))
         if angles is not None and angles.shape != (self._angles.stop,):
-            raise EstimationError(f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came")
+            raise EstimationError(
+                f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came"
+            )
         self._begin = (angles, angle_std)
         self._samples, self._time = 0, nan
         self._innovations[:] = np.nan
 
     def clone(self) -> LiveEstimator:
-        """Return another one at the same belief, with arrays of its own: each goes on alone, in its own thread too."""
+        """Return another one at the same belief, with arrays of its own: each goes on alone, in its
+        own thread too.
+        """
         return _at(LiveEstimator(self.rig, self._runner), self._belief())
 
     def __copy__(self) -> LiveEstimator:
@@ -201,7 +231,9 @@ class LiveEstimator:
         return self.clone()
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return how to make it again in another process: its rig, its estimator by name, and its belief."""
+        """Return how to make it again in another process: its rig, its estimator by name, and its
+        belief.
+        """
         return _made_again, (*self._made_of, self._belief())
 
     def _belief(self) -> tuple[object, ...]:
@@ -285,7 +317,9 @@ class LiveEstimator:
 
     @property
     def torque_names(self) -> tuple[str, ...]:
-        """Names of the estimated external torques: one for each joint that the rig allows to be touched."""
+        """Names of the estimated external torques: one for each joint that the rig allows to be
+        touched.
+        """
         return self._torque_names
 
     @property
@@ -303,7 +337,9 @@ class LiveEstimator:
     def _only(self, values: Floats, name: str) -> float:
         if len(values) != 1:
             joints = ", ".join(joint.name for joint in self.rig.joints)
-            raise EstimationError(f"'{name}' is for rigs of one joint, this one has {joints}; use '{name}s'")
+            raise EstimationError(
+                f"'{name}' is for rigs of one joint, this one has {joints}; use '{name}s'"
+            )
         return float(values[0])
 
     @property
@@ -318,7 +354,9 @@ class LiveEstimator:
 
     @property
     def innovations(self) -> Floats:
-        """Measured minus predicted, (m,), NaN where nothing was compared; a view that changes with each step."""
+        """Measured minus predicted, (m,), NaN where nothing was compared; a view that changes with
+        each step.
+        """
         return _view(self._innovations)
 
     @property
@@ -334,7 +372,14 @@ class LiveEstimator:
         """
         if self._samples == 0:
             raise EstimationError(f"{self._runner.name}: no sample was taken in yet")
-        return Belief(self._time, frozen(self._carry), self._n, self._samples, self._y.copy(), self._runner.report)
+        return Belief(
+            self._time,
+            frozen(self._carry),
+            self._n,
+            self._samples,
+            self._y.copy(),
+            self._runner.report,
+        )
 
 
 def _seconds(name: str, time: object) -> float:
@@ -362,6 +407,8 @@ def _at(live: LiveEstimator, belief: tuple[Any, ...]) -> LiveEstimator:
     return live
 
 
-def _made_again(rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: tuple[Any, ...]) -> LiveEstimator:
+def _made_again(
+    rig: Rig, estimator: str | KernelEstimator, compiled: bool, belief: tuple[Any, ...]
+) -> LiveEstimator:
     """Return a live estimator that was pickled."""
     return _at(LiveEstimator(rig, estimator, compiled), belief)

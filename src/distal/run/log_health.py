@@ -13,7 +13,9 @@ from distal.run.live import LiveEstimator
 from distal.run.monitor import Monitor
 
 
-def log_health(log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True) -> tuple[str, ...]:
+def log_health(
+    log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compiled: bool = True
+) -> tuple[str, ...]:
     """Return the health word that `distal stream` would give to each sample of a log: see `HEALTH`.
 
     Args:
@@ -25,4 +27,6 @@ def log_health(log: Log, rig: Rig | str | Path, estimator: str = DEFAULT, compil
     monitor = Monitor(LiveEstimator(rig, estimator, compiled))
     absent = np.full(len(log), np.nan)
     samples = np.column_stack([log.channels.get(name, absent) for name in monitor.channels])
-    return tuple(monitor.take(float(time), sample).health for time, sample in zip(log.time, samples))
+    return tuple(
+        monitor.take(float(time), sample).health for time, sample in zip(log.time, samples)
+    )

@@ -1,4 +1,6 @@
-"""What a user logs, counts, milliamperes, degrees, as samples in SI; encoders that wrap at their turn are unwrapped."""
+"""What a user logs, counts, milliamperes, degrees, as samples in SI; encoders that wrap at their
+turn are unwrapped.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ FASTEST = 10.0
 """No motor whose rig does not say it (`servo.fastest`) turns faster than this [rad/s, m/s]."""
 
 TEMPERATURE_SLOPE = -0.0011
-"""A motor's torque constant changes by this share per kelvin: that of its magnets (Nd-Fe-B, Br −0.11 %/K) [1/K]."""
+"""A motor's torque constant changes by this share per kelvin: that of its magnets (Nd-Fe-B, Br
+−0.11 %/K) [1/K].
+"""
 
 REFERENCE = 25.0
 """Temperature for which a torque constant holds [°C]."""
@@ -41,20 +45,19 @@ Values = Mapping[str, object] | Sequence[object] | Floats
 class LogUnits:
     """Turns what is logged into samples of an estimator: by columns and units of the rig.
 
-    ```python
-    units = distal.LogUnits(rig)
-    sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})  # SI, in the order of `channels`
-    ```
+    ```python units = distal.LogUnits(rig) sample = units.sample(time, {"m1_position": 2048,
+    "m1_current": 35})  # SI, in the order of `channels` ```
 
-    An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is taken. Where a motor
-    may have gone half a turn without a value, the only turn in which its joint can be is; if there are several, `doubts`
-    says so. A motor that counts its turns, and counts from another one after a restart, is where its joint can be.
+    An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is
+    taken. Where a motor may have gone half a turn without a value, the only turn in which its joint
+    can be is; if there are several, `doubts` says so. A motor that counts its turns, and counts
+    from another one after a restart, is where its joint can be.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
         channels: sensors in a sample; default all of the drives and tendons.
-        turns: column or sensor → the log's number of one turn at which it wraps, 0 for one that does not; default
-            `counts_per_turn` of those that are logged in counts.
+        turns: column or sensor → the log's number of one turn at which it wraps, 0 for one that
+            does not; default `counts_per_turn` of those that are logged in counts.
         temperature_slope: change of torque constants [1/K], where `sample` is told temperatures.
 
     Raises:
@@ -69,19 +72,30 @@ class LogUnits:
         temperature_slope: float = TEMPERATURE_SLOPE,
     ) -> None:
         self.rig = rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        names = [sensor.name for sensor in rig.sensors if sensor.measures != "angle"] if channels is None else channels
+        names = (
+            [sensor.name for sensor in rig.sensors if sensor.measures != "angle"]
+            if channels is None
+            else channels
+        )
         by_name = {sensor.name: sensor for sensor in rig.sensors}
         self._sensors = [by_name[name] for name in names]
-        self.channels, self.columns = tuple(names), tuple(sensor.log_column for sensor in self._sensors)
+        self.channels, self.columns = (
+            tuple(names),
+            tuple(sensor.log_column for sensor in self._sensors),
+        )
         self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
-        self._at = {name: i for names in (self.channels, self.columns) for i, name in enumerate(names)}
+        self._at = {
+            name: i for names in (self.channels, self.columns) for i, name in enumerate(names)
+        }
         self._slope = temperature_slope
         self._turns = self._turn_sizes({} if turns is None else turns)
         self._ranges = [motor_range(rig, sensor) for sensor in self._sensors]
         self._counted = [
             i
             for i, (sensor, (low, high)) in enumerate(zip(self._sensors, self._ranges))
-            if isinstance(sensor, AngleSensor) and high - low < TURN and not isfinite(self._turns[i])
+            if isinstance(sensor, AngleSensor)
+            and high - low < TURN
+            and not isfinite(self._turns[i])
         ]
         self._fastest = [_fastest(rig, sensor) for sensor in self._sensors]
         self.reset()
@@ -101,32 +115,45 @@ class LogUnits:
         """Return the turn of each channel in SI, infinite for one that does not wrap."""
         sizes = np.full(len(self._sensors), inf)
         for i, sensor in enumerate(self._sensors):
-            if isinstance(sensor, AngleSensor) and sensor.measures == "position" and sensor.counts_per_turn is not None:
+            if (
+                isinstance(sensor, AngleSensor)
+                and sensor.measures == "position"
+                and sensor.counts_per_turn is not None
+            ):
                 sizes[i] = abs(self._factors[i]) * sensor.counts_per_turn
         for name, turn in asked.items():
             at = self._index(name)
             if self._sensors[at].measures != "position":
                 raise EstimationError(f"turns: '{name}' is no position; only these wrap")
             if not isinstance(turn, (int, float)) or not 0.0 <= turn < 1e9:
-                raise EstimationError(f"turns: '{name}' needs the log's number of one turn, {turn!r} came")
+                raise EstimationError(
+                    f"turns: '{name}' needs the log's number of one turn, {turn!r} came"
+                )
             sizes[at] = abs(self._factors[at]) * turn if turn else inf
         return sizes
 
     def _index(self, name: str) -> int:
         if name not in self._at:
-            raise EstimationError(f"there is no '{name}' among the sensors{did_you_mean(name, self.columns)}")
+            raise EstimationError(
+                f"there is no '{name}' among the sensors{did_you_mean(name, self.columns)}"
+            )
         return self._at[name]
 
-    def sample(self, time: float, values: Values, temperatures: Mapping[str, float] | None = None) -> Floats:
+    def sample(
+        self, time: float, values: Values, temperatures: Mapping[str, float] | None = None
+    ) -> Floats:
         """Return a sample in SI, (n_channels,), NaN where a value is missing.
 
         Args:
             time: stamp [s].
-            values: by column or sensor, where one left out is missing, or in the order of `columns`.
-            temperatures: motor → its temperature [°C]; its torque constant is then that of this temperature.
+            values: by column or sensor, where one left out is missing, or in the order of
+                `columns`.
+            temperatures: motor → its temperature [°C]; its torque constant is then that of this
+                temperature.
 
         Raises:
-            EstimationError: a value is no number, infinite or beyond all sensors, or has an unknown name.
+            EstimationError: a value is no number, infinite or beyond all sensors, or has an unknown
+                name.
         """
         logged = self._logged(values)
         sample: Floats = logged * self._factors
@@ -154,7 +181,8 @@ class LogUnits:
             return logged
         if len(values) != len(self._sensors):
             raise EstimationError(
-                f"a sample has {len(self._sensors)} values ({', '.join(self.columns)}), {len(values)} came"
+                f"a sample has {len(self._sensors)} values ({', '.join(self.columns)}), "
+                f"{len(values)} came"
             )
         return np.array([_number(name, value) for name, value in zip(self.columns, values)])
 
@@ -164,7 +192,11 @@ class LogUnits:
         gap = time - float(self._seen[i])
         near = place + turn * round((last - place) / turn) if isfinite(last) else nan
         if not isfinite(last) or self._fastest[i] * gap >= turn / 2:
-            turns = range(ceil((low - place) / turn), floor((high - place) / turn) + 1) if isfinite(low) else range(0)
+            turns = (
+                range(ceil((low - place) / turn), floor((high - place) / turn) + 1)
+                if isfinite(low)
+                else range(0)
+            )
             if len(turns) == 1:
                 near = place + turn * turns[0]
             elif not isfinite(last):
@@ -175,7 +207,9 @@ class LogUnits:
         return near
 
     def _counted_anew(self, i: int, place: float) -> float:
-        """Return a place [rad] of a motor that counts its turns: after a restart it may count from another one."""
+        """Return a place [rad] of a motor that counts its turns: after a restart it may count from
+        another one.
+        """
         low, high = self._ranges[i]
         if place + self._ahead[i] < low or place + self._ahead[i] > high:
             ahead = TURN * round(((low + high) / 2 - place) / TURN)
@@ -184,22 +218,31 @@ class LogUnits:
         return place + float(self._ahead[i])
 
     def logged(self, channel: str, value: float) -> float:
-        """Return what the log holds where a channel is at a value in SI: a goal for a motor, in the turn of its encoder."""
+        """Return what the log holds where a channel is at a value in SI: a goal for a motor, in the
+        turn of its encoder.
+        """
         i = self._index(channel)
         return (value - float(self._ahead[i])) / float(self._factors[i])
 
     def _torques_of(self, motor: str) -> list[int]:
         drives = [drive.name for drive in self.rig.drives]
         if motor not in drives:
-            raise EstimationError(f"temperatures: there is no motor '{motor}'{did_you_mean(motor, drives)}")
-        return [i for i, sensor in enumerate(self._sensors) if sensor.of == motor and sensor.measures == "force"]
+            raise EstimationError(
+                f"temperatures: there is no motor '{motor}'{did_you_mean(motor, drives)}"
+            )
+        return [
+            i
+            for i, sensor in enumerate(self._sensors)
+            if sensor.of == motor and sensor.measures == "force"
+        ]
 
 
 class LiveInLogUnits:
     """A `LiveEstimator` that takes what is logged and returns angles in the unit that is asked for.
 
-    No sample makes it raise an error but one with an unknown name or without a number: see `Monitor`. Where an encoder may
-    have turned without a value, it begins anew with a band as wide as the joint's range.
+    No sample makes it raise an error but one with an unknown name or without a number: see
+    `Monitor`. Where an encoder may have turned without a value, it begins anew with a band as wide
+    as the joint's range.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
@@ -243,12 +286,16 @@ class LiveInLogUnits:
         """The last reading, in SI, with its health; None before the first."""
         return self._reading
 
-    def step(self, time: float, values: Values, temperatures: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Take in what was logged and return joint → angle in the unit, NaN where the sample was skipped.
+    def step(
+        self, time: float, values: Values, temperatures: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Take in what was logged and return joint → angle in the unit, NaN where the sample was
+        skipped.
 
         Args:
             time: stamp [s].
-            values: by column or sensor, or in the order of `columns`; missing ones are NaN, None or left out.
+            values: by column or sensor, or in the order of `columns`; missing ones are NaN, None or
+                left out.
             temperatures: motor → its temperature [°C].
 
         Raises:
@@ -257,7 +304,9 @@ class LiveInLogUnits:
         sample = self._units.sample(time, values, temperatures)
         if self._units.doubts and self._live.samples:
             low, high = np.array([joint.travel for joint in self.rig.joints]).T
-            self._live.reset(np.clip(self._live.angles, low, high).tolist(), float(np.max(high - low)) / 2)
+            self._live.reset(
+                np.clip(self._live.angles, low, high).tolist(), float(np.max(high - low)) / 2
+            )
         reading = self._monitor.take(time, sample)
         if self._units.doubts:
             reading = replace(reading, health="restarted", detail=", ".join(self._units.doubts))
@@ -296,7 +345,10 @@ def _number(name: str, value: object) -> float:
 
 
 def _check_temperature(motor: str, temperature: object) -> None:
-    if not isinstance(temperature, (int, float, np.number)) or not abs(float(temperature)) <= HOTTEST:
+    if (
+        not isinstance(temperature, (int, float, np.number))
+        or not abs(float(temperature)) <= HOTTEST
+    ):
         raise EstimationError(f"temperatures: '{motor}' cannot have {temperature!r} °C")
 
 

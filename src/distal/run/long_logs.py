@@ -39,8 +39,8 @@ def estimate_pieces(
     """Estimate the joints' angles piece after piece; the belief goes on from one to the next.
 
     Args:
-        known_std: how well the angles are known where a piece says so [rad]; None: they are not used. Only `adaptive`
-            reads them.
+        known_std: how well the angles are known where a piece says so [rad]; None: they are not
+            used. Only `adaptive` reads them.
 
     Raises:
         EstimationError: the estimator cannot run on this rig, or does not take known angles.
@@ -49,7 +49,9 @@ def estimate_pieces(
     belief: Belief | None = None
     for piece in pieces:
         log, n = piece.log, len(rig.joints)
-        columns = dict(log.channels) | {name: piece.known[:, j] for j, name in enumerate(references)}
+        columns = dict(log.channels) | {
+            name: piece.known[:, j] for j, name in enumerate(references)
+        }
         samples = np.column_stack([columns[name] for name in runner.channels])
         if belief is None:
             belief = runner.initial(log.time[0], samples[0])
@@ -58,17 +60,30 @@ def estimate_pieces(
         covariances = runner.report.covariances(covariance_of(carries, size).copy(), ys)
         variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :n]
         samples_before = belief.samples + len(samples)
-        belief = Belief(float(log.time[-1]), frozen(carries[-1].copy()), size, samples_before, ys[-1], runner.report)
-        truths = np.column_stack([log.truth[name] for name in angle_names([joint.name for joint in rig.joints])])
+        belief = Belief(
+            float(log.time[-1]),
+            frozen(carries[-1].copy()),
+            size,
+            samples_before,
+            ys[-1],
+            runner.report,
+        )
+        truths = np.column_stack(
+            [log.truth[name] for name in angle_names([joint.name for joint in rig.joints])]
+        )
         yield PieceEstimate(log, means, np.sqrt(np.maximum(variances, 0.0)), truths)
 
 
 def _runner(rig: Rig, estimator: str, known_std: float | None) -> tuple[KernelEstimator, list[str]]:
-    """Return the estimator, and the names of the references that it reads, one for each joint or none."""
+    """Return the estimator, and the names of the references that it reads, one for each joint or
+    none.
+    """
     if known_std is None:
         runner = make_estimator(estimator, rig)
         if not isinstance(runner, KernelEstimator) or not runner.has_kernel:
-            raise EstimationError(f"{estimator} reads whole logs; pieces need one with a kernel, as {DEFAULT}")
+            raise EstimationError(
+                f"{estimator} reads whole logs; pieces need one with a kernel, as {DEFAULT}"
+            )
         return runner, []
     if estimator != DEFAULT:
         raise EstimationError(f"{estimator} does not take known angles; {DEFAULT} does")

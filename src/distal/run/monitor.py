@@ -1,4 +1,6 @@
-"""A stream's health: late, missing, dead or contradictory samples are skipped or bridged, and named by one word."""
+"""A stream's health: late, missing, dead or contradictory samples are skipped or bridged, and named
+by one word.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_
 from distal.run.live import LATEST, LiveEstimator
 
 REWOUND = 3
-"""After this many late samples in a row, each newer than the one before, the clock counts as set back."""
+"""After this many late samples in a row, each newer than the one before, the clock counts as set
+back.
+"""
 
 ANYWHERE = 0.5
 """Standard deviation of the joint's angle where the filter begins anew [rad]."""
@@ -40,7 +44,8 @@ class Reading:
         angle_stds: standard deviations of their errors [rad], (n_joints,).
         health: one word.
         detail: which sensor, how long; may be empty.
-        torques: external ones [N m], of each joint that the rig allows to be touched; NaN where the sample was skipped.
+        torques: external ones [N m], of each joint that the rig allows to be touched; NaN where the
+            sample was skipped.
         torque_stds: standard deviations of their errors [N m].
     """
 
@@ -81,7 +86,9 @@ class Reading:
 
     def _only(self, values: tuple[float, ...], name: str) -> float:
         if len(values) != 1:
-            raise EstimationError(f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'")
+            raise EstimationError(
+                f"'{name}' is for rigs of one joint, this one has {len(values)}; use '{name}s'"
+            )
         return values[0]
 
 
@@ -155,12 +162,16 @@ class Monitor:
             if self._late >= REWOUND:
                 self._restart(f"the clock was set back by {-gap:.3g} s")
             elif gap > max(LONGEST_GAP, 3 * live.interval):
-                self._restart(f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s")
+                self._restart(
+                    f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s"
+                )
         self._late, self._last_late = 0, -inf
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
         self._time = time
-        for _ in range(2):  # where the belief led out of bounds, the filter begins anew, once, with this sample
+        for _ in range(
+            2
+        ):  # where the belief led out of bounds, the filter begins anew, once, with this sample
             try:
                 live.step(time, sample)
                 break
@@ -172,13 +183,19 @@ class Monitor:
             problems.append(("restarted", self._anew))
             self._anew = ""
         problems += self._problems(gap if isfinite(gap) else 0.0, sample)
-        health, detail = max(problems, key=lambda problem: word_code(problem[0]), default=("ok", ""))
+        health, detail = max(
+            problems, key=lambda problem: word_code(problem[0]), default=("ok", "")
+        )
         torques, torque_stds = live.external_torques.tolist(), live.external_torque_stds.tolist()
         angles, stds = live.angles.tolist(), live.angle_stds.tolist()
-        return Reading(time, tuple(angles), tuple(stds), health, detail, tuple(torques), tuple(torque_stds))
+        return Reading(
+            time, tuple(angles), tuple(stds), health, detail, tuple(torques), tuple(torque_stds)
+        )
 
     def _problems(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
-        """Return what is wrong with a sample that comes `dt` [s] after the one before, as word and detail."""
+        """Return what is wrong with a sample that comes `dt` [s] after the one before, as word and
+        detail.
+        """
         live, watch, came = self._live, self._watch, self._came
         came["mask"][:] = np.isfinite(sample)
         came["values"][:] = np.where(came["mask"], sample, 0.0)
@@ -195,7 +212,8 @@ class Monitor:
         flags = {name: findings[watch.findings[name]] != 0 for name in watch.findings.names}
         details = self._details(flags, dt)
         details["beyond"] = ", ".join(
-            f"{end.motor} goes {size:.1f}° beyond its joint's range: its spool slipped, or a tendon loosened or broke"
+            f"{end.motor} goes {size:.1f}° beyond its joint's range: its spool slipped, or a "
+            "tendon loosened or broke"
             for end, size in zip(watch.ends, findings[watch.findings["beyond"]])
             if size > 0.0
         )
@@ -208,7 +226,9 @@ class Monitor:
         places = [live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong]
         dead = f"{self._names(flags['dead'])} for {age.max():.3g} s" if flags["dead"].any() else ""
         stuck = f"{self._names(flags['stuck'])} does not change"
-        large = (f"{live.measured[i]} {sqrt(ratio[i]):.1f}x" for i in np.flatnonzero(flags["large"]))
+        large = (
+            f"{live.measured[i]} {sqrt(ratio[i]):.1f}x" for i in np.flatnonzero(flags["large"])
+        )
         left = (live.state_names[i] for i, is_left in zip(watch.watched, flags["left"]) if is_left)
         return {
             "untested": ", ".join(live.measured) or "no sensor is compared",
@@ -230,7 +250,9 @@ class Monitor:
         return Reading(time, angles, angles, health, detail, torques, torques)
 
     def _late_or_twice(self, time: float) -> Reading | None:
-        """Return a reading without an estimate where a stamp does not rise; None where it may go on."""
+        """Return a reading without an estimate where a stamp does not rise; None where it may go
+        on.
+        """
         if time - self._time >= SHORTEST:
             return None
         if time >= self._time:
@@ -242,7 +264,8 @@ class Monitor:
         return self._skipped(time, "late", f"{self._time - time:.3g} s")
 
     def _restart(self, why: str) -> None:
-        # where the joint went meanwhile is not known; a tendon's geometry has a second angle beyond what a joint can reach
+        # where the joint went meanwhile is not known; a tendon's geometry has a second angle beyond
+        # what a joint can reach
         angles = self._live.angles
         has_angles = self._live.samples and bool(np.all(np.abs(angles) <= LARGEST_ANGLE))
         reached = np.clip(angles, *self._reach)

@@ -39,19 +39,24 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
     """Return the values of some channels of a log, (k, n_channels).
 
     Raises:
-        EstimationError: a channel is not in the log, has no value at all, or the log has fewer than two samples.
+        EstimationError: a channel is not in the log, has no value at all, or the log has fewer than
+            two samples.
     """
     if len(log) < 2:
-        raise EstimationError(f"{log.source}: {len(log)} sample came; an estimate over time needs at least two")
+        raise EstimationError(
+            f"{log.source}: {len(log)} sample came; an estimate over time needs at least two"
+        )
     for channel in channels:
         if channel not in log.channels:
             names = ", ".join(log.channels) or "none"
             raise EstimationError(
-                f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it has {names})"
+                f"{log.source}: {name} needs the sensor '{channel}', which is not in the log (it "
+                f"has {names})"
             )
         if not np.any(np.isfinite(log.channels[channel])):
             raise EstimationError(
-                f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, or mend the log"
+                f"{log.source}: sensor '{channel}' has no value at all; remove it from the rig, "
+                "or mend the log"
             )
     samples = np.column_stack([log.channels[channel] for channel in channels])
     has_wild = np.fmax.reduce(np.abs(samples), axis=None) > LARGEST_READING
@@ -59,12 +64,15 @@ def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Fl
 
 
 def without_wild(log: Log, channels: Sequence[str], samples: Floats) -> Floats:
-    """Return the samples with wild values taken as missing, and warn of each sensor that has them."""
+    """Return the samples with wild values taken as missing, and warn of each sensor that has
+    them.
+    """
     wild = np.abs(samples) > LARGEST_READING
     for channel, rows in zip(channels, wild.T):
         if rows.any():
             warnings.warn(
-                f"{log.source}: sensor '{channel}' has {int(rows.sum())} wild value{'s' if rows.sum() > 1 else ''}, the "
+                f"{log.source}: sensor '{channel}' has {int(rows.sum())} wild "
+                f"value{'s' if rows.sum() > 1 else ''}, the "
                 f"first at {log.time[rows.argmax()]:g} s, taken as missing ({WILD})",
                 DistalWarning,
                 stacklevel=4,
@@ -82,34 +90,41 @@ def estimate(
     compiled: bool = True,
     homing: float | None = None,
 ) -> Estimate:
-    """Estimate the joint angle over a log: `Estimator.initial` with the first value of each channel, then `Estimator.step`.
+    """Estimate the joint angle over a log: `Estimator.initial` with the first value of each
+    channel, then `Estimator.step`.
 
     Args:
-        log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas frame (see `read_log`).
+        log: sensors over time: a `Log`, the path of a CSV or Parquet file, or a polars or pandas
+            frame (see `read_log`).
         rig: the description, or a shipped rig's name, or a path.
         estimator: a name (see `ESTIMATORS`), or anything that is an `Estimator`.
-        passes: how often to filter; each pass starts with the last covariance of the one before, as in the 2008 paper.
+        passes: how often to filter; each pass starts with the last covariance of the one before, as
+            in the 2008 paper.
         truth: column or file of the true angle, if `log` is not a `Log`.
         compiled: compile kernels where possible.
-        homing: for how long the truth is used as a reference [s]; afterwards it is only compared with. Filters of
-            the displacement-driven kind read it as a sensor, `affine` learns from it, the others are shifted by their mean
-            error.
+        homing: for how long the truth is used as a reference [s]; afterwards it is only compared
+            with. Filters of the displacement-driven kind read it as a sensor, `affine` learns from
+            it, the others are shifted by their mean error.
 
     Raises:
-        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or homing has no reference.
+        EstimationError: the log lacks a sensor, the estimator cannot run on this rig, or homing has
+            no reference.
         LogError: the file cannot be read.
         RigError: the rig is unknown or wrong.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     if isinstance(log, Log) and truth is not None:
-        raise EstimationError("truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))")
+        raise EstimationError(
+            "truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))"
+        )
     log = log if isinstance(log, Log) else read_log(log, rig, truth)
     runner = runner_for(log, rig, estimator, compiled, homing)
     if not isinstance(passes, int) or passes < 1:
         raise EstimationError(f"passes must be at least 1, {passes!r} came")
     if passes > 1 and not isinstance(runner, FullStateFilter):
         raise EstimationError(
-            f"{runner.name} takes one pass; --passes is for the filters of the paper's kind (ekf-2008, ekf)"
+            f"{runner.name} takes one pass; --passes is for the filters of the paper's kind "
+            "(ekf-2008, ekf)"
         )
     run = prepared(log, runner, homing)
     belief = run.start
@@ -141,14 +156,20 @@ class Run:
 
 
 def references_of(runner: Estimator) -> dict[str, int]:
-    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator reads."""
+    """Return channel → index of the joint, for each sensor of a joint's angle that an estimator
+    reads.
+    """
     joints = [joint.name for joint in runner.rig.joints]
     sensors = {sensor.name: joints.index(sensor.of) for sensor in runner.rig.sensors_of("angle")}
     return {channel: sensors[channel] for channel in runner.channels if channel in sensors}
 
 
 def runner_for(
-    log: Log, rig: Rig, estimator: str | Estimator, compiled: bool = True, homing: float | None = None
+    log: Log,
+    rig: Rig,
+    estimator: str | Estimator,
+    compiled: bool = True,
+    homing: float | None = None,
 ) -> Estimator:
     """Return the estimator to run over a log, one that reads the reference where there is homing.
 
@@ -156,7 +177,9 @@ def runner_for(
         EstimationError: it is no estimator, or cannot run on this rig, or homing has no reference.
     """
     if not isinstance(estimator, (str, Estimator)):
-        raise EstimationError(f"an estimator is a name or one from make_estimator, {estimator!r} came")
+        raise EstimationError(
+            f"an estimator is a name or one from make_estimator, {estimator!r} came"
+        )
     if homing is not None:
         rig, references = with_references(rig, known_early(log, homing))
         check_homing(homing, log, [joint.name for joint in rig.joints])
@@ -168,9 +191,13 @@ def runner_for(
 
 
 def known_early(log: Log, homing: float) -> Log:
-    """Return the log with the truth of only those joints that have a reference value during homing."""
+    """Return the log with the truth of only those joints that have a reference value during
+    homing.
+    """
     early = log.time - log.time[0] < homing
-    truths = {name: angles for name, angles in log.truth.items() if np.isfinite(angles[early]).any()}
+    truths = {
+        name: angles for name, angles in log.truth.items() if np.isfinite(angles[early]).any()
+    }
     return replace(log, truth=truths) if truths else log
 
 
@@ -206,13 +233,19 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     if len(bad):
         row = int(bad[0])
         raise DivergedError(
-            f"{run.log.source}: {run.runner.name} left all bounds at {run.log.time[row]:g} s; check the units of the log "
+            f"{run.log.source}: {run.runner.name} left all bounds at {run.log.time[row]:g} s; "
+            "check the units of the log "
             "and the rig's stiffness and masses, or shorten stepping.largest_step"
         )
 
 
 def finished(
-    run: Run, means: Floats, spreads: Floats, innovations: Floats, variances: Floats, covariances: Floats | None = None
+    run: Run,
+    means: Floats,
+    spreads: Floats,
+    innovations: Floats,
+    variances: Floats,
+    covariances: Floats | None = None,
 ) -> Estimate:
     """Return the estimate of a run.
 
@@ -223,7 +256,11 @@ def finished(
     """
     log, runner = run.log, run.runner
     joints = tuple(joint.name for joint in runner.rig.joints)
-    truths, torques, references = true_angles(log, joints), true_torques(log, joints), references_of(runner)
+    truths, torques, references = (
+        true_angles(log, joints),
+        true_torques(log, joints),
+        references_of(runner),
+    )
     if run.homing is not None and truths is not None:
         early = log.time - log.time[0] < run.homing
         if not (references or isinstance(runner, AffineEstimator)):
@@ -250,7 +287,10 @@ def finished(
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,
-        notes=(*run.notes, *(runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else ())),
+        notes=(
+            *run.notes,
+            *(runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else ()),
+        ),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,
@@ -258,12 +298,16 @@ def finished(
         unseen=runner.unseen if isinstance(runner, AdaptiveFilter) else None,
         state_kinds=state_kinds,
         state_parts=state_parts,
-        state_units=runner.state_units if isinstance(runner, KernelEstimator) else state_units(runner),
+        state_units=runner.state_units
+        if isinstance(runner, KernelEstimator)
+        else state_units(runner),
     )
 
 
 def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
-    """Return prior means and stds of the states that are constants of the rig, NaN for the others; else None."""
+    """Return prior means and stds of the states that are constants of the rig, NaN for the others;
+    else None.
+    """
     return runner.priors if isinstance(runner, AdaptiveFilter) else (None, None)
 
 
@@ -273,7 +317,9 @@ def with_channel(log: Log, name: str, values: Floats) -> Log:
 
 
 def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[np.intp]:
-    """Return the rows whose means, (k, n), are not finite or no joint's, or whose variances (`spreads`) are negative."""
+    """Return the rows whose means, (k, n), are not finite or no joint's, or whose variances
+    (`spreads`) are negative.
+    """
     angles = means[:, :n_joints]
     # one pass where all is well: sums are finite only if all terms are
     near = angles.max(initial=0.0) <= LARGEST_ANGLE and angles.min(initial=0.0) >= -LARGEST_ANGLE
@@ -282,7 +328,11 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
     if near and finite and spreads.min() >= 0.0:
         return np.zeros(0, dtype=np.intp)
     far = np.any(np.abs(angles) > LARGEST_ANGLE, axis=1)
-    fine = np.isfinite(means).all(axis=1) & np.isfinite(spreads).all(axis=1) & (spreads >= 0.0).all(axis=1)
+    fine = (
+        np.isfinite(means).all(axis=1)
+        & np.isfinite(spreads).all(axis=1)
+        & (spreads >= 0.0).all(axis=1)
+    )
     return np.flatnonzero(far | ~fine)
 
 

@@ -1,4 +1,6 @@
-"""A fixed-interval smoother: each estimate uses the whole log, not only what came before. Offline only."""
+"""A fixed-interval smoother: each estimate uses the whole log, not only what came before. Offline
+only.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,15 @@ from distal.run.offline import Run, finished, out_of_bounds, samples_of
 
 
 def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
-    """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel, AIAA Journal 3, 1965).
+    """Return the estimate of `adaptive` smoothed backwards over the log (Rauch, Tung and Striebel,
+    AIAA Journal 3, 1965).
 
-    G = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + G (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be negative,
-    P^s_k = (I − G Φ) P_k (I − G Φ)ᵀ + G (P^s_{k+1} + Q) Gᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ: (28) of
-    docs/reference/adaptive-equations.md. Φ is the whole transition of the filter's own predictions: joints, what fades,
-    plays, bridges of gaps. Rows of G are zero for states that are guards of the filter (`State.smoothed`), and rows and
-    columns for those that take a share of the gain (`StateVector.slow`); P^s holds for any G.
+    G = P_k Φᵀ (P⁻_{k+1})⁻¹, x^s_k = x_k + G (x^s_{k+1} − x⁻_{k+1}), and, as a sum of what cannot be
+    negative, P^s_k = (I − G Φ) P_k (I − G Φ)ᵀ + G (P^s_{k+1} + Q) Gᵀ with Q = P⁻_{k+1} − Φ P_k Φᵀ:
+    (28) of docs/reference/adaptive-equations.md. Φ is the whole transition of the filter's own
+    predictions: joints, what fades, plays, bridges of gaps. Rows of G are zero for states that are
+    guards of the filter (`State.smoothed`), and rows and columns for those that take a share of the
+    gain (`StateVector.slow`); P^s holds for any G.
 
     Raises:
         EstimationError: the log lacks a sensor, or the sensors do not suffice.
@@ -34,10 +38,13 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     carries, ys = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers))
     n, m = belief.size, len(runner.measured)
     if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(rig.joints))):
-        raise EstimationError(f"{log.source}: the filter left all bounds; check the units of the log and the rig")
+        raise EstimationError(
+            f"{log.source}: the filter left all bounds; check the units of the log and the rig"
+        )
     means, covariances = mean_of(carries, n).copy(), covariance_of(carries, n).copy()
     predicted, matrices = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)
-    # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be transposed
+    # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be
+    # transposed
     predicted_covariances, transitions = matrices[:, 0], np.swapaxes(matrices[:, 1], 1, 2)
     # each state in its own prior std, so that the inverse is well scaled
     scale = np.maximum(runner.states.stds, 1e-12)
@@ -60,12 +67,19 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     if rig.discrepancy is not None:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
-    run, innovations = Run(log, runner, samples, belief, None), runner.innovations_of(ys[last], samples)
+    run, innovations = (
+        Run(log, runner, samples, belief, None),
+        runner.innovations_of(ys[last], samples),
+    )
     return finished(run, means[last], spreads[last], *innovations, covariances[last])
 
 
-def correct(means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]) -> None:
-    """Add the rig's discrepancy, which depends on the readings alone, to the means and covariances of the rows `last`."""
+def correct(
+    means: Floats, covariances: Floats, log: Log, rig: Rig, compiled: bool, last: NDArray[np.intp]
+) -> None:
+    """Add the rig's discrepancy, which depends on the readings alone, to the means and covariances
+    of the rows `last`.
+    """
     runner = AdaptiveFilter(rig, compiled)
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))

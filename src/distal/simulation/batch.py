@@ -26,10 +26,12 @@ def simulate_batch(
     workers: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Log]:
-    """Simulate many scenarios, or one with many seeds, and yield the logs in their order, those that `simulate` gives.
+    """Simulate many scenarios, or one with many seeds, and yield the logs in their order, those
+    that `simulate` gives.
 
-    A scenario that comes again with another seed moves again only once: the same motion, other errors of the sensors.
-    Scenarios of one plant run side by side, one in each vector lane. Only what is in work is in memory.
+    A scenario that comes again with another seed moves again only once: the same motion, other
+    errors of the sensors. Scenarios of one plant run side by side, one in each vector lane. Only
+    what is in work is in memory.
 
     Args:
         jobs: (scenario, seed) of each run; may be a generator.
@@ -53,7 +55,9 @@ def _job(job: object) -> Job:
     return job[0], job[1]
 
 
-def _batch(rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None) -> Iterator[Log]:
+def _batch(
+    rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None
+) -> Iterator[Log]:
     kernels = _Kernels()
     runs = in_order(jobs, lanes_here(), lambda group: _group(rig, group, kernels), workers)
     for done, (_, log) in enumerate(runs, 1):
@@ -81,7 +85,8 @@ class _Kernels:
 
 
 def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception]:
-    """Return the logs of some runs: one motion for each scenario, those of the same plant side by side.
+    """Return the logs of some runs: one motion for each scenario, those of the same plant side by
+    side.
 
     What a job cannot do stands in its place, and ends the list.
     """
@@ -89,7 +94,14 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception
     which: list[int] = []
     problem: Exception | None = None
     for scenario, seed in jobs:
-        at = next((i for i, (before, _) in enumerate(distinct) if before is scenario or before == scenario), None)
+        at = next(
+            (
+                i
+                for i, (before, _) in enumerate(distinct)
+                if before is scenario or before == scenario
+            ),
+            None,
+        )
         try:
             ready = prepare(rig, scenario, seed) if at is None else distinct[at][1]
             check_open(ready.scenario)
@@ -108,5 +120,7 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception
         alike = [j for j, plant in enumerate(plants) if j not in motions and plant == plants[i]]
         runs = [(distinct[j][1].inputs, distinct[j][1].start) for j in alike]
         motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernels.of(first))))
-    logs: list[Log | Exception] = [sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)]
+    logs: list[Log | Exception] = [
+        sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)
+    ]
     return logs if problem is None else [*logs, problem]

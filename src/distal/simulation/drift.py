@@ -1,4 +1,6 @@
-"""Hours of a scenario, a piece at a time: the plant's numbers change as its schedule says, and memory stays as it is."""
+"""Hours of a scenario, a piece at a time: the plant's numbers change as its schedule says, and
+memory stays as it is.
+"""
 
 from __future__ import annotations
 
@@ -42,12 +44,14 @@ class Piece:
     known: Floats
 
 
-def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Iterator[Piece]:
+def simulate_pieces(
+    rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0
+) -> Iterator[Piece]:
     """Simulate hours of a scenario and yield what the sensors read, minute after minute.
 
-    A number of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), w a random walk; it changes
-    from one piece to the next. While the scenario's ``[rezero]`` lasts, its drives' pulls replace the usual ones. The
-    seed is of the sensors' errors and the random walks.
+    A number of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), w a
+    random walk; it changes from one piece to the next. While the scenario's ``[rezero]`` lasts, its
+    drives' pulls replace the usual ones. The seed is of the sensors' errors and the random walks.
 
     Raises:
         ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
@@ -65,7 +69,11 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
     rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
     kernel = Kernel(plant_function(plant, prepared.count))
     carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
-    walks, rng, errors = np.zeros(len(scheduled)), np.random.default_rng([seed, 1]), errors_by_rate(plant.rig, seed)
+    walks, rng, errors = (
+        np.zeros(len(scheduled)),
+        np.random.default_rng([seed, 1]),
+        errors_by_rate(plant.rig, seed),
+    )
     readings = Readings(plant)
     for k in range(ceil(scenario.duration / length - 1e-9)):
         begin, p = k * length, plant.parameters.values.copy()
@@ -83,7 +91,8 @@ def simulate_pieces(rig: Rig | str | Path, scenario: Scenario | str | Path, seed
 
 
 def numbers_at(plant: Mechanism, path: str) -> list[int]:
-    """Return which of the plant's numbers a path by names or indices of parts names; ``*`` is all parts of a kind.
+    """Return which of the plant's numbers a path by names or indices of parts names; ``*`` is all
+    parts of a kind.
 
     Raises:
         ScenarioError: none.
@@ -96,7 +105,9 @@ def numbers_at(plant: Mechanism, path: str) -> list[int]:
         if any(name.count(".") == path.count(".") and fnmatchcase(name, path) for name in pair)
     ]
     if not matches:
-        raise ScenarioError(f"schedule: the plant has no number '{path}'{did_you_mean(path, paths)}")
+        raise ScenarioError(
+            f"schedule: the plant has no number '{path}'{did_you_mean(path, paths)}"
+        )
     return matches
 
 
@@ -104,7 +115,8 @@ def _pulls(scenario: Scenario, rezero: Rezero) -> Scenario:
     """Return the scenario with the pulls of a rezero in place of its own."""
     if rezero.lasts >= rezero.every:
         raise ScenarioError(
-            f"rezero: it lasts {rezero.lasts:g} s and comes every {rezero.every:g} s; leave time between"
+            f"rezero: it lasts {rezero.lasts:g} s and comes every {rezero.every:g} s; leave time "
+            "between"
         )
     return scenario.model_copy(update={"drives": rezero.drives})
 
@@ -114,7 +126,9 @@ def _since(rezero: Rezero, time: Floats) -> Floats:
     return np.where(time >= rezero.every, np.mod(time, rezero.every), np.inf)
 
 
-def _replace(inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats) -> None:
+def _replace(
+    inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats
+) -> None:
     """Let a rezero's pulls act while it lasts, in place."""
     names = [drive.name for drive in plant.rig.drives]
     bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
@@ -123,15 +137,26 @@ def _replace(inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mecha
     inputs.servo[at] = pulls.servo[at]
 
 
-def _read(motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario) -> Piece:
+def _read(
+    motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
+) -> Piece:
     """Return what the sensors read in a piece, from its first stamp to before its last."""
     rig, (begin, end) = motion.plant.rig, (grid[0], grid[-1])
-    times = {rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate for rate in errors}
+    times = {
+        rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate
+        for rate in errors
+    }
     stamps = np.unique(np.round(np.concatenate(list(times.values())), 9))
     channels = {}
     for rate, (at, of_rate) in errors.items():
-        sensors, rows = [rig.sensors[k] for k in at], np.searchsorted(stamps, np.round(times[rate], 9))
-        true = [np.interp(times[rate] - sensor.delay, grid, readings[k]) for k, sensor in zip(at, sensors)]
+        sensors, rows = (
+            [rig.sensors[k] for k in at],
+            np.searchsorted(stamps, np.round(times[rate], 9)),
+        )
+        true = [
+            np.interp(times[rate] - sensor.delay, grid, readings[k])
+            for k, sensor in zip(at, sensors)
+        ]
         for sensor, read in zip(sensors, of_rate.read(np.column_stack(true)).T):
             channels[sensor.name] = np.full(len(stamps), np.nan)
             channels[sensor.name][rows] = read
@@ -143,5 +168,11 @@ def _read(motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, 
         joint = 0 if name is None else [joint.name for joint in rig.joints].index(name)
         angles[late, joint] = scenario.rezero.angle
     channels = {sensor.name: channels[sensor.name] for sensor in rig.sensors}
-    log = Log(stamps, channels, true_motion(motion, grid, stamps), scenario.name or "simulation", SIMULATED)
+    log = Log(
+        stamps,
+        channels,
+        true_motion(motion, grid, stamps),
+        scenario.name or "simulation",
+        SIMULATED,
+    )
     return Piece(log, angles)

@@ -19,9 +19,13 @@ def parts_of_plant(mechanism: Mechanism) -> tuple[Part, ...]:
 
 
 def plants_apart(
-    mechanism: Mechanism, parts: tuple[Part, ...], plant: Callable[[Mechanism], ca.Function], rubbing: list[int]
+    mechanism: Mechanism,
+    parts: tuple[Part, ...],
+    plant: Callable[[Mechanism], ca.Function],
+    rubbing: list[int],
 ) -> ca.Function:
-    """Return the function of a plant, see `plant_function`, by those that `plant` gives of its parts' equations.
+    """Return the function of a plant, see `plant_function`, by those that `plant` gives of its
+    parts' equations.
 
     Drives that are `rubbing` have friction inside their transmission.
     """
@@ -29,12 +33,17 @@ def plants_apart(
     names, kernels = mechanism.parameters.names, []
     for part in parts:
         equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
-        drives, tendons = (np.array(part.indices[kind], dtype=np.intp) for kind in ("drives", "tendons"))
+        drives, tendons = (
+            np.array(part.indices[kind], dtype=np.intp) for kind in ("drives", "tendons")
+        )
         bodies = np.concatenate([part.indices["joints"], nj + drives]).astype(np.intp)
         frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
         carry = np.concatenate([bodies, n + bodies, 2 * n + frictions])
         x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
-        p = np.array([names.index(part.whole_path(name)) for name in equations.parameters.names], dtype=np.intp)
+        p = np.array(
+            [names.index(part.whole_path(name)) for name in equations.parameters.names],
+            dtype=np.intp,
+        )
         y = np.concatenate([bodies, n + bodies, 2 * n + tendons, 2 * n + nt + bodies])
         kernels.append(PlacedKernel(plant(equations), carry, x, p, y))
     return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), 3 * n + nt))

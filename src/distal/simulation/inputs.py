@@ -10,7 +10,14 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.model import GRAVITY, Mechanism
-from distal.simulation.scenario import CapstanServo, DriveInput, Hand, JointInput, Scenario, SliderServo
+from distal.simulation.scenario import (
+    CapstanServo,
+    DriveInput,
+    Hand,
+    JointInput,
+    Scenario,
+    SliderServo,
+)
 from distal.suggestions import did_you_mean
 from distal.units import to_si
 
@@ -19,8 +26,9 @@ from distal.units import to_si
 class BodyInputs:
     """What acts on the bodies in each interval of a grid.
 
-    The effort is force or torque, hung weights included, and the added inertia the mass of these, (n, n_bodies) each; a
-    servo is stiffness, target and damping of a spring to a target, (n, n_bodies, 3).
+    The effort is force or torque, hung weights included, and the added inertia the mass of these,
+    (n, n_bodies) each; a servo is stiffness, target and damping of a spring to a target, (n,
+    n_bodies, 3).
     """
 
     effort: Floats
@@ -32,7 +40,8 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
     """Return the scenario's signals at each `time` [s], (n,), the starts of intervals.
 
     Raises:
-        ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls one in a way it cannot be.
+        ScenarioError: the scenario names a joint or drive that the rig does not have, or pulls one
+            in a way it cannot be.
     """
     rig = mechanism.rig
     _check_names(scenario.joints, [joint.name for joint in rig.joints], "joints", "joint")
@@ -63,31 +72,43 @@ def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> Non
         _spring(inputs, body, pull.servo, target.at(time))
 
 
-def _spring(inputs: BodyInputs, body: int, spring: Hand | SliderServo | CapstanServo, target: Floats) -> None:
+def _spring(
+    inputs: BodyInputs, body: int, spring: Hand | SliderServo | CapstanServo, target: Floats
+) -> None:
     inputs.servo[:, body, 0], inputs.servo[:, body, 2] = spring.stiffness, spring.damping
     inputs.servo[:, body, 1] = target
 
 
 def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
     slider, capstan = isinstance(pull.servo, SliderServo), isinstance(pull.servo, CapstanServo)
-    force, torque, weight = (signal is not None for signal in (pull.force, pull.torque, pull.weight))
+    force, torque, weight = (
+        signal is not None for signal in (pull.force, pull.torque, pull.weight)
+    )
     allowed, refused = {
         "slider": ("weight, force, servo.position", {"torque": torque, "servo.angle": capstan}),
-        "capstan": ("torque, servo.angle", {"force": force, "weight": weight, "servo.position": slider}),
+        "capstan": (
+            "torque, servo.angle",
+            {"force": force, "weight": weight, "servo.position": slider},
+        ),
     }[kind]
     for name, is_present in refused.items():
         if is_present:
-            raise ScenarioError(f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed")
+            raise ScenarioError(
+                f"{where}.{name}: a {kind} cannot be pulled so; {allowed} are allowed"
+            )
 
 
 def _check_names(keys: Iterable[str], names: list[str], where: str, kind: str) -> None:
     for name in keys:
         if name not in names:
-            raise ScenarioError(f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}")
+            raise ScenarioError(
+                f"{where}: the rig has no {kind} '{name}'{did_you_mean(name, names)}"
+            )
 
 
 def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
-    """Return the joints' angles at the start [rad], (n_joints,): the scenario's, else the rig's `initial`.
+    """Return the joints' angles at the start [rad], (n_joints,): the scenario's, else the rig's
+    `initial`.
 
     Raises:
         ScenarioError: an unknown joint, or no angle.
@@ -98,11 +119,15 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     for name, raw in scenario.initial.items():
         coupled = mechanism.rig.joints[names.index(name)].coupled
         if coupled is not None:
-            raise ScenarioError(f"initial.{name}: it follows '{coupled.joint}'; give the angle of that joint")
+            raise ScenarioError(
+                f"initial.{name}: it follows '{coupled.joint}'; give the angle of that joint"
+            )
         try:
             angles[names.index(name)] = to_si(raw, "rad")
         except ValueError as problem:
             raise ScenarioError(f"initial.{name}: {problem}") from None
     # coupled joints stand where the others say
-    placed: Floats = (mechanism.spread.full() @ angles[mechanism.free]) + mechanism.offsets.full().ravel()
+    placed: Floats = (
+        mechanism.spread.full() @ angles[mechanism.free]
+    ) + mechanism.offsets.full().ravel()
     return placed

@@ -21,9 +21,9 @@ from distal.simulation.inputs import BodyInputs
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of the plant over one interval of `count` sub-steps.
 
-    carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added inertia, servo, dt);
-    y = (q, v, tensions, pull on each body), the pull being what a load cell or torque sensor between source and body
-    reads: U = W − (W/g) ẍ for a hung weight.
+    carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added
+    inertia, servo, dt); y = (q, v, tensions, pull on each body), the pull being what a load cell or
+    torque sensor between source and body reads: U = W − (W/g) ẍ for a hung weight.
     """
     n, rubbing, nx = mechanism.n_bodies, hysteretic(mechanism), len(mechanism.parameters.inside)
     parts = parts_of_plant(mechanism)
@@ -31,7 +31,9 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
         return plants_apart(mechanism, parts, lambda part: plant_function(part, count), rubbing)
     step = interval_step(mechanism, count, with_servo=True)
     q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
-    tensions = ca.Function("tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
+    tensions = ca.Function(
+        "tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)]
+    )
     carry = ca.MX.sym("carry", 2 * n + len(rubbing) + nx)
     x, numbers = ca.MX.sym("x", 5 * n + 1), ca.MX.sym("p", len(mechanism.parameters))
     frictions, inside = carry[2 * n : 2 * n + len(rubbing)], carry[2 * n + len(rubbing) :]
@@ -42,14 +44,18 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     acting = effort + force(carry[:n], frictions, p) if rubbing else effort
     q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
     acceleration = (v_next - before) / dt
-    pull = effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
+    pull = (
+        effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
+    )
     if nx:
         inside = settled_function(mechanism)(q_next, dt, p)
         p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
     frictions = follow(carry[:n], q_next, v_next, frictions, p) if rubbing else frictions
     following = ca.vertcat(q_next, v_next, frictions, inside)
-    return ca.Function("plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
 def settled_function(mechanism: Mechanism) -> ca.Function:
@@ -61,7 +67,9 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
 
 @lru_cache(maxsize=32)
 def inside_function(mechanism: Mechanism) -> ca.Function:
-    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and crept as the rig says."""
+    """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and
+    crept as the rig says.
+    """
     still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
     strains = []
@@ -86,7 +94,9 @@ RESOLVED = 0.5
 
 
 def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
-    """Return the stiffness of a drive's internal friction before it slips, in the drive's coordinate."""
+    """Return the stiffness of a drive's internal friction before it slips, in the drive's
+    coordinate.
+    """
     p, body = mechanism.parameters, mechanism.n_joints + drive
     levers = mechanism.length_jacobian(ca.SX.zeros(mechanism.n_bodies))[:, body]
     stiffness = (levers[j] ** 2 * p[f"tendons.{j}.stiffness"] for j in range(mechanism.n_tendons))
@@ -94,22 +104,28 @@ def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
 
 
 def longest_interval(mechanism: Mechanism) -> float:
-    """Return the longest interval [s] that resolves the friction inside the transmissions; infinite where there is none."""
+    """Return the longest interval [s] that resolves the friction inside the transmissions; infinite
+    where there is none.
+    """
     q, p, longest = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters, float("inf")
     for i in hysteretic(mechanism):
         slopes = ca.jacobian(mechanism.stretch(i, q), q)
         square = presliding_stiffness(mechanism, i) * ca.sum2(slopes**2 / mechanism.inertias().T)
-        square = ca.Function("square", [q, p.symbols], [square])(np.zeros(mechanism.n_bodies), p.values)
+        square = ca.Function("square", [q, p.symbols], [square])(
+            np.zeros(mechanism.n_bodies), p.values
+        )
         longest = min(longest, RESOLVED / float(np.sqrt(float(square))))
     return longest
 
 
 def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Function, ca.Function]:
-    """Return friction beside the tendons' springs: a stop operator of the stretch σ (Prandtl, 1928).
+    """Return friction beside the tendons' springs: a stop operator of the stretch σ (Prandtl,
+    1928).
 
-    First (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f, then (q, q⁺, v⁺, f, p) → f⁺ = clip(f + k_s (σ⁺ − σ), −h, h).
-    With it, what the springs feel follows the drive's effort by the play operator that `Hysteresis` describes; the
-    friction is reached within a stretch of h/k_s, a twentieth of that at which the springs alone would carry it.
+    First (q, f, p) → what it does to the bodies, −(∂σ/∂q)ᵀ f, then (q, q⁺, v⁺, f, p) → f⁺ = clip(f
+    + k_s (σ⁺ − σ), −h, h). With it, what the springs feel follows the drive's effort by the play
+    operator that `Hysteresis` describes; the friction is reached within a stretch of h/k_s, a
+    twentieth of that at which the springs alone would carry it.
     """
     n, p = mechanism.n_bodies, mechanism.parameters
     q, after, v = ca.SX.sym("q", n), ca.SX.sym("after", n), ca.SX.sym("v", n)
@@ -120,7 +136,9 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Funct
         forces -= ca.jacobian(stretch, q).T * f[k]
         limit = mechanism.hysteresis_limit(i, after, tensions)
         moved = mechanism.stretch(i, after) - stretch
-        frictions.append(ca.fmin(ca.fmax(f[k] + presliding_stiffness(mechanism, i) * moved, -limit), limit))
+        frictions.append(
+            ca.fmin(ca.fmax(f[k] + presliding_stiffness(mechanism, i) * moved, -limit), limit)
+        )
     force = ca.Function("internal_force", [q, f, p.symbols], [ca.densify(forces)])
     follow = ca.Function("internal_friction", [q, after, v, f, p.symbols], [ca.vertcat(*frictions)])
     return force, follow
@@ -128,7 +146,9 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Funct
 
 @dataclass(frozen=True)
 class Motion:
-    """The plant's motion at the start and after every interval: its kernel's y, (k, n_y), see `plant_function`."""
+    """The plant's motion at the start and after every interval: its kernel's y, (k, n_y), see
+    `plant_function`.
+    """
 
     plant: Mechanism
     y: Floats
@@ -151,14 +171,17 @@ class Motion:
 
     @property
     def pulls(self) -> Floats:
-        """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k, n_bodies)."""
+        """What pulls the bodies: torques on the joints, then forces or torques of the drives, (k,
+        n_bodies).
+        """
         return self.y[:, 2 * self.plant.n_bodies + self.plant.n_tendons :]
 
     def check(self) -> None:
         """Raise a ScenarioError where the motion left all bounds."""
         if not np.all(np.isfinite(self.y)) or np.abs(self.q).max() > 1e3:
             raise ScenarioError(
-                "the simulated motion left all bounds: a force without a stop or tendon that holds it, "
+                "the simulated motion left all bounds: a force without a stop or tendon that "
+                "holds it, "
                 "or a step that is too long (see stepping.largest_step)"
             )
 
@@ -171,26 +194,38 @@ def rows_of(inputs: BodyInputs, dt: float) -> Floats:
 
 
 def at_rest(
-    mechanism: Mechanism, inputs: BodyInputs, start: Floats, kernel: Kernel, numbers: Floats | None = None
+    mechanism: Mechanism,
+    inputs: BodyInputs,
+    start: Floats,
+    kernel: Kernel,
+    numbers: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the carry of a plant at rest, and what its kernel (of `plant_function`) would put out there, (1, n_y).
+    """Return the carry of a plant at rest, and what its kernel (of `plant_function`) would put out
+    there, (1, n_y).
 
-    Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's parameters `numbers`,
-    (n_p,), default those of the mechanism.
+    Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's
+    parameters `numbers`, (n_p,), default those of the mechanism.
     """
     n, p = mechanism.n_bodies, mechanism.parameters.values if numbers is None else numbers
-    inside = np.array(inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])).ravel()
+    inside = np.array(
+        inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
+    ).ravel()
     carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
     # a tiny interval gives the tensions there
     y = advance(kernel, Feed(carry, rows_of(inputs, 1e-12)[:1], p)).ys
     y[:, :n], y[:, n : 2 * n] = start, 0.0
     servo = inputs.servo[:1]
-    y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (servo[:, :, 1] - start)
+    y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (
+        servo[:, :, 1] - start
+    )
     return carry, y
 
 
-def run_plant(mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int) -> Motion:
-    """Return the plant's motion at the start and after every interval of length `dt` [s]; see `run_plants`.
+def run_plant(
+    mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int
+) -> Motion:
+    """Return the plant's motion at the start and after every interval of length `dt` [s]; see
+    `run_plants`.
 
     Raises:
         ScenarioError: the motion left all bounds.
@@ -207,8 +242,8 @@ def run_plants(
 ) -> list[Motion]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
-    Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the `numbers` of its plant, (n_p,),
-    default those of the mechanism; the kernel is of `plant_function`.
+    Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the `numbers`
+    of its plant, (n_p,), default those of the mechanism; the kernel is of `plant_function`.
 
     Raises:
         ScenarioError: a motion left all bounds.
@@ -218,7 +253,9 @@ def run_plants(
     begun = [at_rest(mechanism, inputs, start, kernel, p) for (inputs, start), p in zip(runs, ps)]
     feeds = [Feed(carry, xs, p) for (carry, _), xs, p in zip(begun, rows, ps)]
     moved = advance_all(kernel, feeds, keep=())
-    motions = [Motion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)]
+    motions = [
+        Motion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)
+    ]
     for motion in motions:
         motion.check()
     return motions
@@ -233,11 +270,15 @@ def resting_force(mechanism: Mechanism) -> ca.Function:
     return ca.Function("force", [q, still.parameters.symbols], [pull])
 
 
-def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None) -> Floats:
-    """Return where every drive is in equilibrium with the joints held at `angles` [rad], (n_joints,): all coordinates.
+def equilibrium(
+    mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None
+) -> Floats:
+    """Return where every drive is in equilibrium with the joints held at `angles` [rad],
+    (n_joints,): all coordinates.
 
-    A slack tendon counts as if it could push, so that a drive without a pull stands where its tendon is just straight.
-    Of the inputs the first interval counts; the force is the `resting_force` of a plant of the same structure.
+    A slack tendon counts as if it could push, so that a drive without a pull stands where its
+    tendon is just straight. Of the inputs the first interval counts; the force is the
+    `resting_force` of a plant of the same structure.
 
     Raises:
         ScenarioError: a drive has no equilibrium.
@@ -259,7 +300,10 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force:
         while not (net(-reach) > 0.0 > net(reach)):
             reach *= 2.0
             if reach > 1e3:
-                raise ScenarioError(f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its pull")
+                raise ScenarioError(
+                    f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its "
+                    "pull"
+                )
         place[i] = float(brentq(net, -reach, reach, xtol=1e-12))
         if drive.stops is not None:
             place[i] = float(np.clip(place[i], *drive.stops))

@@ -1,4 +1,6 @@
-"""What sensors read of a simulated motion: first without errors (`Readings`), then with them, as one function."""
+"""What sensors read of a simulated motion: first without errors (`Readings`), then with them, as
+one function.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from distal.sensor_errors import SENSOR, SensorErrors, reading
 def moment_of(plant: Mechanism, y: Vector) -> Moment:
     """Return the motion that an output y of a plant's kernel (`plant_function`) holds, (n_y,)."""
     n = plant.n_bodies
-    return Moment(plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :])
+    return Moment(
+        plant, y[:n], y[n : 2 * n], y[2 * n : 2 * n + plant.n_tendons], y[2 * n + plant.n_tendons :]
+    )
 
 
 class Readings:
@@ -27,13 +31,20 @@ class Readings:
     def __init__(self, plant: Mechanism, sensors: Sequence[Sensor] | None = None) -> None:
         y, p = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons), plant.parameters
         moment = moment_of(plant, y)
-        readings = [ca.SX(moment.read(sensor)) for sensor in (plant.rig.sensors if sensors is None else sensors)]
+        readings = [
+            ca.SX(moment.read(sensor))
+            for sensor in (plant.rig.sensors if sensors is None else sensors)
+        ]
         # most sensors read one of the plant's outputs: those are taken as they are
         places = {y[i].element_hash(): i for i in range(y.numel())}
-        self._columns = np.array([places.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp)
+        self._columns = np.array(
+            [places.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp
+        )
         self._computed = np.flatnonzero(self._columns < 0)
         computed = ca.vertcat(*(readings[k] for k in self._computed))
-        self._function = ca.Function("readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))])
+        self._function = ca.Function(
+            "readings", [y], [ca.substitute(computed, p.symbols, ca.DM(p.values))]
+        )
 
     def at(self, y: Floats) -> Floats:
         """Return the readings at outputs of the plant's kernel (k, n_y), (k, n_sensors)."""
@@ -59,11 +70,21 @@ def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
 
 
 def reading_function(plant: Mechanism) -> ca.Function:
-    """Return (y, numbers, draws) → what the sensors read, without their delays; a column of `SENSOR` for each sensor."""
+    """Return (y, numbers, draws) → what the sensors read, without their delays; a column of
+    `SENSOR` for each sensor.
+    """
     sensors = plant.rig.sensors
     y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
-    numbers, draws = ca.SX.sym("numbers", SENSOR.size, len(sensors)), ca.SX.sym("draws", len(sensors))
+    numbers, draws = (
+        ca.SX.sym("numbers", SENSOR.size, len(sensors)),
+        ca.SX.sym("draws", len(sensors)),
+    )
     moment = moment_of(plant, y)
-    readings = [reading(moment.read(s), SENSOR.parts(numbers[:, k]), draws[k]) for k, s in enumerate(sensors)]
-    read = ca.substitute(ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values))
+    readings = [
+        reading(moment.read(s), SENSOR.parts(numbers[:, k]), draws[k])
+        for k, s in enumerate(sensors)
+    ]
+    read = ca.substitute(
+        ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values)
+    )
     return ca.Function("reading", [y, numbers, draws], [ca.densify(read)])

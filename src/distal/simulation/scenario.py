@@ -11,7 +11,17 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from distal.errors import RigError, ScenarioError
-from distal.rig import Description, In, Rig, load_rig, parse_assignment, parse_toml, read_text, set_value, validated
+from distal.rig import (
+    Description,
+    In,
+    Rig,
+    load_rig,
+    parse_assignment,
+    parse_toml,
+    read_text,
+    set_value,
+    validated,
+)
 from distal.simulation.signals import PLACES, Signal, SignalIn
 from distal.suggestions import did_you_mean
 
@@ -19,17 +29,27 @@ from distal.suggestions import did_you_mean
 class SliderServo(Description):
     """A position loop on a slider: F = stiffness · (position − x) − damping · ẋ + force."""
 
-    position: Annotated[Signal, SignalIn("m", PLACES)] = Field(description="where the slider should be")
+    position: Annotated[Signal, SignalIn("m", PLACES)] = Field(
+        description="where the slider should be"
+    )
     stiffness: Annotated[float, In("N/m", "positive")] = Field(5e3, description="gain of the loop")
-    damping: Annotated[float, In("kg/s", "nonnegative")] = Field(5.0, description="gain on the velocity")
+    damping: Annotated[float, In("kg/s", "nonnegative")] = Field(
+        5.0, description="gain on the velocity"
+    )
 
 
 class CapstanServo(Description):
     """A position loop on a motor: torque = stiffness · (angle − φ) − damping · φ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(description="where the capstan should be")
-    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(5.0, description="gain of the loop")
-    damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.05, description="gain on the velocity")
+    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
+        description="where the capstan should be"
+    )
+    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(
+        5.0, description="gain of the loop"
+    )
+    damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(
+        0.05, description="gain on the velocity"
+    )
 
 
 class DriveInput(Description):
@@ -38,16 +58,24 @@ class DriveInput(Description):
     weight: Annotated[Signal, SignalIn("N", nonnegative=True)] | None = Field(
         None, description="a hung weight W: it has inertia, U = W − (W/g) ẍ"
     )
-    force: Annotated[Signal, SignalIn("N")] | None = Field(None, description="a massless force on a slider")
-    torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="a torque on a capstan")
+    force: Annotated[Signal, SignalIn("N")] | None = Field(
+        None, description="a massless force on a slider"
+    )
+    torque: Annotated[Signal, SignalIn("N m")] | None = Field(
+        None, description="a torque on a capstan"
+    )
     servo: SliderServo | CapstanServo | None = Field(None, description="a position loop")
 
 
 class Hand(Description):
     """A hand that turns the joint: torque = stiffness · (angle − θ) − damping · θ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(description="where the hand wants the joint")
-    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(3.0, description="how firmly it holds")
+    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
+        description="where the hand wants the joint"
+    )
+    stiffness: Annotated[float, In("N m/rad", "positive")] = Field(
+        3.0, description="how firmly it holds"
+    )
     damping: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="and damps")
 
 
@@ -55,20 +83,28 @@ class JointInput(Description):
     """What acts on a joint that nobody measures."""
 
     hand: Hand | None = Field(None, description="a hand that turns the joint")
-    torque: Annotated[Signal, SignalIn("N m")] | None = Field(None, description="an external torque")
+    torque: Annotated[Signal, SignalIn("N m")] | None = Field(
+        None, description="an external torque"
+    )
 
 
 class JointControl(Description):
     """Reference and gains of a joint's PID controller: τ = k_p e + k_i ∫ e dt − k_d ω."""
 
-    reference: Annotated[Signal, SignalIn("rad", PLACES)] = Field(description="the angle that is wanted")
+    reference: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
+        description="the angle that is wanted"
+    )
     proportional: Annotated[float, In("N m/rad", "positive")] = Field(description="k_p")
     integral: Annotated[float, In("N m/(rad s)", "nonnegative")] = Field(0.0, description="k_i")
-    derivative: Annotated[float, In("N m s/rad", "nonnegative")] = Field(0.0, description="k_d, of the angle's speed")
+    derivative: Annotated[float, In("N m s/rad", "nonnegative")] = Field(
+        0.0, description="k_d, of the angle's speed"
+    )
     deadband: Annotated[float, In("rad", "nonnegative")] = Field(
         0.0, description="a smaller error counts as none: against stick–slip at rest"
     )
-    torque_limit: Annotated[float, In("N m", "positive")] | None = Field(None, description="largest torque asked for")
+    torque_limit: Annotated[float, In("N m", "positive")] | None = Field(
+        None, description="largest torque asked for"
+    )
 
 
 class Control(Description):
@@ -76,9 +112,12 @@ class Control(Description):
 
     feedback: str = Field(
         "adaptive",
-        description="what tells the angle: an estimator's name, encoder, ratio (displacements alone), or command",
+        description="what tells the angle: an estimator's name, encoder, ratio (displacements "
+        "alone), or command",
     )
-    period: Annotated[float, In("s", "positive")] = Field(0.01, description="time between two commands")
+    period: Annotated[float, In("s", "positive")] = Field(
+        0.01, description="time between two commands"
+    )
     co_contraction: Annotated[float, In("N", "nonnegative")] = Field(
         0.0, description="tension of all tendons without a torque, as far as it makes none"
     )
@@ -103,14 +142,18 @@ class Control(Description):
 class Change(Description):
     """How a number of the plant changes over hours: a share of it per hour, and a random walk."""
 
-    per_hour: Annotated[float, In("")] = Field(0.0, description="share of it by which it changes in an hour")
+    per_hour: Annotated[float, In("")] = Field(
+        0.0, description="share of it by which it changes in an hour"
+    )
     walk: Annotated[float, In("", "nonnegative")] = Field(
         0.0, description="standard deviation of the random share by which it changes in an hour"
     )
 
 
 class Rezero(Description):
-    """The joint is driven against something whose angle is known, again and again: drives pull so instead of as usual."""
+    """The joint is driven against something whose angle is known, again and again: drives pull so
+    instead of as usual.
+    """
 
     every: Annotated[float, In("s", "positive")] = Field(description="time between two beginnings")
     lasts: Annotated[float, In("s", "positive")] = Field(
@@ -118,24 +161,46 @@ class Rezero(Description):
     )
     joint: str | None = Field(None, description="which; default the first")
     angle: Annotated[float, In("rad")] = Field(description="where the joint then stands")
-    std: Annotated[float, In("rad", "nonnegative")] = Field(0.0, description="how well that is known")
-    drives: dict[str, DriveInput] = Field(min_length=1, description="what pulls each drive meanwhile")
+    std: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0, description="how well that is known"
+    )
+    drives: dict[str, DriveInput] = Field(
+        min_length=1, description="what pulls each drive meanwhile"
+    )
 
 
 class Scenario(Description):
-    """What is done to a rig, for how long, and how the plant differs from the rig that filters know."""
+    """What is done to a rig, for how long, and how the plant differs from the rig that filters
+    know.
+    """
 
-    rig: str = Field(min_length=1, description="a shipped rig's name, or a path (relative to the scenario file)")
+    rig: str = Field(
+        min_length=1, description="a shipped rig's name, or a path (relative to the scenario file)"
+    )
     name: str = Field("", description="title for plots")
     duration: Annotated[float, In("s", "positive")] = Field(description="how long")
-    set: dict[str, object] = Field(default_factory=dict, description="values of the rig, known to filters too")
-    plant: dict[str, object] = Field(default_factory=dict, description="values of the rig that only the plant has")
-    initial: dict[str, object] = Field(default_factory=dict, description="angles of joints at the start")
+    set: dict[str, object] = Field(
+        default_factory=dict, description="values of the rig, known to filters too"
+    )
+    plant: dict[str, object] = Field(
+        default_factory=dict, description="values of the rig that only the plant has"
+    )
+    initial: dict[str, object] = Field(
+        default_factory=dict, description="angles of joints at the start"
+    )
     drives: dict[str, DriveInput] = Field(default_factory=dict, description="what pulls each drive")
-    joints: dict[str, JointInput] = Field(default_factory=dict, description="what acts on each joint")
-    schedule: dict[str, Change] = Field(default_factory=dict, description="numbers of the plant that change over hours")
-    rezero: Rezero | None = Field(None, description="how the joint is driven to a known angle again and again")
-    control: Control | None = Field(None, description="a controller that commands the drives beside that")
+    joints: dict[str, JointInput] = Field(
+        default_factory=dict, description="what acts on each joint"
+    )
+    schedule: dict[str, Change] = Field(
+        default_factory=dict, description="numbers of the plant that change over hours"
+    )
+    rezero: Rezero | None = Field(
+        None, description="how the joint is driven to a known angle again and again"
+    )
+    control: Control | None = Field(
+        None, description="a controller that commands the drives beside that"
+    )
 
     @model_validator(mode="after")
     def _not_endless(self) -> Self:
@@ -173,13 +238,15 @@ def scenario_text(name: str | Path) -> tuple[str, Path | None]:
         return file.read_text(encoding="utf-8"), None
     if path.suffix != ".toml" and not path.exists():
         raise ScenarioError(
-            f"unknown scenario '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file"
+            f"unknown scenario '{name}'{did_you_mean(str(name), shipped)}; or give the path of a "
+            ".toml file"
         )
     return read_text(path, ScenarioError), path.parent
 
 
 def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario:
-    """Load a scenario by its name (`shipped_scenarios`) or TOML file, with ``path=value`` assignments, values in TOML.
+    """Load a scenario by its name (`shipped_scenarios`) or TOML file, with ``path=value``
+    assignments, values in TOML.
 
     Raises:
         ScenarioError: it is unknown, cannot be read, or its description is wrong.
@@ -191,7 +258,8 @@ def load_scenario(name: str | Path, assignments: Sequence[str] = ()) -> Scenario
         set_value(raw, where, value, ScenarioError)
     if "joints" in raw and "rig" not in raw:
         raise ScenarioError(
-            f'{name}: is a rig file; simulate takes what is done to it: a file with rig = "{name}", duration and '
+            f"{name}: is a rig file; simulate takes what is done to it: a file with rig = "
+            f'"{name}", duration and '
             "[drives], or a shipped scenario (distal scenarios)"
         )
     scenario = build_scenario(raw, str(name))
@@ -210,7 +278,8 @@ def build_scenario(raw: Mapping[str, object], source: str = "scenario") -> Scena
 
 
 def scenario_rig(scenario: Scenario, assignments: Sequence[str] = ()) -> Rig:
-    """Return the rig that a scenario names, with the scenario's ``[set]`` values: what filters know.
+    """Return the rig that a scenario names, with the scenario's ``[set]`` values: what filters
+    know.
 
     Assignments are ``path=value`` each, as with `load_rig`; they win over ``[set]``.
 

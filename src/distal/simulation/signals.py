@@ -18,15 +18,18 @@ from distal.units import to_si
 
 Interpolation = Literal["hold", "linear"]
 PLACES: Interpolation = "linear"
-"""How the points of places and angles are joined where a scenario does not say it; efforts and loads are held."""
+"""How the points of places and angles are joined where a scenario does not say it; efforts and
+loads are held.
+"""
 
 
 @dataclass(frozen=True)
 class Signal:
     """A value over time: points that are held or joined by lines, plus a sine that starts at t = 0.
 
-    The points are at rising `times` [s], (n,), where equal ones make a jump, with `values` [SI], (n,); the first value
-    holds before, the last after. The sine has an amplitude [SI], a frequency [Hz] and a phase [rad].
+    The points are at rising `times` [s], (n,), where equal ones make a jump, with `values` [SI],
+    (n,); the first value holds before, the last after. The sine has an amplitude [SI], a frequency
+    [Hz] and a phase [rad].
     """
 
     times: tuple[float, ...]
@@ -51,22 +54,27 @@ class Signal:
 class SignalIn:
     """Annotation of a signal's field: its SI unit and how a plain list of points is read.
 
-    A constant (``"2 N"``), a list of points (``[["0 s", "2 N"], ["1 s", "6 N"]]``), or a table with ``points`` and
-    ``interpolation`` or with ``mean``, ``amplitude``, ``frequency`` and ``phase``.
+    A constant (``"2 N"``), a list of points (``[["0 s", "2 N"], ["1 s", "6 N"]]``), or a table with
+    ``points`` and ``interpolation`` or with ``mean``, ``amplitude``, ``frequency`` and ``phase``.
     """
 
     si: str
     interpolation: Interpolation = "hold"
     nonnegative: bool = False
 
-    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         """Let pydantic read the field with this annotation."""
         return core_schema.no_info_plain_validator_function(self._read)
 
     def _read(self, raw: object) -> Signal:
         signal = self._parse(raw)
         if self.nonnegative and min(signal.values) - abs(signal.amplitude) < 0.0:
-            raise UnitError(f"must not be negative, {min(signal.values) - abs(signal.amplitude):g} {self.si} came")
+            raise UnitError(
+                f"must not be negative, {min(signal.values) - abs(signal.amplitude):g} {self.si} "
+                "came"
+            )
         return signal
 
     def _parse(self, raw: object) -> Signal:

@@ -29,10 +29,12 @@ SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
 
 
 def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
-    """Simulate a scenario without a controller: the part of `distal.simulate` that needs no estimator.
+    """Simulate a scenario without a controller: the part of `distal.simulate` that needs no
+    estimator.
 
     Raises:
-        ScenarioError: the scenario does not fit the rig or has a controller, or the motion left all bounds.
+        ScenarioError: the scenario does not fit the rig or has a controller, or the motion left all
+            bounds.
         RigError: the plant's values are wrong.
     """
     prepared = prepare(rig, scenario, seed)
@@ -42,7 +44,8 @@ def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int =
 
 
 def check_open(scenario: Scenario) -> None:
-    """Refuse a scenario that a controller commands, or whose plant changes: it needs another kind of run.
+    """Refuse a scenario that a controller commands, or whose plant changes: it needs another kind
+    of run.
 
     Raises:
         ScenarioError: it has a controller, a schedule or a rezero.
@@ -50,22 +53,25 @@ def check_open(scenario: Scenario) -> None:
     name = scenario.name or "scenario"
     if scenario.control is not None:
         raise ScenarioError(
-            f"{name}: has a [control], and its loop is not closed here; use distal.closed_loop or distal control, one "
+            f"{name}: has a [control], and its loop is not closed here; use distal.closed_loop or "
+            "distal control, one "
             "seed at a time"
         )
     if scenario.schedule or scenario.rezero is not None:
         raise ScenarioError(
-            f"{name}: has a [schedule] or [rezero], which need pieces; use distal drift, or simulate_pieces of "
+            f"{name}: has a [schedule] or [rezero], which need pieces; use distal drift, or "
+            "simulate_pieces of "
             "distal.simulation"
         )
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A scenario on a rig as filters know it, before the plant runs, which has the ``[plant]`` values too.
+    """A scenario on a rig as filters know it, before the plant runs, which has the ``[plant]``
+    values too.
 
-    The inputs act in intervals of length `dt` [s], of `count` sub-steps each; `start` are coordinates at rest,
-    (n_bodies,).
+    The inputs act in intervals of length `dt` [s], of `count` sub-steps each; `start` are
+    coordinates at rest, (n_bodies,).
     """
 
     rig: Rig
@@ -78,9 +84,13 @@ class Prepared:
 
 
 def prepare(
-    rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0, period: float | None = None
+    rig: Rig | str | Path,
+    scenario: Scenario | str | Path,
+    seed: int = 0,
+    period: float | None = None,
 ) -> Prepared:
-    """Return a scenario on a rig, ready to run; see `simulate`. The seed is only checked; `period` as for `timing` [s].
+    """Return a scenario on a rig, ready to run; see `simulate`. The seed is only checked; `period`
+    as for `timing` [s].
 
     Raises:
         ScenarioError: the scenario does not fit the rig.
@@ -98,7 +108,9 @@ def prepare(
     return Prepared(rig, scenario, plant, inputs, start, dt, count)
 
 
-def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) -> tuple[float, int, int]:
+def timing(
+    plant: Mechanism, scenario: Scenario, period: float | None = None
+) -> tuple[float, int, int]:
     """Return the length of an interval [s], the number of intervals, and the sub-steps of each.
 
     Whole intervals fill a `period` [s], by default that between two samples of the fastest sensor.
@@ -113,14 +125,17 @@ def timing(plant: Mechanism, scenario: Scenario, period: float | None = None) ->
         raise ScenarioError(f"duration: {scenario.duration:g} s is shorter than one sample")
     if scenario.duration / dt > MOST_STEPS:
         raise ScenarioError(
-            f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most {MOST_STEPS:,} steps); "
+            f"duration: {scenario.duration:g} s in steps of {dt:g} s is too long (at most "
+            f"{MOST_STEPS:,} steps); "
             "take it in pieces (distal drift, simulate_pieces), or set lower sensor rates"
         )
     return dt, ceil(scenario.duration / dt - 1e-9), count
 
 
 def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
-    """Return the length of an interval [s], so that whole ones fill the time `filled` [s], and the sub-steps of each."""
+    """Return the length of an interval [s], so that whole ones fill the time `filled` [s], and the
+    sub-steps of each.
+    """
     dt = filled / ceil(filled / min(LONGEST_INTERVAL, longest_interval(plant)) - 1e-9)
     return dt, max(2, 2 * substeps(plant, dt))
 
@@ -128,7 +143,11 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
 def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
     """Return what the sensors read of a motion."""
     # several plants of one structure move together: its numbers are those of the plant itself
-    motion, rig, duration = Motion(prepared.plant, motion.y), prepared.plant.rig, prepared.scenario.duration
+    motion, rig, duration = (
+        Motion(prepared.plant, motion.y),
+        prepared.plant.rig,
+        prepared.scenario.duration,
+    )
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
     stamps = stamps_of(rig, duration)
     rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
@@ -138,22 +157,37 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
         true = np.interp(due - sensor.delay, grid, readings)
         column = np.full(len(stamps), np.nan)
         # stamps are rounded, so that those of several rates meet
-        column[np.searchsorted(stamps, np.round(due, 9))] = measure(sensor, true, travel_of(sensor, rig), rng)
+        column[np.searchsorted(stamps, np.round(due, 9))] = measure(
+            sensor, true, travel_of(sensor, rig), rng
+        )
         channels[sensor.name] = column
-    return Log(stamps, channels, true_motion(motion, grid, stamps), prepared.scenario.name or "simulation", SIMULATED)
+    return Log(
+        stamps,
+        channels,
+        true_motion(motion, grid, stamps),
+        prepared.scenario.name or "simulation",
+        SIMULATED,
+    )
 
 
 def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
-    """Return the truth of a log: angles, torques on the joints, places and forces of drives, tensions, (k,) each.
+    """Return the truth of a log: angles, torques on the joints, places and forces of drives,
+    tensions, (k,) each.
 
     The motion is at the times `grid`, the log at the `stamps`, (k,) [s].
     """
     rig, nj = motion.plant.rig, motion.plant.n_joints
     joints = [joint.name for joint in rig.joints]
-    columns = dict(zip(angle_names(joints), motion.q.T)) | dict(zip(torque_names(joints), motion.pulls.T))
+    columns = dict(zip(angle_names(joints), motion.q.T)) | dict(
+        zip(torque_names(joints), motion.pulls.T)
+    )
     columns |= {f"position_{drive.name}": motion.q[:, nj + i] for i, drive in enumerate(rig.drives)}
-    columns |= {f"force_{drive.name}": motion.pulls[:, nj + i] for i, drive in enumerate(rig.drives)}
-    columns |= {f"tension_{tendon.name}": motion.tensions[:, i] for i, tendon in enumerate(rig.tendons)}
+    columns |= {
+        f"force_{drive.name}": motion.pulls[:, nj + i] for i, drive in enumerate(rig.drives)
+    }
+    columns |= {
+        f"tension_{tendon.name}": motion.tensions[:, i] for i, tendon in enumerate(rig.tendons)
+    }
     return {name: np.interp(stamps, grid, values) for name, values in columns.items()}
 
 

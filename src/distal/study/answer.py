@@ -1,4 +1,6 @@
-"""What a study's rows say: the share of rigs as built that meet the requirement, what matters, and the worst cases."""
+"""What a study's rows say: the share of rigs as built that meet the requirement, what matters, and
+the worst cases.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ POINTS = 500
 
 @dataclass(frozen=True)
 class Influence:
-    """How much of the variance of the RMS error one column alone explains: first-order Sobol index ± `half` (95 %)."""
+    """How much of the variance of the RMS error one column alone explains: first-order Sobol index
+    ± `half` (95 %).
+    """
 
     name: str
     words: str
@@ -52,7 +56,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Case:
-    """A run that is among the worst: time [s], the joint's true angle, its estimate and half of the 95 % band [°], (k,)."""
+    """A run that is among the worst: time [s], the joint's true angle, its estimate and half of the
+    95 % band [°], (k,).
+    """
 
     words: str
     time: list[float]
@@ -66,8 +72,10 @@ class Answer:
     """What a study says.
 
     Args:
-        scenarios: name → share of the rigs that meet the requirement in it, of the scenarios that are asked.
-        influences: which numbers matter, most first; empty where SALib is not installed or nothing varies.
+        scenarios: name → share of the rigs that meet the requirement in it, of the scenarios that
+            are asked.
+        influences: which numbers matter, most first; empty where SALib is not installed or nothing
+            varies.
         needs: of everything that varies, whether it is needed.
         regions: parts of the space, best first.
         problems: errors of runs → how many had them.
@@ -99,7 +107,11 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     met = columns["met"].reshape(-1, n_scenarios)
     asked = [k for k, name in enumerate(names) if name in (study.requirement.scenarios or names)]
     good = np.all(met[:, asked] == 1, axis=1)
-    rms = np.sqrt(np.mean(columns["rms_deg"].reshape(-1, n_scenarios)[:, asked].astype(np.float64) ** 2, axis=1))
+    rms = np.sqrt(
+        np.mean(
+            columns["rms_deg"].reshape(-1, n_scenarios)[:, asked].astype(np.float64) ** 2, axis=1
+        )
+    )
     overall = proportion(good)
     of_scenario = {names[k]: proportion(met[:, k] == 1) for k in asked}
     influences = influences_of(plan, space, columns, rms)
@@ -107,13 +119,18 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     texts, counts = np.unique(columns["problem"].astype(str), return_counts=True)
     problems = {str(text): int(count) for text, count in zip(texts, counts) if text}
     if sum(problems.values()) == rows:
-        raise StudyError(f"every run failed, so there is no answer: {max(problems, key=lambda text: problems[text])}")
+        raise StudyError(
+            "every run failed, so there is no answer: "
+            f"{max(problems, key=lambda text: problems[text])}"
+        )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
         measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
     worst, needs = _worst(plan, space, columns), needs_of(plan, space, columns, good)
     sentence = _sentence(plan, overall, of_scenario, influences, needs, regions, problems)
-    return Answer(sentence, overall, of_scenario, influences, needs, regions, worst, problems, measures)
+    return Answer(
+        sentence, overall, of_scenario, influences, needs, regions, worst, problems, measures
+    )
 
 
 def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tuple[Influence, ...]:
@@ -129,7 +146,10 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
         return ()
     is_finite = np.isfinite(rms)
     inputs = {}
-    for name in [*(axis.path for axis in space.axes), *(key for key in columns if key.startswith(BUILT))]:
+    for name in [
+        *(axis.path for axis in space.axes),
+        *(key for key in columns if key.startswith(BUILT)),
+    ]:
         column = columns[name][:: len(plan.scenarios)][is_finite]
         if column.dtype.kind not in "fiub":
             column = np.unique(column, return_inverse=True)[1]
@@ -154,10 +174,14 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
 def _regions(
     plan: Plan, space: Space, columns: Columns, good: Bools, influences: Sequence[Influence]
 ) -> tuple[Region, ...]:
-    """Return the shares in parts of the space along its choices and the numbers of it that matter, best first."""
+    """Return the shares in parts of the space along its choices and the numbers of it that matter,
+    best first.
+    """
     order = [influence.name for influence in influences]
     significant = {influence.name for influence in influences if influence.index > influence.half}
-    ranked = sorted(space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order))
+    ranked = sorted(
+        space.axes, key=lambda axis: order.index(axis.path) if axis.path in order else len(order)
+    )
     axes = [axis for axis in ranked if axis.choices or axis.path in significant] or list(space.axes)
     axes = axes[:MOST_AXES]
     while len(axes) > 1 and FEWEST * prod(len(axis.choices) or BINS for axis in axes) > len(good):
@@ -166,7 +190,9 @@ def _regions(
     for axis in axes:
         parts = parts_of(plan, axis, columns[axis.path][:: len(plan.scenarios)])
         cells = [(f"{a}, {b}" if a else b, x & y) for a, x in cells for b, y in parts]
-    regions = [Region(where, proportion(good[inside])) for where, inside in cells if inside.sum() >= FEWEST]
+    regions = [
+        Region(where, proportion(good[inside])) for where, inside in cells if inside.sum() >= FEWEST
+    ]
     return tuple(sorted(regions, key=lambda region: -region.proportion.low))
 
 
@@ -176,7 +202,10 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
     order = [k for k in np.argsort(-rms, kind="stable")[:CASES] if rms[k] >= 0.0]
     cases, tasks = [], []
     for k in order:
-        index, scenario = int(columns["design"][k]), plan.study.scenarios.index(str(columns["scenario"][k]))
+        index, scenario = (
+            int(columns["design"][k]),
+            plan.study.scenarios.index(str(columns["scenario"][k])),
+        )
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
     for k, task, outcome in zip(order, tasks, run_tasks(plan, tasks, space)):
         curves = curves_of(outcome, plan.joint)
@@ -184,11 +213,14 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
             continue
         time, *angles = (curve[:: max(1, len(curves[0]) // POINTS)] for curve in curves)
         settings = (
-            setting_in_words(words_of(plan, axis.path), task.design[axis.path], axis.unit) for axis in space.axes
+            setting_in_words(words_of(plan, axis.path), task.design[axis.path], axis.unit)
+            for axis in space.axes
         )
         words = "; ".join([f"{plan.study.scenarios[task.scenario]}: RMS {rms[k]:.2g}°", *settings])
         traces = [time - time[0], *map(np.rad2deg, angles)]
-        cases.append(Case(words, *([round(float(number), 3) for number in trace] for trace in traces)))
+        cases.append(
+            Case(words, *([round(float(number), 3) for number in trace] for trace in traces))
+        )
     return tuple(cases)
 
 
@@ -202,7 +234,9 @@ def _sentence(
     problems: dict[str, int],
 ) -> str:
     asked, count = plan.study.requirement, len(scenarios)
-    verdict = "yes" if overall.low >= asked.rigs else "no" if overall.high < asked.rigs else "not certain"
+    verdict = (
+        "yes" if overall.low >= asked.rigs else "no" if overall.high < asked.rigs else "not certain"
+    )
     asks = "Over all kinds of feedback" if FEEDBACK in plan.study.vary else "Without an encoder"
     where = f"in all {count} scenarios" if count > 1 else f"in {next(iter(scenarios))}"
     text = (

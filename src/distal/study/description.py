@@ -28,51 +28,72 @@ class Requirement(Description):
     """What is asked of a rig as built."""
 
     joint: str = Field(min_length=1, description="name of the joint")
-    within: Annotated[float, In("rad", "positive")] = Field(description="how far the estimate may be from the truth")
+    within: Annotated[float, In("rad", "positive")] = Field(
+        description="how far the estimate may be from the truth"
+    )
     time: Share = Field(0.95, description="for which share of the time")
-    scenarios: tuple[str, ...] = Field((), description="in which scenarios; default: in all of the study")
+    scenarios: tuple[str, ...] = Field(
+        (), description="in which scenarios; default: in all of the study"
+    )
     rigs: Share = Field(0.95, description="of which share of the rigs as built this is asked")
 
     @model_validator(mode="after")
     def _shares(self) -> Self:
         for name in ("time", "rigs"):
             if getattr(self, name) > 1.0:
-                raise ValueError(f"{name}: is a share, above 0 and at most 1 (100 %); {getattr(self, name):g} came")
+                raise ValueError(
+                    f"{name}: is a share, above 0 and at most 1 (100 %); {getattr(self, name):g} "
+                    "came"
+                )
         return self
 
 
 class Study(Description):
     """A rig, what is done to it, what varies, and what is required."""
 
-    rig: str = Field(min_length=1, description="a shipped rig's name, or a path (relative to the study's file)")
+    rig: str = Field(
+        min_length=1, description="a shipped rig's name, or a path (relative to the study's file)"
+    )
     name: str = Field("", description="title of the answer")
-    scenarios: tuple[str, ...] = Field(min_length=1, description="shipped scenarios' names, or paths")
+    scenarios: tuple[str, ...] = Field(
+        min_length=1, description="shipped scenarios' names, or paths"
+    )
     duration: Annotated[float, In("s", "positive")] | None = Field(
         None, description="of each run; default: as long as the scenario says"
     )
     estimator: str = Field(DEFAULT, description="a name, as of `distal estimate -e`")
-    fill: Literal["grid", "latin", "sobol"] = Field("latin", description="how designs fill the space of what varies")
-    designs: int = Field(256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own")
+    fill: Literal["grid", "latin", "sobol"] = Field(
+        "latin", description="how designs fill the space of what varies"
+    )
+    designs: int = Field(
+        256, ge=1, le=MOST_DESIGNS, description="number of designs; a grid has its own"
+    )
     seeds: int = Field(3, ge=1, le=100_000, description="rigs as built of each design")
-    draw: int = Field(1, ge=0, description="seed of the designs, the plants and the sensors' errors")
+    draw: int = Field(
+        1, ge=0, description="seed of the designs, the plants and the sensors' errors"
+    )
     set: dict[str, object] = Field(
         default_factory=dict,
         description="values of the rig, the same for all designs; they win over those of scenarios",
     )
     vary: dict[str, object] = Field(
         default_factory=dict,
-        description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or a table with from and to",
+        description="path of a number, as for `--set`, `sensors.NAME` or `estimator` → a list, or "
+        "a table with from and to",
     )
     requirement: Requirement = Field(description="what is asked")
 
     @model_validator(mode="after")
     def _known(self) -> Self:
         if self.estimator not in ESTIMATORS:
-            raise ValueError(f"estimator: unknown '{self.estimator}'{did_you_mean(self.estimator, ESTIMATORS)}")
+            raise ValueError(
+                f"estimator: unknown '{self.estimator}'{did_you_mean(self.estimator, ESTIMATORS)}"
+            )
         for name in self.requirement.scenarios:
             if name not in self.scenarios:
                 raise ValueError(
-                    f"requirement.scenarios: '{name}' is none of scenarios{did_you_mean(name, self.scenarios)}"
+                    f"requirement.scenarios: '{name}' is none of "
+                    f"scenarios{did_you_mean(name, self.scenarios)}"
                 )
         if len(set(self.scenarios)) < len(self.scenarios):
             raise ValueError("scenarios: one stands more than once; seeds give several runs of one")
@@ -81,7 +102,9 @@ class Study(Description):
 
 @dataclass(frozen=True)
 class Plan:
-    """A study with all that it names, to be sent to other computers; the rig has the values of the study's ``set``."""
+    """A study with all that it names, to be sent to other computers; the rig has the values of the
+    study's ``set``.
+    """
 
     study: Study
     rig: Rig
@@ -90,8 +113,14 @@ class Plan:
     @property
     def digest(self) -> str:
         """What tells this study from any other, as hexadecimal digits."""
-        parts = [self.study.model_dump(), self.rig.model_dump(), [repr(scenario) for scenario in self.scenarios]]
-        return hashlib.sha256(json.dumps(parts, sort_keys=True, default=repr).encode()).hexdigest()[:32]
+        parts = [
+            self.study.model_dump(),
+            self.rig.model_dump(),
+            [repr(scenario) for scenario in self.scenarios],
+        ]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True, default=repr).encode()).hexdigest()[
+            :32
+        ]
 
     @property
     def joint(self) -> int:
@@ -106,7 +135,8 @@ def shipped_studies() -> tuple[str, ...]:
 
 
 def load_study(name: str | Path) -> Plan:
-    """Load a study by a shipped study's name (see `shipped_studies`) or from a TOML file, with rig and scenarios.
+    """Load a study by a shipped study's name (see `shipped_studies`) or from a TOML file, with rig
+    and scenarios.
 
     Raises:
         StudyError: it is unknown, cannot be read, or its description is wrong.
@@ -115,15 +145,25 @@ def load_study(name: str | Path) -> Plan:
     """
     shipped, path = shipped_studies(), Path(name)
     if str(name) in shipped:
-        text = resources.files("distal.study").joinpath("library", f"{name}.toml").read_text(encoding="utf-8")
+        text = (
+            resources.files("distal.study")
+            .joinpath("library", f"{name}.toml")
+            .read_text(encoding="utf-8")
+        )
         return plan_of(parse_toml(text, str(name), StudyError), str(name))
     if path.suffix != ".toml" and not path.exists():
-        raise StudyError(f"unknown study '{name}'{did_you_mean(str(name), shipped)}; or give the path of a .toml file")
-    return plan_of(parse_toml(read_text(path, StudyError), str(path), StudyError), str(path), path.parent)
+        raise StudyError(
+            f"unknown study '{name}'{did_you_mean(str(name), shipped)}; or give the path of a "
+            ".toml file"
+        )
+    return plan_of(
+        parse_toml(read_text(path, StudyError), str(path), StudyError), str(path), path.parent
+    )
 
 
 def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | None = None) -> Plan:
-    """Check a raw study and load what it names; paths are relative to the folder `beside`, if there is one.
+    """Check a raw study and load what it names; paths are relative to the folder `beside`, if there
+    is one.
 
     Raises:
         StudyError: something is wrong; one line that says where, what came and what is allowed.
@@ -140,13 +180,20 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     joints = [joint.name for joint in rig.joints]
     if study.requirement.joint not in joints:
         name = study.requirement.joint
-        raise StudyError(f"{source}: requirement.joint: the rig has no joint '{name}'{did_you_mean(name, joints)}")
+        raise StudyError(
+            f"{source}: requirement.joint: the rig has no joint "
+            f"'{name}'{did_you_mean(name, joints)}"
+        )
     scenarios = [load_scenario(place(name)) for name in study.scenarios]
     if study.duration is not None:
-        scenarios = [scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios]
+        scenarios = [
+            scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios
+        ]
     for name, scenario in zip(study.scenarios, scenarios):
         try:
             prepare(rig, scenario)
         except DistalError as problem:  # every run would fail for it
-            raise StudyError(f"{source}: scenario '{name}' does not fit the rig '{study.rig}': {problem}") from None
+            raise StudyError(
+                f"{source}: scenario '{name}' does not fit the rig '{study.rig}': {problem}"
+            ) from None
     return Plan(study, rig, tuple(scenarios))

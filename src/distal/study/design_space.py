@@ -23,7 +23,9 @@ Value = float | str | bool
 Design = Mapping[str, Value]
 
 ESTIMATOR, FEEDBACK = "estimator", "feedback"
-"""Paths that stand for the estimator, and for what feeds back a controller: encoder, ratio or an estimator."""
+"""Paths that stand for the estimator, and for what feeds back a controller: encoder, ratio or an
+estimator.
+"""
 
 POINTS = 5
 """Points of a range in a grid."""
@@ -65,17 +67,24 @@ class Axis:
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
     sensors = [sensor.name for sensor in rig.sensors]
     if path in (ESTIMATOR, FEEDBACK):
-        allowed, names = [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())], _list(path, raw)
+        allowed, names = (
+            [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())],
+            _list(path, raw),
+        )
         for name in names:
             if name not in allowed:
                 raise StudyError(f"vary.{path}: unknown '{name}'{did_you_mean(str(name), allowed)}")
         return Axis(path, choices=tuple(map(str, names)))
     if path.startswith("sensors.") and path.count(".") == 1:
         if path.partition(".")[2] not in sensors:
-            raise StudyError(f"vary.{path}: the rig has no such sensor{did_you_mean(path[8:], sensors)}")
+            raise StudyError(
+                f"vary.{path}: the rig has no such sensor{did_you_mean(path[8:], sensors)}"
+            )
         flags = _list(path, raw)
         if not all(isinstance(flag, bool) for flag in flags):
-            raise StudyError(f"vary.{path}: a sensor is there or not, [true, false]; {raw!r:.60} came")
+            raise StudyError(
+                f"vary.{path}: a sensor is there or not, [true, false]; {raw!r:.60} came"
+            )
         return Axis(path, choices=tuple(map(bool, flags)))
     try:
         unit = _unit(rig, path)
@@ -93,7 +102,9 @@ def _axis(rig: Rig, path: str, raw: object) -> Axis:
 
 
 def _unit(rig: Rig, path: str) -> str:
-    """Return the SI unit of a number; ``*`` stands for all parts of a kind, and a std has the unit of its number."""
+    """Return the SI unit of a number; ``*`` stands for all parts of a kind, and a std has the unit
+    of its number.
+    """
     keys = path.replace(ALL, "0")
     if keys.endswith(".shared.std"):
         number(rig, keys.removesuffix(".shared.std"))
@@ -104,16 +115,23 @@ def _unit(rig: Rig, path: str) -> str:
 def _check_smooth(rig: Rig, path: str) -> None:
     """Refuse a range of what is written into a compiled kernel: every design would need its own."""
     keys = path.replace(ALL, "0").removesuffix(".std").removesuffix(".shared")
-    fixed = not number(rig, keys).is_parameter or path.startswith("sensors.") or path.endswith(".nominal_force")
+    fixed = (
+        not number(rig, keys).is_parameter
+        or path.startswith("sensors.")
+        or path.endswith(".nominal_force")
+    )
     if fixed and not path.endswith((".noise", ".linearity")):
         raise StudyError(
-            f"vary.{path}: each value of it needs a kernel of its own; give a list of a few values, no range"
+            f"vary.{path}: each value of it needs a kernel of its own; give a list of a few "
+            "values, no range"
         )
 
 
 def _list(path: str, raw: object) -> Sequence[object]:
     if not isinstance(raw, (list, tuple)) or not raw:
-        raise StudyError(f"vary.{path}: must be a list of values or {{ from = …, to = … }}; {raw!r:.60} came")
+        raise StudyError(
+            f"vary.{path}: must be a list of values or {{ from = …, to = … }}; {raw!r:.60} came"
+        )
     return raw
 
 
@@ -126,11 +144,18 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
     low, high = to_si(raw["from"], unit), to_si(raw["to"], unit)
     scale, points = raw.get("scale", "linear"), raw.get("points", POINTS)
     if not low < high:
-        raise StudyError(f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}")
+        raise StudyError(
+            f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}"
+        )
     if scale not in ("linear", "log") or (scale == "log" and low <= 0.0):
-        raise StudyError(f"vary.{path}: scale is 'linear', or 'log' from above zero; {scale!r:.40} from {low:g} came")
+        raise StudyError(
+            f"vary.{path}: scale is 'linear', or 'log' from above zero; {scale!r:.40} from "
+            f"{low:g} came"
+        )
     if not isinstance(points, int) or isinstance(points, bool) or not 2 <= points <= 1000:
-        raise StudyError(f"vary.{path}: points is a whole number from 2 to 1000, {points!r:.40} came")
+        raise StudyError(
+            f"vary.{path}: points is a whole number from 2 to 1000, {points!r:.40} came"
+        )
     return Axis(path, unit, (), low, high, "log" if scale == "log" else "linear", points)
 
 
@@ -149,18 +174,26 @@ class Space:
 
     def design(self, index: int) -> dict[str, Value]:
         """Return what varies in a design: path → value, SI."""
-        return {axis.path: axis.at(float(share)) for axis, share in zip(self.axes, self.shares[index])}
+        return {
+            axis.path: axis.at(float(share)) for axis, share in zip(self.axes, self.shares[index])
+        }
 
     def chunks(self, runs_per_design: int, size: int = 48) -> list[tuple[int, ...]]:
-        """Return the designs in parts of about `size` runs, those with the same choices beside each other."""
+        """Return the designs in parts of about `size` runs, those with the same choices beside each
+        other.
+        """
         columns = [i for i, axis in enumerate(self.axes) if axis.choices]
         counts = np.array([len(self.axes[i].choices) for i in columns])
         choices = np.minimum(self.shares[:, columns] * counts, counts - 1).astype(int)
         order = np.lexsort(choices.T[::-1]) if columns else np.arange(len(self))
         length = max(1, size // runs_per_design)
         if len(self) > length * MOST_CHUNKS:
-            raise StudyError(f"{len(self):,} designs came; at most {length * MOST_CHUNKS:,} are possible here")
-        return [tuple(order[start : start + length].tolist()) for start in range(0, len(self), length)]
+            raise StudyError(
+                f"{len(self):,} designs came; at most {length * MOST_CHUNKS:,} are possible here"
+            )
+        return [
+            tuple(order[start : start + length].tolist()) for start in range(0, len(self), length)
+        ]
 
 
 def space_of(plan: Plan) -> Space:
@@ -171,9 +204,15 @@ def space_of(plan: Plan) -> Space:
     """
     from scipy.stats import qmc
 
-    study, axes = plan.study, tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items())
+    study, axes = (
+        plan.study,
+        tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items()),
+    )
     if FEEDBACK in study.vary and all(scenario.control is None for scenario in plan.scenarios):
-        raise StudyError(f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what may vary")
+        raise StudyError(
+            f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what "
+            "may vary"
+        )
     for axis in axes:
         for share in (0.0, 1.0):
             try:
@@ -185,8 +224,13 @@ def space_of(plan: Plan) -> Space:
         size = np.prod(counts, dtype=float)
         if size > 1e6:
             raise StudyError(f"the grid has {size:.3g} designs, at most 1e6; use fill = 'latin'")
-        levels = [[(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)] for axis, n in zip(axes, counts)]
-        return Space(axes, np.array(list(product(*levels)), dtype=np.float64).reshape(-1, len(axes)))
+        levels = [
+            [(k + 0.5) / n if axis.choices else k / (n - 1) for k in range(n)]
+            for axis, n in zip(axes, counts)
+        ]
+        return Space(
+            axes, np.array(list(product(*levels)), dtype=np.float64).reshape(-1, len(axes))
+        )
     if not axes:
         return Space(axes, np.zeros((study.designs, 0)))
     rng = np.random.default_rng([study.draw, 0])
@@ -199,8 +243,12 @@ def space_of(plan: Plan) -> Space:
 def rig_of(rig: Rig, design: Design) -> Rig:
     """Return the rig of a design, without the sensors that it leaves out."""
     off = {path.partition(".")[2] for path, setting in design.items() if setting is False}
-    numbers = {path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))}
+    numbers = {
+        path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))
+    }
     changed = rig.with_values(numbers) if numbers else rig
     if not off:
         return changed
-    return changed.model_copy(update={"sensors": tuple(s for s in changed.sensors if s.name not in off)})
+    return changed.model_copy(
+        update={"sensors": tuple(s for s in changed.sensors if s.name not in off)}
+    )

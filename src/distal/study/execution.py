@@ -1,4 +1,6 @@
-"""A study's chunks, worked off by processes of this computer or by a Dask cluster: the same list, the same function."""
+"""A study's chunks, worked off by processes of this computer or by a Dask cluster: the same list,
+the same function.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,8 @@ def run_study(
 
     Args:
         workers: processes here; default one per core.
-        scheduler: address of a Dask scheduler, ``tcp://host:8786``, whose workers run the chunks instead.
+        scheduler: address of a Dask scheduler, ``tcp://host:8786``, whose workers run the chunks
+            instead.
         progress: called with the number of runs that are done and of all.
 
     Raises:
@@ -46,7 +49,9 @@ def run_study(
     """
     runs_per_design = plan.study.seeds * len(plan.scenarios)
     finished, total = folder.done(), len(space) * runs_per_design
-    chunks = [(k, designs) for k, designs in enumerate(space.chunks(runs_per_design)) if k not in finished]
+    chunks = [
+        (k, designs) for k, designs in enumerate(space.chunks(runs_per_design)) if k not in finished
+    ]
     done = total - sum(len(designs) for _, designs in chunks) * runs_per_design
     if progress is not None:
         progress(done, total)
@@ -54,7 +59,9 @@ def run_study(
         return
     count = (os.cpu_count() or 1) if workers is None else workers
     held: list[tuple[int, Rows]] | None = [] if done == 0 and plan.study.fill != "grid" else None
-    for number, rows in _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count):
+    for number, rows in (
+        _by_dask(plan, chunks, scheduler) if scheduler else _by_processes(plan, chunks, count)
+    ):
         if held is not None:
             # what all runs fail by is told before the rest is run, and leaves no rows behind
             held.append((number, rows))
@@ -62,7 +69,8 @@ def run_study(
             if set(problems) == {problems[0]} and problems[0]:
                 if len(problems) >= min(FIRST_RUNS, total):
                     raise StudyError(
-                        f"the first {len(problems)} runs failed alike, so the study stops: {problems[0]}; mend that, and "
+                        f"the first {len(problems)} runs failed alike, so the study stops: "
+                        f"{problems[0]}; mend that, and "
                         "start it again"
                     )
                 continue
@@ -93,11 +101,14 @@ def _by_processes(plan: Plan, chunks: Sequence[Chunk], workers: int) -> Iterator
                 yield running.pop(future), future.result()
     except BrokenProcessPool:
         raise StudyError(
-            "a process of this study was ended from outside, for want of memory perhaps; the rows so far are kept: the "
+            "a process of this study was ended from outside, for want of memory perhaps; the rows "
+            "so far are kept: the "
             "same command goes on, with fewer --workers if memory was short"
         ) from None
     finally:
-        for process in list(pool._processes.values()):  # of this pool alone: the caller may have others
+        for process in list(
+            pool._processes.values()
+        ):  # of this pool alone: the caller may have others
             process.terminate()
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -107,7 +118,9 @@ _PLAN: list[Plan] = []
 
 
 def _begin(plan: Plan) -> None:
-    """Prepare a process of the pool: it ends with the one that started it, and leaves signals to that."""
+    """Prepare a process of the pool: it ends with the one that started it, and leaves signals to
+    that.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _PLAN[:] = [plan]
     parent = os.getppid()
@@ -126,4 +139,6 @@ def _work(designs: tuple[int, ...]) -> Rows:
 
 def _by_dask(plan: Plan, chunks: Sequence[Chunk], address: str) -> Iterator[tuple[int, Rows]]:
     tasks = {number: (plan, designs) for number, designs in chunks}
-    yield from on_cluster(run_chunk, tasks, address, StudyError, "the rows so far are kept: the same command goes on")
+    yield from on_cluster(
+        run_chunk, tasks, address, StudyError, "the rows so far are kept: the same command goes on"
+    )

@@ -30,7 +30,8 @@ class Need:
 
     Args:
         name: path of what varies.
-        shares: each choice, or part of its range, with the best share of rigs that meet the requirement there.
+        shares: each choice, or part of its range, with the best share of rigs that meet the
+            requirement there.
     """
 
     name: str
@@ -42,7 +43,8 @@ class Need:
 def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[Need, ...]:
     """Return of everything that varies whether it is needed.
 
-    A choice meets the requirement if it does in some part of what else varies: a design is free to be there.
+    A choice meets the requirement if it does in some part of what else varies: a design is free to
+    be there.
 
     Args:
         good: which rigs meet the requirement in all scenarios, (n,).
@@ -51,15 +53,23 @@ def needs_of(plan: Plan, space: Space, columns: Columns, good: Bools) -> tuple[N
     parts = {axis.path: parts_of(plan, axis, values[axis.path]) for axis in space.axes}
     found = []
     for axis in space.axes:
-        others = [inside for path, cells in parts.items() if path != axis.path for _, inside in cells]
-        best = [(words, _best(good, inside, others)) for words, inside in parts[axis.path] if inside.sum() >= FEWEST]
+        others = [
+            inside for path, cells in parts.items() if path != axis.path for _, inside in cells
+        ]
+        best = [
+            (words, _best(good, inside, others))
+            for words, inside in parts[axis.path]
+            if inside.sum() >= FEWEST
+        ]
         if len(best) > 1:
             found.append(_need(plan, axis, best))
     return tuple(found)
 
 
 def _best(good: Bools, inside: Bools, others: Sequence[Bools]) -> Proportion:
-    """Return the share of rigs in a part where it is best: all of it, or where one other thing is as it is best."""
+    """Return the share of rigs in a part where it is best: all of it, or where one other thing is
+    as it is best.
+    """
     cells = [inside, *(inside & other for other in others)]
     shares = [proportion(good[cell]) for cell in cells if cell.sum() >= FEWEST]
     return max(shares, key=lambda share: share.low)
@@ -73,7 +83,12 @@ def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> N
     without = axis.choices.index(False) if switch else 0
     said = "; ".join(f"{part}: {share}" for part, share in shares)
     if all(fails):
-        return Need(axis.path, Verdict.NOT_ENOUGH, f"{words} is not enough, whatever it is ({said})", tuple(shares))
+        return Need(
+            axis.path,
+            Verdict.NOT_ENOUGH,
+            f"{words} is not enough, whatever it is ({said})",
+            tuple(shares),
+        )
     if all(meets) or (switch and meets[without]):
         text = f"{words} is not needed" if switch else f"any {words} does"
         return Need(axis.path, Verdict.NOT_NEEDED, f"{text} ({said})", tuple(shares))
@@ -82,12 +97,22 @@ def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> N
     if any(meets) and not switch:
         enough = ", ".join(part for (part, _), meet in zip(shares, meets) if meet)
         return Need(axis.path, Verdict.SOME, f"enough is {enough} ({said})", tuple(shares))
-    return Need(axis.path, Verdict.NOT_CERTAIN, f"whether {words} is needed is not certain ({said})", tuple(shares))
+    return Need(
+        axis.path,
+        Verdict.NOT_CERTAIN,
+        f"whether {words} is needed is not certain ({said})",
+        tuple(shares),
+    )
 
 
 def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
-    """Return which sensors are needed and which are not, for a sentence; empty where nothing is certain."""
-    sensors, said = [need for need in needs if need.name.startswith("sensors.") and need.name.count(".") == 1], []
+    """Return which sensors are needed and which are not, for a sentence; empty where nothing is
+    certain.
+    """
+    sensors, said = (
+        [need for need in needs if need.name.startswith("sensors.") and need.name.count(".") == 1],
+        [],
+    )
     for verdict in (Verdict.NEEDED, Verdict.NOT_NEEDED):
         names = ", ".join(words_of(plan, need.name) for need in sensors if need.verdict is verdict)
         said += [f"{verdict.value}: {names}"] if names else []

@@ -40,27 +40,34 @@ def draws_of(rig: Rig) -> tuple[Draw, ...]:
                 if parameter.std > 0.0:
                     draws.append(Draw(named(rig, path), parameter.std, (path,)))
                 if parameter.shared is not None and parameter.shared.std > 0.0:
-                    common.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(path)
+                    common.setdefault(parameter.shared.name, (parameter.shared.std, []))[1].append(
+                        path
+                    )
     return (*draws, *(Draw(name, std, tuple(paths), True) for name, (std, paths) in common.items()))
 
 
 def scores(draws: Sequence[Draw], seed: Sequence[int]) -> dict[str, float]:
-    """Return how many standard deviations each draw is off; a draw's number depends on its name and the seed alone."""
+    """Return how many standard deviations each draw is off; a draw's number depends on its name and
+    the seed alone.
+    """
     keys = ([*seed, crc32(draw.name.encode())] for draw in draws)
     return {draw.name: float(np.random.default_rng(key).normal()) for draw, key in zip(draws, keys)}
 
 
 def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) -> dict[str, float]:
-    """Return path → value of a rig as built, where `score` says how many standard deviations each draw is off.
+    """Return path → value of a rig as built, where `score` says how many standard deviations each
+    draw is off.
 
-    p = value (1 + σ z) + σ_own ε; what cannot be negative is drawn from the normal distribution cut at zero, and what is
-    known to a factor only from the log-normal one, as filters take them.
+    p = value (1 + σ z) + σ_own ε; what cannot be negative is drawn from the normal distribution cut
+    at zero, and what is known to a factor only from the log-normal one, as filters take them.
     """
     values: dict[str, float] = {}
     for draw in sorted(draws, key=lambda draw: not draw.common):
         for path in draw.paths:
             nominal, bound = number(rig, path).value, number(rig, path).quantity.bound
-            rough = bound == "positive" and known_to_a_factor(path, 1.0 if draw.common else nominal, draw.std)
+            rough = bound == "positive" and known_to_a_factor(
+                path, 1.0 if draw.common else nominal, draw.std
+            )
             if draw.common:
                 values[path] = nominal * _drawn(1.0, draw.std, score[draw.name], True, rough)
             else:

@@ -12,7 +12,9 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Proportion:
-    """How many rigs meet the requirement, and their share with its 95 % interval of Wilson (1927)."""
+    """How many rigs meet the requirement, and their share with its 95 % interval of Wilson
+    (1927).
+    """
 
     rigs: int
     met: int
@@ -21,7 +23,10 @@ class Proportion:
     high: float
 
     def __str__(self) -> str:
-        return f"{100 * self.share:.0f} % (95 % interval {100 * self.low:.0f} to {100 * self.high:.0f} %)"
+        return (
+            f"{100 * self.share:.0f} % (95 % interval {100 * self.low:.0f} to "
+            f"{100 * self.high:.0f} %)"
+        )
 
 
 def proportion(met: Bools) -> Proportion:
@@ -29,4 +34,6 @@ def proportion(met: Bools) -> Proportion:
     from scipy.stats import binomtest
 
     interval = binomtest(int(met.sum()), len(met)).proportion_ci(method="wilson")
-    return Proportion(len(met), int(met.sum()), float(met.mean()), float(interval.low), float(interval.high))
+    return Proportion(
+        len(met), int(met.sum()), float(met.mean()), float(interval.low), float(interval.high)
+    )

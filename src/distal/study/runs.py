@@ -1,4 +1,6 @@
-"""The runs of a study: rigs as built are simulated and estimated, those of one structure side by side in vector lanes."""
+"""The runs of a study: rigs as built are simulated and estimated, those of one structure side by
+side in vector lanes.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +42,9 @@ Rows = dict[str, list[Cell]]
 Outcome = Estimate | ClosedLoop | DistalError
 
 MEASURES = ("rms_deg", "worst_deg", "within", "inside", "half_band_deg")
-"""What is measured of a run: RMS and largest error [°], shares of the time within the limit and inside the 95 % band, and
-the mean half-width of that band [°]."""
+"""What is measured of a run: RMS and largest error [°], shares of the time within the limit and
+inside the 95 % band, and the mean half-width of that band [°].
+"""
 
 STEPS = 4
 """Sub-steps of a plant are a multiple of this: stiffer designs then share few kernels."""
@@ -55,7 +58,9 @@ BUILT = "built: "
 
 @dataclass(frozen=True)
 class Task:
-    """One run of a study: a design and its index, which rig as built (or `NOMINAL`), and the index of a scenario."""
+    """One run of a study: a design and its index, which rig as built (or `NOMINAL`), and the index
+    of a scenario.
+    """
 
     index: int
     design: Design
@@ -69,12 +74,16 @@ _TURNS = Lock()  # threads of a process take turns: they share the kernels
 
 
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
-    """Return the rows of some designs: one for each design, rig as built and scenario; an error of a run is a row."""
+    """Return the rows of some designs: one for each design, rig as built and scenario; an error of
+    a run is a row.
+    """
     with _TURNS, one_blas_thread():
         begun, digest = time.perf_counter(), plan.digest
         space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
         seeds, scenarios = range(plan.study.seeds), range(len(plan.scenarios))
-        tasks = [Task(i, space.design(i), seed, s) for i in designs for seed in seeds for s in scenarios]
+        tasks = [
+            Task(i, space.design(i), seed, s) for i in designs for seed in seeds for s in scenarios
+        ]
         rows: Rows = {}
         for task, outcome in zip(tasks, run_tasks(plan, tasks, space)):
             for column, cell in _row(plan, task, outcome).items():
@@ -86,8 +95,14 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
 def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
     asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
     row: dict[str, Cell] = {"design": task.index, "seed": task.seed, "scenario": name}
-    row |= {path: setting if isinstance(setting, str) else float(setting) for path, setting in task.design.items()}
-    row |= {f"{BUILT}{draw}": score for draw, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()}
+    row |= {
+        path: setting if isinstance(setting, str) else float(setting)
+        for path, setting in task.design.items()
+    }
+    row |= {
+        f"{BUILT}{draw}": score
+        for draw, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()
+    }
     curves, problem, met = curves_of(outcome, plan.joint), "", False
     if curves is None:
         problem = str(outcome)
@@ -99,7 +114,9 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
             # in a closed loop it is the true angle that is asked for something, the reference
             errors = np.abs(truth - outcome.references[asked.joint])
         within = float(np.mean(errors <= asked.within))
-        rms, worst, width = np.rad2deg([np.sqrt(np.mean(errors**2)), errors.max(), half.mean()]).tolist()
+        rms, worst, width = np.rad2deg(
+            [np.sqrt(np.mean(errors**2)), errors.max(), half.mean()]
+        ).tolist()
         row |= dict(zip(MEASURES, (rms, worst, within, float(np.mean(wrong <= half)), width)))
         met = within >= asked.time
     is_asked = not asked.scenarios or name in asked.scenarios
@@ -107,9 +124,16 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
 
 
 def curves_of(outcome: Outcome, j: int) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there are none."""
+    """Return time [s], true angle, estimate and half of the band [rad] of a run; None where there
+    are none.
+    """
     if isinstance(outcome, ClosedLoop):
-        return outcome.time, outcome.angles[:, j], outcome.estimates[:, j], BAND * outcome.stds[:, j]
+        return (
+            outcome.time,
+            outcome.angles[:, j],
+            outcome.estimates[:, j],
+            BAND * outcome.stds[:, j],
+        )
     if isinstance(outcome, DistalError) or outcome.truths is None:
         return None
     return outcome.time, outcome.truths[:, j], outcome.angles[:, j], BAND * outcome.angle_stds[:, j]
@@ -125,11 +149,15 @@ def run_tasks(
     """Return the estimates or closed loops of some runs, or why there is none, in their order.
 
     Args:
-        space: all designs, the first of which in each structure has the constants of its filters' kernel; None for any.
+        space: all designs, the first of which in each structure has the constants of its filters'
+            kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
     outcomes: dict[int, Outcome] = {}
-    rigs = [plan.rig.with_values({**s.set, **plan.study.set}) if s.set else plan.rig for s in plan.scenarios]
+    rigs = [
+        plan.rig.with_values({**s.set, **plan.study.set}) if s.set else plan.rig
+        for s in plan.scenarios
+    ]
     setups: dict[tuple[int, int], _Setup | DistalError] = {}
     plants = dict[tuple[int, int, str], list[tuple[int, _Setup, Prepared]]]()
     for k, task in enumerate(tasks):
@@ -157,14 +185,20 @@ def run_tasks(
                 raise log
             runner = setup.runner
             if homing is not None:
-                runner = homed.get(id(setup)) or runner_for(log, setup.rig, runner.name, True, homing)
+                runner = homed.get(id(setup)) or runner_for(
+                    log, setup.rig, runner.name, True, homing
+                )
                 homed[id(setup)] = runner
             run = prepared(log, runner, homing)
         except DistalError as problem:
             outcomes[k] = problem
         else:
             runner = run.runner
-            shared = runner.kernel if isinstance(runner, KernelEstimator) and runner.has_kernel else runner
+            shared = (
+                runner.kernel
+                if isinstance(runner, KernelEstimator) and runner.has_kernel
+                else runner
+            )
             runs.setdefault(id(shared), []).append((k, run))
     for alike in runs.values():
         for group in _groups(alike):
@@ -184,7 +218,9 @@ def _closed(plan: Plan, setup: _Setup, task: Task) -> ClosedLoop | DistalError:
 
 
 def _sensor_seed(plan: Plan, task: Task) -> int:
-    words = np.random.SeedSequence([*map(abs, _seeds(plan, task)), task.scenario, 1]).generate_state(1)
+    words = np.random.SeedSequence(
+        [*map(abs, _seeds(plan, task)), task.scenario, 1]
+    ).generate_state(1)
     return int(words[0])
 
 
@@ -222,11 +258,15 @@ class _Setup:
     def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
         plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
-        start = equilibrium(plant, initial_angles(self.scenario, plant), self.inputs, resting_force(self.mechanism))
+        start = equilibrium(
+            plant, initial_angles(self.scenario, plant), self.inputs, resting_force(self.mechanism)
+        )
         return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
 
 
-def _setup_of(plan: Plan, scenario_rig: Rig, task: Task, space: Space | None) -> _Setup | DistalError:
+def _setup_of(
+    plan: Plan, scenario_rig: Rig, task: Task, space: Space | None
+) -> _Setup | DistalError:
     scenario = plan.scenarios[task.scenario]
     try:
         rig = rig_of(scenario_rig, task.design)
@@ -263,7 +303,9 @@ def _rigs(rig: Rig, designs: Iterable[Design]) -> Iterator[Rig]:
 def _logs(
     plan: Plan, tasks: Sequence[Task], plants: Iterable[Sequence[tuple[int, _Setup, Prepared]]]
 ) -> Iterator[tuple[int, _Setup, Log | DistalError]]:
-    """Yield the index of each run with its setup and its log; plants of one structure move side by side."""
+    """Yield the index of each run with its setup and its log; plants of one structure move side by
+    side.
+    """
     for alike in plants:
         for group in _groups(alike):
             motions = _motions(group[0][1], [built for _, _, built in group])

@@ -1,4 +1,6 @@
-"""The folder of a study: its rows, a small Parquet file for each chunk, written whole as chunks end."""
+"""The folder of a study: its rows, a small Parquet file for each chunk, written whole as chunks
+end.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ class Folder:
 
     def done(self) -> set[int]:
         """Return the numbers of the chunks whose rows are there."""
-        matches = (re.fullmatch(r"(\d+)\.parquet", file.name) for file in (self.path / "rows").iterdir())
+        matches = (
+            re.fullmatch(r"(\d+)\.parquet", file.name) for file in (self.path / "rows").iterdir()
+        )
         return {int(match[1]) for match in matches if match}
 
     def write(self, chunk: int, rows: Rows) -> None:
@@ -48,22 +52,37 @@ class Folder:
     def _table(self, rows: Rows) -> pyarrow.Table:
         import pyarrow as pa
 
-        kinds = {"design": pa.int32(), "seed": pa.int32(), "met": pa.bool_(), **dict.fromkeys(self.texts, pa.string())}
+        kinds = {
+            "design": pa.int32(),
+            "seed": pa.int32(),
+            "met": pa.bool_(),
+            **dict.fromkeys(self.texts, pa.string()),
+        }
         kinds |= {name: pa.float32() for name in rows if name.startswith(BUILT)}
-        return pa.table({name: pa.array(cells, kinds.get(name, pa.float64())) for name, cells in rows.items()})
+        return pa.table(
+            {name: pa.array(cells, kinds.get(name, pa.float64())) for name, cells in rows.items()}
+        )
 
     def gather(self) -> Path:
-        """Write all rows into one file, ``rows.parquet``, by design, seed and scenario, and return where it is."""
+        """Write all rows into one file, ``rows.parquet``, by design, seed and scenario, and return
+        where it is.
+        """
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        parts = [pq.read_table(self.path / "rows" / f"{chunk:06d}.parquet") for chunk in sorted(self.done())]
-        table = pa.concat_tables(parts).sort_by([(name, "ascending") for name in ("design", "seed", "scenario")])
+        parts = [
+            pq.read_table(self.path / "rows" / f"{chunk:06d}.parquet")
+            for chunk in sorted(self.done())
+        ]
+        table = pa.concat_tables(parts).sort_by(
+            [(name, "ascending") for name in ("design", "seed", "scenario")]
+        )
         write_whole(self.path / "rows.parquet", _bytes(table))
         return self.path / "rows.parquet"
 
     def read(self) -> Columns:
-        """Return the gathered rows: column → values; what was not asked is -1 in ``met``, 1 for yes, 0 for no.
+        """Return the gathered rows: column → values; what was not asked is -1 in ``met``, 1 for
+        yes, 0 for no.
 
         Raises:
             StudyError: there are no rows.
@@ -75,7 +94,9 @@ class Folder:
         except OSError as problem:
             raise StudyError(f"{self.path}: has no rows that can be read ({problem})") from None
         return {
-            name: (table[name].cast("int8").fill_null(-1) if name == "met" else table[name]).to_numpy()
+            name: (
+                table[name].cast("int8").fill_null(-1) if name == "met" else table[name]
+            ).to_numpy()
             for name in table.column_names
         }
 
@@ -98,14 +119,21 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
     try:
         import pyarrow  # noqa: F401
     except ImportError:
-        raise StudyError("a study's rows are Parquet, which needs pyarrow; pip install '.[study]'") from None
+        raise StudyError(
+            "a study's rows are Parquet, which needs pyarrow; pip install '.[study]'"
+        ) from None
     folder = make_folder(Path(path) / "rows").parent
     label = folder / LABEL
     texts = {"scenario", "problem"} | {ESTIMATOR, FEEDBACK} & plan.study.vary.keys()
     if label.exists():
         _check(label, plan)
     else:
-        names = {"digest": plan.digest, "version": __version__, "name": plan.study.name, "rig": plan.rig.name}
+        names = {
+            "digest": plan.digest,
+            "version": __version__,
+            "name": plan.study.name,
+            "rig": plan.rig.name,
+        }
         write_whole(label, json.dumps(names, indent=2, ensure_ascii=False) + "\n")
     return Folder(folder, frozenset(texts))
 
@@ -115,10 +143,16 @@ def _check(label: Path, plan: Plan) -> None:
         names = json.loads(label.read_text(encoding="utf-8"))
         digest, version = names["digest"], names["version"]
     except (OSError, ValueError, KeyError, TypeError):
-        raise StudyError(f"{label}: cannot be read; give another folder with --out, or remove this one") from None
+        raise StudyError(
+            f"{label}: cannot be read; give another folder with --out, or remove this one"
+        ) from None
     if digest != plan.digest:
-        raise StudyError(f"{label.parent}: holds another study's rows; give another folder with --out, or remove it")
+        raise StudyError(
+            f"{label.parent}: holds another study's rows; give another folder with --out, or "
+            "remove it"
+        )
     if version != __version__:
         raise StudyError(
-            f"{label.parent}: was begun with distal {version}, this is {__version__}; give another folder with --out"
+            f"{label.parent}: was begun with distal {version}, this is {__version__}; give "
+            "another folder with --out"
         )

@@ -1,4 +1,6 @@
-"""What narrows the band most: another sensor, a number that is known better, or a calibration at a known angle."""
+"""What narrows the band most: another sensor, a number that is known better, or a calibration at a
+known angle.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ NOISE = 0.1
 
 @dataclass(frozen=True)
 class Option:
-    """Something that could be done, the rig with it, and for how long the angle is known at the start [s], or None."""
+    """Something that could be done, the rig with it, and for how long the angle is known at the
+    start [s], or None.
+    """
 
     words: str
     rig: Rig
@@ -47,7 +51,8 @@ class Suggestion:
     """What an option brings.
 
     Args:
-        band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of each scenario [rad].
+        band: mean half-width of the 95 % band by the filter's covariance, on one nominal log of
+            each scenario [rad].
         squares: mean square error of each plant that is drawn, NaN where it failed, (n,) [rad²].
     """
 
@@ -64,25 +69,34 @@ class Suggestion:
 def suggestions(
     plan: Plan, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Suggestion, list[Suggestion], float]:
-    """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by band and by error.
+    """Return the rig as it is, each option, best by the band first, and Kendall's τ of the ranks by
+    band and by error.
 
-    Options that change nothing are equal in rank: a band or an error by less than `SAME`, or an error by less than twice
-    the standard error of the difference between the same plants with and without the option.
+    Options that change nothing are equal in rank: a band or an error by less than `SAME`, or an
+    error by less than twice the standard error of the difference between the same plants with and
+    without the option.
 
     Raises:
-        StudyError: the estimator of the study has no covariance to go by, or the rig cannot be estimated.
+        StudyError: the estimator of the study has no covariance to go by, or the rig cannot be
+            estimated.
     """
     from scipy.stats import kendalltau
 
     if plan.study.estimator != DEFAULT:
-        raise StudyError(f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as estimator")
+        raise StudyError(
+            f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as "
+            "estimator"
+        )
     options, judged = options_of(plan.rig), list[Suggestion]()
     for k, option in enumerate(options, 1):
         judged.append(_judged(plan, option))
         if progress is not None:
             progress(k, len(options))
     base, *changes = judged
-    bands = [base.band if abs(change.band - base.band) < SAME * base.band else change.band for change in changes]
+    bands = [
+        base.band if abs(change.band - base.band) < SAME * base.band else change.band
+        for change in changes
+    ]
     tau = kendalltau(bands, [_told(base, change) for change in changes]).statistic
     return base, sorted(changes, key=lambda change: change.band), float(tau)
 
@@ -93,7 +107,11 @@ def _told(base: Suggestion, change: Suggestion) -> float:
     differences = differences[np.isfinite(differences)]
     unsure = 2.0 * np.std(differences) / np.sqrt(max(len(differences), 1))
     unknown = len(differences) < 2 or abs(np.mean(differences)) < unsure
-    return base.error if unknown or abs(change.error - base.error) < SAME * base.error else change.error
+    return (
+        base.error
+        if unknown or abs(change.error - base.error) < SAME * base.error
+        else change.error
+    )
 
 
 def options_of(rig: Rig) -> list[Option]:
@@ -106,14 +124,25 @@ def options_of(rig: Rig) -> list[Option]:
         words = in_words(rig, key) + (" in common" if draw.common else "")
         for path in draw.paths:
             std = draw.std if draw.common else number(rig, path).independent_std
-            groups.setdefault(words, {})[f"{path}.{'shared.std' if draw.common else 'std'}"] = BETTER * std
-    options += [Option(f"{words} known twice as well", rig.with_values(values)) for words, values in groups.items()]
+            groups.setdefault(words, {})[f"{path}.{'shared.std' if draw.common else 'std'}"] = (
+                BETTER * std
+            )
+    options += [
+        Option(f"{words} known twice as well", rig.with_values(values))
+        for words, values in groups.items()
+    ]
     for kind in ("position", "force", "tension"):
         errors: dict[str, object] = {}
         for i, sensor in enumerate(rig.sensors):
             if sensor.measures == kind:
-                sizes = {name: getattr(sensor, name) for name in ("noise", "linearity", "resolution")}
-                errors |= {f"sensors.{i}.{name}": BETTER * size for name, size in sizes.items() if size > 0.0}
+                sizes = {
+                    name: getattr(sensor, name) for name in ("noise", "linearity", "resolution")
+                }
+                errors |= {
+                    f"sensors.{i}.{name}": BETTER * size
+                    for name, size in sizes.items()
+                    if size > 0.0
+                }
         if errors:
             options.append(Option(f"{kind} sensors twice as good", rig.with_values(errors)))
     options += _with_sensors(rig)
@@ -122,16 +151,33 @@ def options_of(rig: Rig) -> list[Option]:
 
 def _with_sensors(rig: Rig) -> list[Option]:
     """Return the rig with sensors that it has not."""
-    noise = min((sensor.noise for sensor in rig.sensors_of("force") if sensor.si == "N"), default=NOISE) or NOISE
+    noise = (
+        min((sensor.noise for sensor in rig.sensors_of("force") if sensor.si == "N"), default=NOISE)
+        or NOISE
+    )
     rate = max((sensor.rate for sensor in rig.sensors), default=100.0)
     options = []
     for measures, parts, words in (
-        ("tension", [tendon.name for tendon in rig.tendons], f"a tension sensor of {noise:g} N on each tendon"),
-        ("force", [d.name for d in rig.drives if d.kind == "slider"], f"a load cell of {noise:g} N at each drive"),
+        (
+            "tension",
+            [tendon.name for tendon in rig.tendons],
+            f"a tension sensor of {noise:g} N on each tendon",
+        ),
+        (
+            "force",
+            [d.name for d in rig.drives if d.kind == "slider"],
+            f"a load cell of {noise:g} N at each drive",
+        ),
     ):
         measured = {sensor.of for sensor in rig.sensors_of(measures)}
         added = [
-            {"name": f"{measures}_{part}", "measures": measures, "of": part, "noise": noise, "rate": rate}
+            {
+                "name": f"{measures}_{part}",
+                "measures": measures,
+                "of": part,
+                "noise": noise,
+                "rate": rate,
+            }
             for part in parts
             if part not in measured
         ]

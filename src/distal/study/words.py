@@ -18,7 +18,8 @@ BINS = 4
 """A range is split into so many parts."""
 
 PREFIXES = ((1e3, 1e3, "k"), (0.1, 1.0, ""), (1e-4, 1e-3, "m"), (0.0, 1e-6, "µ"))
-"""From which size on a unit has a prefix, how many of it are one with that prefix, and the prefix."""
+"""From which size on a unit has a prefix, how many of it are one with that prefix, and the prefix.
+"""
 
 
 def words_of(plan: Plan, name: str) -> str:
@@ -29,7 +30,9 @@ def words_of(plan: Plan, name: str) -> str:
     if path.startswith("sensors.") and path.count(".") == 1:
         words = f"sensor {path.partition('.')[2]}"
     else:
-        words = f"common error of {path}" if path in plan.rig.sharing() else in_words(plan.rig, path)
+        words = (
+            f"common error of {path}" if path in plan.rig.sharing() else in_words(plan.rig, path)
+        )
     return f"{words}, as built" if name.startswith(BUILT) else words
 
 
@@ -44,10 +47,14 @@ def quantity(value: float, unit: str) -> str:
 
 
 def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[str, Bools]]:
-    """Return parts of an axis, each in words with the rigs that are in it; each rig has one of the `values`, (n,)."""
+    """Return parts of an axis, each in words with the rigs that are in it; each rig has one of the
+    `values`, (n,).
+    """
     name = words_of(plan, axis.path)
     if axis.choices:
-        return [(setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices]
+        return [
+            (setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices
+        ]
     edges, numbers = [float(axis.at(k / BINS)) for k in range(BINS + 1)], values.astype(np.float64)
     return [
         (

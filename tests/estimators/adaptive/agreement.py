@@ -18,15 +18,17 @@ Floats = NDArray[np.float64]
 TOLERANCE = 1e-10
 """Largest difference, relative to each number's size (see `sizes`).
 
-Both do the same arithmetic in another order. That leaves about 1e-13 after a hundred samples, more where a stiff joint
-shakes by many times its prior's standard deviation. Any mistake in an equation shows at 1e-7 or more
-(`test_twin_mistakes`).
+Both do the same arithmetic in another order. That leaves about 1e-13 after a hundred samples, more
+where a stiff joint shakes by many times its prior's standard deviation. Any mistake in an equation
+shows at 1e-7 or more (`test_twin_mistakes`).
 """
 
 
 @dataclass(frozen=True)
 class Course:
-    """What a filter made of a log: means (k, n), covariances (k, n, n), innovations and their variances (k, m)."""
+    """What a filter made of a log: means (k, n), covariances (k, n, n), innovations and their
+    variances (k, m).
+    """
 
     means: Floats
     covariances: Floats
@@ -35,10 +37,14 @@ class Course:
     prior: Floats
 
 
-def filtered(rig: Rig, log: tuple[Floats, Floats], guards: Robustness) -> tuple[AdaptiveFilter, Course]:
+def filtered(
+    rig: Rig, log: tuple[Floats, Floats], guards: Robustness
+) -> tuple[AdaptiveFilter, Course]:
     """Return the filter and its course over a log."""
     time, samples = log
-    found = AdaptiveFilter(rig, compiled=False, robustness=guards, references=rig.sensors_of("angle"))
+    found = AdaptiveFilter(
+        rig, compiled=False, robustness=guards, references=rig.sensors_of("angle")
+    )
     belief = found.initial(time[0], samples[0])
     prior = np.sqrt(np.diag(belief.covariance))
     return found, Course(*found.scan(belief, time, samples), prior)
@@ -47,22 +53,26 @@ def filtered(rig: Rig, log: tuple[Floats, Floats], guards: Robustness) -> tuple[
 def course_of(twin: Any, log: tuple[Floats, Floats]) -> Course:
     """Return the twin's course over a log."""
     found = twin.run(*log)
-    columns = [np.array([getattr(s, f) for s in found]) for f in ("mean", "covariance", "innovations", "variances")]
+    columns = [
+        np.array([getattr(s, f) for s in found])
+        for f in ("mean", "covariance", "innovations", "variances")
+    ]
     return Course(*columns, twin.prior_stds)
 
 
 def sizes(course: Course) -> Floats:
     """Return by what differences of each state are divided, (k, n).
 
-    It is the prior's standard deviation, or the state's own std or size at that sample where a wild reading has made it
-    larger.
+    It is the prior's standard deviation, or the state's own std or size at that sample where a wild
+    reading has made it larger.
     """
     own = np.sqrt(np.einsum("kii->ki", course.covariances))
     return np.maximum(np.maximum(course.prior, own), np.abs(course.means))
 
 
 def difference(twin: Course, other: Course) -> float:
-    """Return the largest difference of means, covariances, innovations and variances, relative to their sizes.
+    """Return the largest difference of means, covariances, innovations and variances, relative to
+    their sizes.
 
     It is infinite where another innovation is left out.
     """
@@ -74,14 +84,17 @@ def difference(twin: Course, other: Course) -> float:
         np.abs(twin.prior - other.prior) / other.prior,
         np.abs(twin.means - other.means) / scale,
         np.abs(twin.covariances - other.covariances) / (scale[:, :, None] * scale[:, None, :]),
-        np.abs(twin.innovations - other.innovations) / np.maximum(spread, np.abs(other.innovations)),
+        np.abs(twin.innovations - other.innovations)
+        / np.maximum(spread, np.abs(other.innovations)),
         np.abs(twin.variances - other.variances) / other.variances,
     ]
     return max(float(np.nanmax(part, initial=0.0)) for part in parts)
 
 
 def agree(rig: Rig, log: tuple[Floats, Floats], guards: Robustness, *needed: str) -> Twin:
-    """Assert that twin and filter agree, and that the log went through the named branches; return the twin."""
+    """Assert that twin and filter agree, and that the log went through the named branches; return
+    the twin.
+    """
     found, course = filtered(rig, log, guards)
     twin = Twin(rig, guards, rig.sensors_of("angle"))
     numbered = zip(found.state_names, found.state_kinds, found.state_parts)

@@ -1,6 +1,8 @@
-"""Rigs in which one kind of state at a time is uncertain, and short made-up logs that go through every branch.
+"""Rigs in which one kind of state at a time is uncertain, and short made-up logs that go through
+every branch.
 
-The logs need not be good physics: twin and filter must agree on any numbers. They move, rest, turn and stick.
+The logs need not be good physics: twin and filter must agree on any numbers. They move, rest, turn
+and stick.
 """
 
 from __future__ import annotations
@@ -39,11 +41,19 @@ ROUGH_CAPSTAN = {
 }
 TORQUE = {"joints.0.external_torque": {"std": 0.02, "correlation_time": 0.3}}
 FACTORS = {
-    **{f"tendons.{i}.stiffness": {"value": 806.0, "shared": {"name": "spool", "std": 0.1}} for i in (0, 1)},
+    **{
+        f"tendons.{i}.stiffness": {"value": 806.0, "shared": {"name": "spool", "std": 0.1}}
+        for i in (0, 1)
+    },
     **{f"tendons.{i}.damping": {"value": 0.2, "std": 0.3, "drift": 0.05} for i in (0, 1)},
 }
 SHARED = {
-    "tendons.0.stiffness": {"value": 806.0, "std": 40.0, "drift": 2.0, "shared": {"name": "spool", "std": 0.1}},
+    "tendons.0.stiffness": {
+        "value": 806.0,
+        "std": 40.0,
+        "drift": 2.0,
+        "shared": {"name": "spool", "std": 0.1},
+    },
     "tendons.1.stiffness": {"value": 806.0, "drift": 3.0, "shared": {"name": "spool", "std": 0.1}},
     "joints.0.friction.preload": {"value": 1.0, "std": 0.1, "shared": {"name": "axle", "std": 0.2}},
     "joints.0.friction.coefficient": {"value": 0.3, "shared": {"name": "axle", "std": 0.2}},
@@ -55,7 +65,10 @@ PARAMETERS = {
         "preload": {"value": 1.0, "std": 0.5, "drift": 0.2},
         "stribeck": {"excess": {"value": 0.3, "std": 0.1}, "speed": 0.5},
     },
-    "joints.0.spring": {"stiffness": {"value": 0.05, "std": 0.02}, "rest_angle": {"value": -0.1, "std": 0.2}},
+    "joints.0.spring": {
+        "stiffness": {"value": 0.05, "std": 0.02},
+        "rest_angle": {"value": -0.1, "std": 0.2},
+    },
     "joints.0.gravity": {
         "mass": {"value": 0.08, "std": 0.01},
         "distance": 0.015,
@@ -82,7 +95,10 @@ BIASES = {
     "sensors.encoder.bias": {"value": 0.02, "std": 0.01, "drift": 0.02},
 }
 DECLARED = {
-    "drives.0.friction": {"constant": {"value": 0.1, "std": 0.05}, "load": {"value": 0.05, "std": 0.02}},
+    "drives.0.friction": {
+        "constant": {"value": 0.1, "std": 0.05},
+        "load": {"value": 0.05, "std": 0.02},
+    },
     "drives.1.friction": {
         "constant": {"value": 0.15, "std": 0.1},
         "load": 0.03,
@@ -91,10 +107,20 @@ DECLARED = {
     "drives.0.damping": {"value": 0.5, "std": 0.2},
 }
 PATH = {
-    "tendons.0.path": {"friction": {"value": 0.5, "std": 0.05}, "wrap": {"value": 2.0, "std": 0.1}, "wrap_slope": 0.3},
-    "tendons.1.path": {"friction": 0.4, "wrap": {"value": 2.2, "std": 0.1}, "wrap_slope": {"value": 0.2, "std": 0.04}},
+    "tendons.0.path": {
+        "friction": {"value": 0.5, "std": 0.05},
+        "wrap": {"value": 2.0, "std": 0.1},
+        "wrap_slope": 0.3,
+    },
+    "tendons.1.path": {
+        "friction": 0.4,
+        "wrap": {"value": 2.2, "std": 0.1},
+        "wrap_slope": {"value": 0.2, "std": 0.04},
+    },
 }
-"""μβ is 1 and 0.88: drawing a tendon in takes 2.7 and 2.2 times as much of its tension as letting it out gives back."""
+"""μβ is 1 and 0.88: drawing a tendon in takes 2.7 and 2.2 times as much of its tension as letting
+it out gives back.
+"""
 
 LINKAGE = {
     "tendons.0.insertion": {
@@ -104,7 +130,11 @@ LINKAGE = {
         "slope": {"value": 0.3, "std": 0.05},
         "curvature": {"value": 0.4, "std": 0.05},
     },
-    "tendons.1.insertion": {"kind": "pinned", "radius": 9.53e-3, "free_length": {"value": 0.2, "std": 1e-3}},
+    "tendons.1.insertion": {
+        "kind": "pinned",
+        "radius": 9.53e-3,
+        "free_length": {"value": 0.2, "std": 1e-3},
+    },
 }
 NEAR_STOPS = {
     **{f"drives.{i}.stops": [-0.85e-3, 2.75e-3] for i in (0, 1)},
@@ -117,18 +147,26 @@ STOPS = {f"drives.{i}.stops": [-1.5e-3, 3.5e-3] for i in (0, 1)}
 
 
 def sliders(*changes: Mapping[str, object], without: tuple[str, ...] = ()) -> Rig:
-    """Return two sliders on a pulley with sensors x1, u1, x2, u2, t1 (a tension) and encoder, less those in `without`."""
+    """Return two sliders on a pulley with sensors x1, u1, x2, u2, t1 (a tension) and encoder, less
+    those in `without`.
+    """
     raw = load_rig("pulley-antagonist").model_dump()
-    sensors = [dict(sensor) for sensor in raw["sensors"] if sensor["name"] in ("x1", "u1", "x2", "u2")]
+    sensors = [
+        dict(sensor) for sensor in raw["sensors"] if sensor["name"] in ("x1", "u1", "x2", "u2")
+    ]
     sensors.append({"name": "t1", "measures": "tension", "of": "left", "noise": 0.15})
-    sensors.append({"name": "encoder", "measures": "angle", "of": "link", "noise": 5e-3, "resolution": 0.01})
+    sensors.append(
+        {"name": "encoder", "measures": "angle", "of": "link", "noise": 5e-3, "resolution": 0.01}
+    )
     gone = ("t1", "encoder") if without == () else without
     raw["sensors"] = [s for s in sensors if s["name"] not in gone]
     values: dict[str, Any] = {}
     for change in (CERTAIN, *changes):
         values |= deepcopy(change)
     kept = {s["name"] for s in raw["sensors"]}
-    values = {k: v for k, v in values.items() if not k.startswith("sensors.") or k.split(".")[1] in kept}
+    values = {
+        k: v for k, v in values.items() if not k.startswith("sensors.") or k.split(".")[1] in kept
+    }
     return build_rig(raw, "two sliders").with_values(values)
 
 
@@ -143,7 +181,9 @@ HYSTERESIS = {
 
 
 def capstan(*changes: Mapping[str, object]) -> Rig:
-    """Return a motor that winds both tendons of a joint; nothing but the joint's motion is uncertain."""
+    """Return a motor that winds both tendons of a joint; nothing but the joint's motion is
+    uncertain.
+    """
     values: dict[str, Any] = {
         "joints.0.friction.coefficient": {"value": 0.15, "std": 0.0},
         "drives.0.friction.constant": {"value": 0.02, "std": 0.0},
@@ -157,7 +197,9 @@ def capstan(*changes: Mapping[str, object]) -> Rig:
 
 
 class SeveralJoints(Rig):
-    """A rig that may have several joints: the model, the states and the filter know them, `Rig` refuses them so far."""
+    """A rig that may have several joints: the model, the states and the filter know them, `Rig`
+    refuses them so far.
+    """
 
     @field_validator("joints", mode="after")
     @classmethod
@@ -166,7 +208,9 @@ class SeveralJoints(Rig):
 
 
 def side_by_side(first: Rig, second: Rig) -> Rig:
-    """Return one rig made of two that have nothing in common; all names of the second get `_2` behind them."""
+    """Return one rig made of two that have nothing in common; all names of the second get `_2`
+    behind them.
+    """
     raw, other = first.model_dump(), deepcopy(second.model_dump())
     for kind in ("joints", "drives", "tendons", "sensors"):
         for part in other[kind]:
@@ -182,7 +226,8 @@ def side_by_side(first: Rig, second: Rig) -> Rig:
 ORDER = ("position", "tension", "force", "angle")
 """In which order estimators read what is measured."""
 
-# ---- logs --------------------------------------------------------------------------------------------------------------
+# ---- logs
+# ------------------------------------------------------------------------------------------
 
 
 def stamps(n: int, interval: float, rng: np.random.Generator) -> Floats:
@@ -191,7 +236,9 @@ def stamps(n: int, interval: float, rng: np.random.Generator) -> Floats:
 
 
 def motion(time: Floats) -> Floats:
-    """Return a motion between −1 and 1 in three parts of 0.4 s: to and fro, at rest, and a slow ramp; then again."""
+    """Return a motion between −1 and 1 in three parts of 0.4 s: to and fro, at rest, and a slow
+    ramp; then again.
+    """
     part = np.mod(time - time[0], 1.2)
     swing = np.sin(2 * np.pi * np.minimum(part, 0.4) / 0.32)
     return np.where(part < 0.8, swing, 1.0 + 0.4 * (part - 0.8))
@@ -242,7 +289,9 @@ def capstan_log(rig: Rig, n: int = 160, seed: int = 1) -> tuple[Floats, Floats]:
     return time, np.column_stack(columns[: 2 + len(rig.sensors_of("angle"))])
 
 
-def spoiled(samples: Floats, positions: int, seed: int = 2, size: float = 2.0, missing: float = 0.3) -> Floats:
+def spoiled(
+    samples: Floats, positions: int, seed: int = 2, size: float = 2.0, missing: float = 0.3
+) -> Floats:
     """Return the samples with wild, missing and lost values: see the comments.
 
     Args:

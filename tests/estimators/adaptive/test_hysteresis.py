@@ -39,7 +39,9 @@ LIMIT = 0.03
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    """A capstan joint whose only friction is inside its transmission, and whose joint a spring holds."""
+    """A capstan joint whose only friction is inside its transmission, and whose joint a spring
+    holds.
+    """
     values = {
         "drives.0.hysteresis": {"constant": LIMIT, "error": 2e-3},
         "drives.0.friction.constant": {"value": 0.0, "std": 0.0},
@@ -48,20 +50,33 @@ def rig() -> Rig:
         "joints.0.damping": 2e-2,
         "joints.0.spring": {"stiffness": 0.3},
         "joints.0.external_torque.std": 0.1,
-        **{f"tendons.{i}.{name}.std": 0.0 for i in (0, 1) for name in ("stiffness.shared", "pretension")},
+        **{
+            f"tendons.{i}.{name}.std": 0.0
+            for i in (0, 1)
+            for name in ("stiffness.shared", "pretension")
+        },
     }
     return load_rig("capstan-joint").with_values(values)
 
 
 def slow(rig: Rig, seed: int = 1, **plant: object):
-    """Return a log of the capstan turned to and fro, slowly: the spring loads the transmission both ways."""
+    """Return a log of the capstan turned to and fro, slowly: the spring loads the transmission both
+    ways.
+    """
     servo = {"angle": {"amplitude": 0.7, "frequency": 0.1}, "stiffness": 40.0, "damping": 0.5}
-    raw = {"rig": "capstan-joint", "duration": 20.0, "drives": {"motor": {"servo": servo}}, "plant": plant}
+    raw = {
+        "rig": "capstan-joint",
+        "duration": 20.0,
+        "drives": {"motor": {"servo": servo}},
+        "plant": plant,
+    }
     return simulate(rig, build_scenario(raw, "slow"), seed)
 
 
 def test_the_plant_is_a_play_operator(rig: Rig) -> None:
-    """Quasi-static, what the tendons carry is clip(z, U − h, U + h) of the drive's torque, to 5 % of h."""
+    """Quasi-static, what the tendons carry is clip(z, U − h, U + h) of the drive's torque, to 5 %
+    of h.
+    """
     log = slow(rig)
     torque = log.truth["force_motor"] - 2e-3 * np.gradient(log.truth["position_motor"], log.time)
     carried = 5e-3 * (log.truth["tension_flexor"] - log.truth["tension_extensor"])
@@ -80,10 +95,14 @@ def test_the_plant_is_a_play_operator(rig: Rig) -> None:
 
 
 def test_the_filter_sees_through_the_hysteresis(rig: Rig) -> None:
-    """With a moment of reference, the angle is found to 0.15°; a rig that does not know of the hysteresis is worse."""
+    """With a moment of reference, the angle is found to 0.15°; a rig that does not know of the
+    hysteresis is worse.
+    """
     log = slow(rig)
     known = estimate(log, rig, homing=1.0)
-    ignorant = estimate(log, rig.with_values({"drives.0.hysteresis": {"constant": 1e-9}}), homing=1.0)
+    ignorant = estimate(
+        log, rig.with_values({"drives.0.hysteresis": {"constant": 1e-9}}), homing=1.0
+    )
     late = log.time > 1.0
     error = rms_degrees((known.theta - log.truth["theta"])[late])
     assert error < 0.15
@@ -92,7 +111,9 @@ def test_the_filter_sees_through_the_hysteresis(rig: Rig) -> None:
 
 
 def test_noise_does_not_wear_it_down(rig: Rig) -> None:
-    """At rest what is transmitted stays, however long noise shakes the torque: a play forgets nothing."""
+    """At rest what is transmitted stays, however long noise shakes the torque: a play forgets
+    nothing.
+    """
     log = slow(rig)
     turned = int(np.argmax(log.truth["force_motor"]))
     rows = np.r_[np.arange(turned), np.full(4000, turned)]
@@ -108,7 +129,9 @@ def test_noise_does_not_wear_it_down(rig: Rig) -> None:
 
 
 def test_a_held_value_is_taken_as_it_is(rig: Rig) -> None:
-    """`hold` keeps a std for fitting: the filter has no state for it, and a zero that is held costs nothing."""
+    """`hold` keeps a std for fitting: the filter has no state for it, and a zero that is held costs
+    nothing.
+    """
     sure = load_rig("capstan-joint")
     held = sure.with_values({"tendons.0.stiffness.hold": True, "tendons.1.stiffness.hold": True})
     log = slow(sure)
@@ -129,8 +152,12 @@ def test_a_current_is_a_torque(tmp_path) -> None:
     write_log(log, rig, tmp_path / "log.csv")
     header, first = (tmp_path / "log.csv").read_text().splitlines()[:2]
     column = header.split(",").index("motor_torque")
-    assert float(first.split(",")[column]) == pytest.approx(log.channels["motor_torque"][0] / 0.05 * 1e3)
+    assert float(first.split(",")[column]) == pytest.approx(
+        log.channels["motor_torque"][0] / 0.05 * 1e3
+    )
     again = read_log(tmp_path / "log.csv", rig)
-    np.testing.assert_allclose(again.channels["motor_torque"], log.channels["motor_torque"], rtol=1e-12)
+    np.testing.assert_allclose(
+        again.channels["motor_torque"], log.channels["motor_torque"], rtol=1e-12
+    )
     with pytest.raises(RigError, match="unit"):
         rig.with_values({"sensors.motor_torque.unit": "N m"})

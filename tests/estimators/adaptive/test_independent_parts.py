@@ -23,7 +23,9 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def log(rig: Rig) -> Log:
     moved = {"f0_flexor": {"torque": [["0 s", "10 mN m"], ["1 s", "60 mN m"], ["2 s", "20 mN m"]]}}
-    moved |= {rig.drives[1].name: {"torque": [["0 s", "0 N m"], ["1 s", "0.1 N m"], ["2 s", "-0.1 N m"]]}}
+    moved |= {
+        rig.drives[1].name: {"torque": [["0 s", "0 N m"], ["1 s", "0.1 N m"], ["2 s", "-0.1 N m"]]}
+    }
     return simulate(rig, Scenario(rig="hand", name="hand", duration=2.0, drives=moved), 5)
 
 
@@ -70,13 +72,18 @@ def test_each_part_is_as_if_it_were_alone(rig: Rig, log: Log) -> None:
         np.testing.assert_allclose(whole.angle_stds[:, at], alone.angle_stds, rtol=0, atol=1e-12)
         for name in alone.measured:
             one, other = whole.measured.index(name), alone.measured.index(name)
-            np.testing.assert_allclose(whole.innovations[:, one], alone.innovations[:, other], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(
+                whole.innovations[:, one], alone.innovations[:, other], rtol=0, atol=1e-9
+            )
     assert np.rad2deg(whole.rms_error()) < 2.0
 
 
 def test_a_part_whose_sensors_die_does_not_disturb_the_others(rig: Rig, log: Log) -> None:
     late = log.time > 0.5
-    dead = {name: np.where(late & name.startswith("f1_"), np.nan, read) for name, read in log.channels.items()}
+    dead = {
+        name: np.where(late & name.startswith("f1_"), np.nan, read)
+        for name, read in log.channels.items()
+    }
     whole, less = estimate(log, rig), estimate(replace(log, channels=dead), rig)
     np.testing.assert_array_equal(whole.angles[:, :3], less.angles[:, :3])
     assert less.angle_stds[-1, 3] > 1.5 * whole.angle_stds[-1, 3]
@@ -99,7 +106,17 @@ def test_inputs_of_a_fit_reach_their_part(rig: Rig) -> None:
     paths = ["joints.3.inertia", "tendons.0.stiffness", "sensors.0.noise"]
     whole = AdaptiveFilter(rig, inputs=paths)
     first, second = parts_of(whole.states)
-    assert first.states.context.mechanism.parameters.inputs == ("tendons.0.stiffness", "sensors.0.noise")
+    assert first.states.context.mechanism.parameters.inputs == (
+        "tendons.0.stiffness",
+        "sensors.0.noise",
+    )
     assert second.states.context.mechanism.parameters.inputs == ("joints.0.inertia",)
     names = whole.states.context.mechanism.parameters.names
-    assert names[second.numbers[second.states.context.mechanism.parameters.names.index("joints.0.inertia")]] == paths[0]
+    assert (
+        names[
+            second.numbers[
+                second.states.context.mechanism.parameters.names.index("joints.0.inertia")
+            ]
+        ]
+        == paths[0]
+    )

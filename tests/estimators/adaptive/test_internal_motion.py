@@ -1,4 +1,6 @@
-"""The filter on plants of their own (`benchmarks/one_link.py`): it follows what moves inside, learns it, its band holds."""
+"""The filter on plants of their own (`benchmarks/one_link.py`): it follows what moves inside,
+learns it, its band holds.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,11 @@ def plant(name: str) -> Log:
     own = part(name)
     number = own.value + AWAY * own.std
     return link_log(
-        {**own.fixed, own.path: number}, NOISE, np.random.default_rng(5), 2.5 if name in SHEATHS else 4.0, name
+        {**own.fixed, own.path: number},
+        NOISE,
+        np.random.default_rng(5),
+        2.5 if name in SHEATHS else 4.0,
+        name,
     )
 
 
@@ -57,13 +63,18 @@ def known(name: str) -> Estimate:
 def errors(result: Estimate) -> tuple[float, float]:
     late = result.time > 0.5
     error = result.errors()[late]
-    return float(np.rad2deg(np.sqrt(np.mean(error**2)))), float(np.mean(np.abs(error) < 1.96 * result.theta_std[late]))
+    return float(np.rad2deg(np.sqrt(np.mean(error**2)))), float(
+        np.mean(np.abs(error) < 1.96 * result.theta_std[late])
+    )
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SHEATHS else n for n in NAMES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in SHEATHS else n for n in NAMES]
+)
 def test_the_angle_is_right_and_its_band_holds(name: str) -> None:
-    """0.03 to 0.05° is what such sensors give (docs/results/fits.md); the number itself is not given, and a gap of a joint,
-    which the joint crosses in a moment, is learned last."""
+    """0.03 to 0.05° is what such sensors give (docs/results/fits.md); the number itself is not
+    given, and a gap of a joint, which the joint crosses in a moment, is learned last.
+    """
     rms, inside = errors(known(name))
     assert rms < (0.13 if name == "backlash of the joint" else 0.07)
     assert inside > 0.9
@@ -72,12 +83,18 @@ def test_the_angle_is_right_and_its_band_holds(name: str) -> None:
 def without(name: str) -> Rig:
     """Return the rig of somebody who does not know of the part."""
     rig = rig_of(part(name))
-    none = {"creep": "tendons.0.creep", "backlash of a drive": "drives.0.backlash", "sheath": "tendons.0.path"}
+    none = {
+        "creep": "tendons.0.creep",
+        "backlash of a drive": "drives.0.backlash",
+        "sheath": "tendons.0.path",
+    }
     joint = {"backlash of the joint": "joints.0.backlash"}
     return rig.with_values({{**none, **joint}[name]: None})
 
 
-@pytest.mark.parametrize("name", ["creep", "backlash of a drive", "backlash of the joint", "sheath"])
+@pytest.mark.parametrize(
+    "name", ["creep", "backlash of a drive", "backlash of the joint", "sheath"]
+)
 @pytest.mark.slow
 def test_without_it_the_angle_is_worse(name: str) -> None:
     rms, _ = errors(known(name))
@@ -85,7 +102,9 @@ def test_without_it_the_angle_is_worse(name: str) -> None:
     assert ignored > 1.5 * rms
 
 
-@pytest.mark.parametrize("name", ["creep", "backlash of a drive", pytest.param("sheath", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["creep", "backlash of a drive", pytest.param("sheath", marks=pytest.mark.slow)]
+)
 def test_the_number_moves_to_the_plants(name: str) -> None:
     own, result = part(name), known(name)
     path = named(rig_of(own), own.path)
@@ -105,13 +124,22 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
     at = runner.state_names.index("creep_left")
     tension = max(log.channels["u1"][0], 1.0)
     assert belief.carry[at] == pytest.approx(0.5 * 0.3 * tension / 2000.0, rel=1e-9)
-    cell = {"name": "cell", "measures": "tension", "of": "left", "noise": 0.05, "rate": 100.0, "si": "N"}
+    cell = {
+        "name": "cell",
+        "measures": "tension",
+        "of": "left",
+        "noise": 0.05,
+        "rate": 100.0,
+        "si": "N",
+    }
     raw = rig.model_dump()
     raw["sensors"] = [sensor for sensor in raw["sensors"] if sensor["name"] != "u1"] + [cell]
     read = AdaptiveFilter(Rig.model_validate(raw), False)
     values = np.array([7.0 if name == "cell" else 0.0 for name in read.channels])
     other = read.initial(0.0, values)
-    assert other.carry[read.state_names.index("creep_left")] == pytest.approx(0.5 * 0.3 * 7.0 / 2000.0, rel=1e-9)
+    assert other.carry[read.state_names.index("creep_left")] == pytest.approx(
+        0.5 * 0.3 * 7.0 / 2000.0, rel=1e-9
+    )
 
 
 @pytest.mark.compiled
@@ -124,19 +152,27 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
     ],
 )
 def test_a_sheath_with_what_else_a_cable_has(values: dict[str, object]) -> None:
-    """It stiffens, its joint or its drive is loose: the band contains the angle, and the filter is not lost."""
+    """It stiffens, its joint or its drive is loose: the band contains the angle, and the filter is
+    not lost.
+    """
     path = {"friction": {"value": 0.15, "std": 0.05}, "wrap": 1.0, "nodes": 2}
     rig = load_rig("capstan-joint").with_values({"tendons.1.path": path, **values})
     servo = {"angle": {"amplitude": 0.5, "frequency": 0.4}, "stiffness": 20.0, "damping": 0.3}
-    scenario = build_scenario({"rig": "capstan-joint", "duration": 4.0, "drives": {"motor": {"servo": servo}}}, "servo")
+    scenario = build_scenario(
+        {"rig": "capstan-joint", "duration": 4.0, "drives": {"motor": {"servo": servo}}}, "servo"
+    )
     rms, inside = errors(estimate(simulate(rig, scenario, 3), rig))
     assert rms < 0.5
     assert inside > 0.95
 
 
-@pytest.mark.parametrize("name", ["creep", "backlash of a drive", pytest.param("sheath", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["creep", "backlash of a drive", pytest.param("sheath", marks=pytest.mark.slow)]
+)
 def test_live_and_smoothed(name: str) -> None:
-    """Sample by sample it gives the numbers of the log; the smoother takes plays and creep along."""
+    """Sample by sample it gives the numbers of the log; the smoother takes plays and creep
+    along.
+    """
     log, rig, whole = plant(name), rig_of(part(name)), known(name)
     live = LiveEstimator(rig)
     samples = np.column_stack([log.channels[channel] for channel in live.channels])
@@ -148,7 +184,9 @@ def test_live_and_smoothed(name: str) -> None:
 
 
 def test_a_load_cell_that_reads_too_much() -> None:
-    """Readings are γ too large: the state finds it, and without it the angle is further off than its band says."""
+    """Readings are γ too large: the state finds it, and without it the angle is further off than
+    its band says.
+    """
     none = {f"drives.{i}.friction.load": {"value": 0.0, "std": 0.0} for i in (0, 1)}
     gain: dict[str, object] = {"sensors.u1.gain": {"value": 1.0, "std": 0.05}}
     gain |= {
@@ -165,7 +203,13 @@ def test_a_load_cell_that_reads_too_much() -> None:
         "plant": {"sensors.u1.gain": 1.06},
         "drives": {
             "left": {"servo": {"position": swing, "stiffness": 5e4, "damping": 20.0}},
-            "right": {"servo": {"position": {**swing, "amplitude": -3e-3}, "stiffness": 5e4, "damping": 20.0}},
+            "right": {
+                "servo": {
+                    "position": {**swing, "amplitude": -3e-3},
+                    "stiffness": 5e4,
+                    "damping": 20.0,
+                }
+            },
         },
     }
     log = simulate(rig, build_scenario(raw, "swing"), 3)
@@ -182,15 +226,19 @@ def test_a_load_cell_that_reads_too_much() -> None:
 
 
 def test_the_first_tension_of_a_tendon_is_what_its_drive_tells() -> None:
-    """Two tendons of a capstan balance its effort, T₁ − T₂ = τ/R, about half of each one's pretension; at least 1 N."""
+    """Two tendons of a capstan balance its effort, T₁ − T₂ = τ/R, about half of each one's
+    pretension; at least 1 N.
+    """
     mechanism = Mechanism(load_rig("capstan-joint"))
     radius, pretension = 5e-3, mechanism.rig.tendons[0].pretension.value
-    first, second = (float(_tension(mechanism, i, Begin([0.0], [0.06], [None, None]))) for i in (0, 1))
+    first, second = (
+        float(_tension(mechanism, i, Begin([0.0], [0.06], [None, None]))) for i in (0, 1)
+    )
     assert first - second == pytest.approx(0.06 / radius)
     assert first + second == pytest.approx(pretension)
-    assert [float(_tension(mechanism, i, Begin([0.0], [0.4], [None, None]))) for i in (0, 1)] == pytest.approx(
-        [0.4 / radius / 2 + pretension / 2, 1.0]
-    )
+    assert [
+        float(_tension(mechanism, i, Begin([0.0], [0.4], [None, None]))) for i in (0, 1)
+    ] == pytest.approx([0.4 / radius / 2 + pretension / 2, 1.0])
     # a sensor on the tendon itself knows better; without any it is the pretension
     assert float(_tension(mechanism, 0, Begin([0.0], [0.06], [7.0, None]))) == 7.0
     assert _tension(mechanism, 0, Begin([0.0], [None], [None, None])) == pretension

@@ -1,4 +1,6 @@
-"""Samples that come slowly against the joints' own oscillation: between two of them the joints come to rest."""
+"""Samples that come slowly against the joints' own oscillation: between two of them the joints come
+to rest.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,21 @@ RATE = 2.0
 
 
 def pair(**values: object) -> Rig:
-    """Return a light link between two tendons, read twice a second, without friction or damping at the joint."""
+    """Return a light link between two tendons, read twice a second, without friction or damping at
+    the joint.
+    """
     slow = {f"sensors.{name}.rate": RATE for name in ("x1", "u1", "x2", "u2")}
     light: dict[str, object] = {"joints.0.inertia": 1e-6, "joints.0.damping": 0.0}
     light["joints.0.friction.coefficient"] = {"value": 0.0, "std": 0.0}
     return load_rig("pulley-antagonist").with_values({**slow, **light, **values})
 
 
-def step_of(rig: Rig, q: list[float], v: list[float], h: float) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return the joints' angles after one long kick, and the slopes of their speeds by places and by the torque."""
+def step_of(
+    rig: Rig, q: list[float], v: list[float], h: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return the joints' angles after one long kick, and the slopes of their speeds by places and
+    by the torque.
+    """
     context = AdaptiveFilter(rig, False).states.context
     assert context.joints_settle
     mechanism, nj = context.mechanism, context.n_joints
@@ -39,7 +47,9 @@ def step_of(rig: Rig, q: list[float], v: list[float], h: float) -> tuple[np.ndar
     made = moving(context, kick, torque, ca.SX.zeros(nj), [], [])
     p = mechanism.parameters
     found = ca.Function(
-        "one", [at, speed, torque, p.symbols], [made.q[:nj], made.v[:nj], made.by_place, made.by_torque]
+        "one",
+        [at, speed, torque, p.symbols],
+        [made.q[:nj], made.v[:nj], made.by_place, made.by_torque],
     )
     angles, speeds, *slopes = (np.array(part.full()) for part in found(q, v, [0.0] * nj, p.values))
     np.testing.assert_allclose(angles[:, 0], np.array(q[:nj]) + h * speeds[:, 0], rtol=1e-12)
@@ -51,12 +61,16 @@ def step_of(rig: Rig, q: list[float], v: list[float], h: float) -> tuple[np.ndar
                 (moved if k == 0 else pushed)[i] += sign * 1e-6
                 ends.append(np.array(found(moved, v, pushed, p.values)[1].full())[:, 0])
             numeric = (ends[0] - ends[1]) / 2e-6
-            np.testing.assert_allclose(slope[:, i], numeric, rtol=2e-4, atol=1e-5 * np.abs(slope).max())
+            np.testing.assert_allclose(
+                slope[:, i], numeric, rtol=2e-4, atol=1e-5 * np.abs(slope).max()
+            )
     return angles[:, 0], slopes
 
 
 def test_a_joint_rests_where_its_tendons_balance() -> None:
-    """Two alike tendons, drawn in by x1 and x2: θ = (x1 − x2)/2r, whatever the angle before; slopes by differences."""
+    """Two alike tendons, drawn in by x1 and x2: θ = (x1 − x2)/2r, whatever the angle before; slopes
+    by differences.
+    """
     rig = pair()
     radius = rig.tendons[0].insertion.radius.value
     for start in (-0.2, 0.0, 0.15):
@@ -74,7 +88,9 @@ def test_a_spring_holds_against_the_tendons() -> None:
 
 
 def test_friction_holds_what_it_can() -> None:
-    """Within its limit a joint stays where it was; beyond it comes as far as balance but for friction asks."""
+    """Within its limit a joint stays where it was; beyond it comes as far as balance but for
+    friction asks.
+    """
     grip = {"coefficient": 0.3, "radius": 3e-3, "preload": 0.0}
     rig = pair(**{"joints.0.friction": grip})
     k, r = rig.tendons[0].stiffness.value, rig.tendons[0].insertion.radius.value
@@ -87,7 +103,9 @@ def test_friction_holds_what_it_can() -> None:
 
 
 def known(kind: str, seed: int, rate: float) -> tuple[Rig, Log]:
-    """Return a rig with its plant's own numbers, and a log of it of which only some samples are read."""
+    """Return a rig with its plant's own numbers, and a log of it of which only some samples are
+    read.
+    """
     raw = json.loads(json.dumps(settled(*described(kind, seed)), default=float))
     log = log_of(kind, seed, FITTED)
     every = max(1, round(1.0 / rate / (log.time[1] - log.time[0])))
@@ -105,7 +123,9 @@ def rms(rig: Rig, log: Log) -> tuple[float, float]:
 
 
 def test_a_wrist_at_2_4_hz() -> None:
-    """Three joints that turn one another, light as they are, without forces: friction alone leaves 1 to 2°."""
+    """Three joints that turn one another, light as they are, without forces: friction alone leaves
+    1 to 2°.
+    """
     rig, log = known("stop and go", 0, 2.4)
     assert AdaptiveFilter(rig, False).substeps == 8
     error, inside = rms(rig, log)
@@ -115,7 +135,9 @@ def test_a_wrist_at_2_4_hz() -> None:
 
 @pytest.mark.slow
 def test_slower_samples_tell_less_but_nothing_diverges() -> None:
-    """Drives go in chords between two samples, which err by the square of the interval at most: so does the angle."""
+    """Drives go in chords between two samples, which err by the square of the interval at most: so
+    does the angle.
+    """
     rates = (40.0, 10.0, 5.0, 2.0, 1.0)
     errors = [rms(*known("held", 1, rate))[0] for rate in rates]
     assert errors[0] < 0.3

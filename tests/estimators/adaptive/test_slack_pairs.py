@@ -1,4 +1,6 @@
-"""Between two slack tendons a joint lies within the play that they leave it, (26b); by hand in NumPy."""
+"""Between two slack tendons a joint lies within the play that they leave it, (26b); by hand in
+NumPy.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,15 @@ PLACE = 0.4
 
 
 def rig() -> Rig:
-    row = Row(joint="knuckle", motor="one", low=-0.5, high=1.5, spool_radius=SPOOL, joint_radius=ARM, back="tendon")
+    row = Row(
+        joint="knuckle",
+        motor="one",
+        low=-0.5,
+        high=1.5,
+        spool_radius=SPOOL,
+        joint_radius=ARM,
+        back="tendon",
+    )
     made = hand_of([row], "hand", "table").rig.bare()
     torque = [sensor.name for sensor in made.sensors].index("one_current")
     none = {"value": 0.0, "std": 0.0}
@@ -45,7 +55,9 @@ def runner() -> AdaptiveFilter:
     return AdaptiveFilter(rig(), compiled=False)
 
 
-def asked(runner: AdaptiveFilter, angle: float, torque: float, there: float = 1.0, lost: float = 0.0) -> list[Any]:
+def asked(
+    runner: AdaptiveFilter, angle: float, torque: float, there: float = 1.0, lost: float = 0.0
+) -> list[Any]:
     """Return state, tracks, sample and parameters with the joint and the motor somewhere."""
     names, state = runner.states.context.channels.names, np.array(runner.states.means)
     state[0] = angle
@@ -61,14 +73,19 @@ def asked(runner: AdaptiveFilter, angle: float, torque: float, there: float = 1.
 
 @pytest.mark.parametrize("torque", [0.0, 0.05, -0.05])
 @pytest.mark.parametrize("angle", [0.3, 0.35])
-def test_a_play_is_as_wide_as_slack_and_the_most_stretch(runner: AdaptiveFilter, torque: float, angle: float) -> None:
+def test_a_play_is_as_wide_as_slack_and_the_most_stretch(
+    runner: AdaptiveFilter, torque: float, angle: float
+) -> None:
     [(drive, *pair)] = slack_pairs(runner.states.context)
     given = asked(runner, angle, torque)
     residual, width, known, slope = play_function(runner.states, drive, pair)(*given)
     [sensor] = rig().sensors_of("force")
     most = (abs(torque) + FRICTION + 3 * np.sqrt(variance(sensor))) / SPOOL
     let_in = SPOOL * PLACE - ARM * angle  # of the tendon that the motor winds
-    slack = [given[0][runner.state_names.index(f"slack of tendon {tendon.name}")] for tendon in rig().tendons]
+    slack = [
+        given[0][runner.state_names.index(f"slack of tendon {tendon.name}")]
+        for tendon in rig().tendons
+    ]
     one, other = let_in - slack[0] - most / STIFFNESS, -let_in - slack[1] - most / SOFTER
     assert float(residual) == pytest.approx((one - other) / 2, rel=1e-6)
     assert float(width) == pytest.approx(-(one + other), rel=1e-6)
@@ -85,9 +102,9 @@ def confined(runner: AdaptiveFilter, given: list[Any], covariance: Any) -> tuple
     state, tracks, x, p = (ca.MX.sym(name, len(value)) for name, value in zip("stxp", given))
     matrix = ca.MX.sym("P", *covariance.shape)
     after = within_play(runner.states, state, matrix, Interval(tracks, ca.MX(0), x, p))
-    mean, matrix_after = ca.Function("within", [state, matrix, tracks, x, p], [ca.MX(part) for part in after])(
-        given[0], covariance, *given[1:]
-    )
+    mean, matrix_after = ca.Function(
+        "within", [state, matrix, tracks, x, p], [ca.MX(part) for part in after]
+    )(given[0], covariance, *given[1:])
     return np.array(mean).ravel(), np.array(matrix_after)
 
 
@@ -104,10 +121,14 @@ def covariance_of(runner: AdaptiveFilter, std: float) -> Any:
 
 
 def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFilter) -> None:
-    """By hand: with V = w²/12, S = g P gᵀ the gain is P g (S − V)/S², of which numbers of the rig take none."""
+    """By hand: with V = w²/12, S = g P gᵀ the gain is P g (S − V)/S², of which numbers of the rig
+    take none.
+    """
     [(drive, *pair)] = slack_pairs(runner.states.context)
     given, before = asked(runner, 0.0, 0.0), covariance_of(runner, 1.0)
-    residual, width, _, slope = (np.array(ca.DM(part)) for part in play_function(runner.states, drive, pair)(*given))
+    residual, width, _, slope = (
+        np.array(ca.DM(part)) for part in play_function(runner.states, drive, pair)(*given)
+    )
     g, most = slope.ravel(), float(width.item()) ** 2 / 12
     s = g @ before @ g
     assert s > most
@@ -119,7 +140,9 @@ def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFi
     # Joseph's form with the noise R for which S + R = S²/(S − V)
     noise = s**2 / (s - most) - s
     kept = np.eye(len(g)) - np.outer(gain, g)
-    np.testing.assert_allclose(after, kept @ before @ kept.T + noise * np.outer(gain, gain), rtol=1e-7, atol=1e-14)
+    np.testing.assert_allclose(
+        after, kept @ before @ kept.T + noise * np.outer(gain, gain), rtol=1e-7, atol=1e-14
+    )
     assert np.sqrt(after[0, 0]) < 0.2
     np.testing.assert_array_equal(mean[told], given[0][told])
     np.testing.assert_allclose(np.diag(after)[told], np.diag(before)[told], rtol=1e-12)
@@ -130,7 +153,9 @@ def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFi
     [(0.01, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.1)],
     ids=["it is surer", "its force is not read", "its place is not read"],
 )
-def test_else_nothing_changes(runner: AdaptiveFilter, std: float, there: float, lost: float) -> None:
+def test_else_nothing_changes(
+    runner: AdaptiveFilter, std: float, there: float, lost: float
+) -> None:
     given = asked(runner, 0.3, 0.0, there, lost)
     before = np.diag(np.diag(covariance_of(runner, std)))
     before[2:, 2:] *= 0.01
@@ -141,7 +166,9 @@ def test_else_nothing_changes(runner: AdaptiveFilter, std: float, there: float, 
 
 def test_only_pairs_that_may_be_slack_are_asked(runner: AdaptiveFilter) -> None:
     none = {"value": 0.0, "std": 0.0}
-    taut = AdaptiveFilter(rig().with_values({"tendons.0.slack": none, "tendons.1.slack": none}), compiled=False)
+    taut = AdaptiveFilter(
+        rig().with_values({"tendons.0.slack": none, "tendons.1.slack": none}), compiled=False
+    )
     assert list(slack_pairs(runner.states.context)) == [(0, 0, 1)]
     assert list(slack_pairs(taut.states.context)) == []
     for name in ("paper-2008", "finger-2n", "da-vinci-grasper"):
@@ -150,12 +177,17 @@ def test_only_pairs_that_may_be_slack_are_asked(runner: AdaptiveFilter) -> None:
 
 
 def test_a_motor_that_never_moved_knows_its_joint_to_the_play() -> None:
-    """Anywhere in the play the joint may be, as zeros of the motor and numbers of the rig say it; not in all its range."""
+    """Anywhere in the play the joint may be, as zeros of the motor and numbers of the rig say it;
+    not in all its range.
+    """
     time = np.arange(200) * 0.01
     still = {"one_position": np.zeros(200), "one_current": np.zeros(200)}
     start = rig().with_values({"joints.0.initial": {"value": 0.5, "std": 0.6}})
-    known = {f"sensors.{k}.bias": {"value": -PLACE, "std": 0.01} for k, s in enumerate(start.sensors) if s.of == "one"
-             and s.measures == "position"}  # fmt: skip
+    known = {
+        f"sensors.{k}.bias": {"value": -PLACE, "std": 0.01}
+        for k, s in enumerate(start.sensors)
+        if s.of == "one" and s.measures == "position"
+    }
     found = estimate(Log(time, still, {}, "still"), start.with_values(known))
     play = np.arctan2(SLACK, ARM)
     assert found.angles[-1, 0] == pytest.approx(PLACE * SPOOL / ARM, abs=play)

@@ -1,4 +1,6 @@
-"""Two joints side by side: the filter and its twin give the numbers of two rigs with one joint each."""
+"""Two joints side by side: the filter and its twin give the numbers of two rigs with one joint
+each.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,14 @@ from tests.estimators.adaptive.twin import Twin
 
 
 def test_two_joints_side_by_side_are_two_rigs() -> None:
-    """What has nothing in common has no covariance, and each part has the numbers that it has alone."""
+    """What has nothing in common has no covariance, and each part has the numbers that it has
+    alone.
+    """
     first = sliders(rigs.TORQUE, rigs.LINEARITY, rigs.DECLARED, without=("t1",))
-    other = {"joints.0.spring": {"stiffness": {"value": 0.1, "std": 0.02}}, "joints.0.inertia": 3e-4}
+    other = {
+        "joints.0.spring": {"stiffness": {"value": 0.1, "std": 0.02}},
+        "joints.0.inertia": 3e-4,
+    }
     second = sliders(rigs.PATH, other, rigs.STOPS, without=("t1",))
     both = side_by_side(first, second)
     logs = spoiled_log(first), spoiled_log(second)
@@ -25,7 +32,12 @@ def test_two_joints_side_by_side_are_two_rigs() -> None:
     columns = [logs[i][1][:, c] for role in ((0, 1), (2, 3), (4,)) for i in (0, 1) for c in role]
     guards = replace(DEFAULT, unmodelled=0.5)
     found, course = filtered(both, (time, np.column_stack(columns)), guards)
-    assert found.state_names[:4] == ("theta_link", "theta_link_2", "theta_link_dot", "theta_link_2_dot")
+    assert found.state_names[:4] == (
+        "theta_link",
+        "theta_link_2",
+        "theta_link_dot",
+        "theta_link_2_dot",
+    )
     places = []
     for i, rig in enumerate((first, second)):
         alone, single = filtered(rig, (time, logs[i][1]), guards)
@@ -34,7 +46,10 @@ def test_two_joints_side_by_side_are_two_rigs() -> None:
         rows = np.ix_(range(len(time)), of_both, of_both)
         scale = single.prior
         assert np.max(np.abs(course.means[:, of_both] - single.means) / scale) < TOLERANCE
-        assert np.max(np.abs(course.covariances[rows] - single.covariances) / np.outer(scale, scale)) < TOLERANCE
+        assert (
+            np.max(np.abs(course.covariances[rows] - single.covariances) / np.outer(scale, scale))
+            < TOLERANCE
+        )
     assert sorted(places[0] + places[1]) == list(range(len(found.state_names)))
     assert np.all(course.covariances[np.ix_(range(len(time)), *places)] == 0.0)
     twin = Twin(both, guards, both.sensors_of("angle"))

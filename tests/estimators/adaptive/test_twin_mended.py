@@ -28,7 +28,9 @@ def test_inertia_and_damping_of_a_joint_are_learned(name: str) -> None:
 
 
 def test_uncertain_damping_of_a_drive_with_hysteresis() -> None:
-    """What a transmission passes on is compared with the tendons' pull alone, in which there is no damping of the drive."""
+    """What a transmission passes on is compared with the tendons' pull alone, in which there is no
+    damping of the drive.
+    """
     rig = capstan(rigs.HYSTERESIS, {"drives.0.damping": {"value": 2e-3, "std": 1e-3}})
     agree(rig, capstan_log(rig), NONE)
 
@@ -36,7 +38,9 @@ def test_uncertain_damping_of_a_drive_with_hysteresis() -> None:
 def test_factors_of_two_spools_have_names_of_their_own() -> None:
     rig = side_by_side(
         *(
-            sliders({f"tendons.{i}.stiffness": {"value": 806.0, "std": share * 806.0} for i in (0, 1)})
+            sliders(
+                {f"tendons.{i}.stiffness": {"value": 806.0, "std": share * 806.0} for i in (0, 1)}
+            )
             for share in (0.1, 0.2)
         )
     )

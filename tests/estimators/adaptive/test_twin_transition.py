@@ -1,4 +1,6 @@
-"""Predictions and transitions for a smoother, against the twin: docs/reference/adaptive-equations.md, section 9."""
+"""Predictions and transitions for a smoother, against the twin:
+docs/reference/adaptive-equations.md, section 9.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from tests.estimators.adaptive.twin import Twin
 
 @pytest.mark.parametrize("name", ["all of sliders", "hysteresis", "place"])
 def test_the_transition_that_a_smoother_needs(name: str) -> None:
-    """Predicted mean, predicted covariance and Φ of every part of an interval, bridges of gaps too."""
+    """Predicted mean, predicted covariance and Φ of every part of an interval, bridges of gaps
+    too.
+    """
     rig, _ = WHOLE[name]
     time, samples = spoiled_log(rig, size=0.3)
     references = rig.sensors_of("angle")
@@ -33,20 +37,31 @@ def test_the_transition_that_a_smoother_needs(name: str) -> None:
         transition = y[first + n + n * n :].reshape(n, n).T  # columns lie one after the other
         scale = np.maximum(np.maximum(twin.prior_stds, np.sqrt(np.diag(covariance))), np.abs(mean))
         assert np.max(np.abs(part.predicted_mean - mean) / scale) < TOLERANCE
-        assert np.max(np.abs(part.predicted_covariance - covariance) / np.outer(scale, scale)) < TOLERANCE
+        assert (
+            np.max(np.abs(part.predicted_covariance - covariance) / np.outer(scale, scale))
+            < TOLERANCE
+        )
         # an entry turns a number of one size into one of another
         assert np.max(np.abs(part.transition - transition) * scale / scale[:, None]) < TOLERANCE
 
 
 def test_the_smoother_goes_back_by_its_equation() -> None:
-    """(28) over the twin's own predictions; the inverse of P⁻ leaves less than the filter's ten digits."""
+    """(28) over the twin's own predictions; the inverse of P⁻ leaves less than the filter's ten
+    digits.
+    """
     rig = sliders(rigs.TORQUE, rigs.LINEARITY, rigs.FACTORS)
     time, samples = spoiled_log(rig)
     twin = Twin(rig, DEFAULT)
     taken = {id(sample) for sample in twin.run(time, samples)}
     own = [k for k, part in enumerate(twin.parts) if id(part) in taken]
-    means, covariances = [part.mean for part in twin.parts], [part.covariance for part in twin.parts]
-    scale, guards = twin.prior_stds, [i for i, state in enumerate(twin.states) if state.kind == "friction"]
+    means, covariances = (
+        [part.mean for part in twin.parts],
+        [part.covariance for part in twin.parts],
+    )
+    scale, guards = (
+        twin.prior_stds,
+        [i for i, state in enumerate(twin.states) if state.kind == "friction"],
+    )
     assert guards  # their rows of C are zero
     slow = [i for i, state in enumerate(twin.states) if state.kind in ("parameter", "factor")]
     assert slow  # and these ones' rows and columns
@@ -66,4 +81,7 @@ def test_the_smoother_goes_back_by_its_equation() -> None:
     log = Log(time, {sensor.name: samples[:, i] for i, sensor in enumerate(twin.channels)})
     smoothed = smooth(log, rig, compiled=False)
     assert np.max(np.abs(np.array(means)[own] - smoothed.means) / scale) < 1e-6
-    assert np.max(np.abs(np.array(covariances)[own] - smoothed.covariances) / np.outer(scale, scale)) < 1e-6
+    assert (
+        np.max(np.abs(np.array(covariances)[own] - smoothed.covariances) / np.outer(scale, scale))
+        < 1e-6
+    )

@@ -1,4 +1,6 @@
-"""Numbers of the rig are not learned while nobody knows whether a joint is held by its stop, (24b)."""
+"""Numbers of the rig are not learned while nobody knows whether a joint is held by its stop,
+(24b).
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,19 @@ STD = np.deg2rad(2.0)
 
 @pytest.mark.parametrize(
     ("joint", "away", "expected"),
-    [("dip", 0.1, 0), ("dip", 1.9, 0), ("dip", 2.1, 1), ("dip", -0.5, 1), ("mcp", 1.0, 0), ("mcp", 9.0, 1)],
+    [
+        ("dip", 0.1, 0),
+        ("dip", 1.9, 0),
+        ("dip", 2.1, 1),
+        ("dip", -0.5, 1),
+        ("mcp", 1.0, 0),
+        ("mcp", 9.0, 1),
+    ],
 )
 @pytest.mark.parametrize("end", [0, 1])
-def test_a_joint_just_before_its_stop_may_be_held_by_it(joint: str, away: float, expected: int, end: int) -> None:
+def test_a_joint_just_before_its_stop_may_be_held_by_it(
+    joint: str, away: float, expected: int, end: int
+) -> None:
     """In the stop, and further away than two standard deviations, it is known."""
     rig = load_rig("finger-underactuated")
     runner = make_estimator("adaptive", rig)
@@ -34,7 +45,11 @@ def test_a_joint_just_before_its_stop_may_be_held_by_it(joint: str, away: float,
     stops = rig.joints[j].stops
     assert stops is not None
     mean[j] = stops[end] + (1.0, -1.0)[end] * away * STD
-    symbols = [ca.MX.sym("m", len(mean)), ca.MX.sym("P", *covariance.shape), ca.MX.sym("p", runner.numbers.size)]
+    symbols = [
+        ca.MX.sym("m", len(mean)),
+        ca.MX.sym("P", *covariance.shape),
+        ca.MX.sym("p", runner.numbers.size),
+    ]
     (sure,) = update.sure_of_stops(states, *symbols)
     assert float(ca.Function("sure", symbols, [sure])(mean, covariance, runner.numbers)) == expected
 
@@ -66,5 +81,9 @@ def test_an_unsure_joint_teaches_no_numbers(
 def moved() -> Log:
     """Return a log of a finger that is flexed."""
     servo = {"angle": {"points": [[0.0, 1.0], [0.4, 2.0]]}, "stiffness": 20.0, "damping": 0.3}
-    description = {"rig": "finger-underactuated", "duration": 0.5, "drives": {"flexor": {"servo": servo}}}
+    description = {
+        "rig": "finger-underactuated",
+        "duration": 0.5,
+        "drives": {"flexor": {"servo": servo}},
+    }
     return simulate(load_rig("finger-underactuated"), build_scenario(description, "s"), 1)

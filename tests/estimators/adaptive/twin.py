@@ -1,8 +1,9 @@
 """A naive twin of the adaptive filter in NumPy, written from docs/reference/adaptive-equations.md
 and docs/explanation/adaptive-state.md alone: loops, full matrices.
 
-It takes one sub-step and its slopes from `distal.model`, through `twin_model`. Numbers in brackets are those
-equations. `taken` counts which branches were gone through, so that a test can say what it has seen.
+It takes one sub-step and its slopes from `distal.model`, through `twin_model`. Numbers in brackets
+are those equations. `taken` counts which branches were gone through, so that a test can say what it
+has seen.
 """
 
 from __future__ import annotations
@@ -76,12 +77,16 @@ class Twin:
         tensions = rig.sensors_of("tension")
         self.compared = (*self.forces, *tensions, *references)
         self.channels = (*self.positions, *tensions, *self.forces, *references)
-        self.interval = 1.0 / max(s.rate for s in (*self.positions, *self.forces, *rig.sensors_of("tension")))
+        self.interval = 1.0 / max(
+            s.rate for s in (*self.positions, *self.forces, *rig.sensors_of("tension"))
+        )
         self.mechanism = Mechanism(rig)
         self.states = states_of(rig, self.mechanism, guards, references)
         self.model = TwinModel(rig, self.mechanism, self.states, self.interval)
         self.n, self.n_j, self.n_d = len(self.states), len(rig.joints), len(rig.drives)
-        self.declared = [declares_friction(rig, i, guards.declared_friction) for i in range(self.n_d)]
+        self.declared = [
+            declares_friction(rig, i, guards.declared_friction) for i in range(self.n_d)
+        ]
         self.position_of = [sensor_at(self.positions, drive) for drive in rig.drives]
         self.force_of = [sensor_at(self.forces, drive) for drive in rig.drives]
 
@@ -104,7 +109,9 @@ class Twin:
     # ---- a whole log ----
 
     def run(self, times: Floats, samples: Floats) -> list[Sample]:
-        """Samples after samples; the last part of an interval that was divided is the sample's own."""
+        """Samples after samples; the last part of an interval that was divided is the sample's
+        own.
+        """
         self.begin(samples[0])
         self.parts: list[Sample] = []
         found, before = [], times[0]
@@ -157,7 +164,9 @@ class Twin:
         joint = self.rig.joints[self.mechanism.joints_of[own[0]][0]]
         play = part.hysteresis
         return max(
-            (play.constant.value + play.load.value * radius * tension) * (1 + play.slope.value * joint.initial.value), 0
+            (play.constant.value + play.load.value * radius * tension)
+            * (1 + play.slope.value * joint.initial.value),
+            0,
         )
 
     # ---- one sample ----
@@ -227,11 +236,19 @@ class Twin:
         self.taken["missing displacement"] += k == 0
         self.taken["crossed"] += k < 0
         self.drives[i] = replace(
-            d, s=s, doubt=d.doubt + dt if far else 0.0, speed=speed, square=square, u=u, t=0.0 if good else tau
+            d,
+            s=s,
+            doubt=d.doubt + dt if far else 0.0,
+            speed=speed,
+            square=square,
+            u=u,
+            t=0.0 if good else tau,
         )
         return tracked
 
-    def chance(self, i: int, d: DriveMemory, dt: float, jump: float, z: Floats, mask: Floats) -> tuple[float, bool]:
+    def chance(
+        self, i: int, d: DriveMemory, dt: float, jump: float, z: Floats, mask: Floats
+    ) -> tuple[float, bool]:
         """Π of (2), and whether a force judged it."""
         guards, force = self.guards, self.force_of[i]
         judged = force is not None and mask[self.channels.index(force)] > 0
@@ -243,12 +260,20 @@ class Twin:
             led = np.array([m.s + m.speed * dt for m in self.drives])
             for other in range(self.n_d):
                 place = self.at("place", other)
-                led[other] = self.m[place] if place is not None else led[other] - self.error_at(other, led[other])[0]
+                led[other] = (
+                    self.m[place]
+                    if place is not None
+                    else led[other] - self.error_at(other, led[other])[0]
+                )
             still = self.m.copy()
             still[self.n_j : 2 * self.n_j] = 0.0
             found = self.model.compared(still, led, np.zeros(self.n_d))
             pull, stiffness = found["pull"][0][i], found["pull"][2][i, i]
-            limit, error, bias = found["mean"][0][i], self.at("error", i), self.at("bias", self.compared.index(force))
+            limit, error, bias = (
+                found["mean"][0][i],
+                self.at("error", i),
+                self.at("bias", self.compared.index(force)),
+            )
             friction = self.at("friction", i)
             limit += self.m[friction] if friction is not None else 0.0
             pull -= self.m[error] if error is not None else 0.0
@@ -306,7 +331,9 @@ class Twin:
             theta, omega, by_x, by_s, rest = self.model.substep(x, s, rates, h, sigma)
             direct = np.zeros((n_j, n + n_d))
             direct[:, 2 * n_j : n] = by_x[:, 2 * n_j :]
-            s_omega = by_x[:, :n_j] @ s_theta + by_x[:, n_j : 2 * n_j] @ s_omega + by_s @ s_s + direct  # (9)
+            s_omega = (
+                by_x[:, :n_j] @ s_theta + by_x[:, n_j : 2 * n_j] @ s_omega + by_s @ s_s + direct
+            )  # (9)
             s_theta = s_theta + h * s_omega
             rho = rho + rest  # (10)
             x[:n_j], x[n_j : 2 * n_j] = theta, omega  # (8)
@@ -337,7 +364,11 @@ class Twin:
             share = max(tracked[i].grown, 0.0) * self.g(self.drives[i].t)
             radius = drive.radius.value if drive.kind == "capstan" else 1.0
             for j in range(self.n_j):
-                own = [t for t in self.rig.tendons if t.drive == drive.name and t.joint == self.rig.joints[j].name]
+                own = [
+                    t
+                    for t in self.rig.tendons
+                    if t.drive == drive.name and t.joint == self.rig.joints[j].name
+                ]
                 if own:
                     found[j] += share * (radius / own[0].insertion.radius.value) ** 2
             self.taken["followed"] += share > 0
@@ -377,8 +408,12 @@ class Twin:
         b = self.at("bias", self.compared.index(force))
         bias = self.m[b] if b is not None else 0.0
         a = effort - bias - self.model.damping_of(i, self.m) * rates[i]
-        mean, low, free, high, rest = self.model.clip(a - h, a + h, self.m[k], sqrt(self.P[k, k]) + 1e-9)  # (15)
-        self.taken["play held below" if low > 0.9 else "play held above" if high > 0.9 else "play free"] += 1
+        mean, low, free, high, rest = self.model.clip(
+            a - h, a + h, self.m[k], sqrt(self.P[k, k]) + 1e-9
+        )  # (15)
+        self.taken[
+            "play held below" if low > 0.9 else "play held above" if high > 0.9 else "play free"
+        ] += 1
         g = (high - low) * (by_x + by_s @ slopes)
         if b is not None:
             g[b] -= low + high

@@ -1,4 +1,6 @@
-"""What the naive twin takes from `distal.model`: one sub-step, forces and limits, each with its slopes in x."""
+"""What the naive twin takes from `distal.model`: one sub-step, forces and limits, each with its
+slopes in x.
+"""
 
 from __future__ import annotations
 
@@ -25,21 +27,35 @@ Floats = NDArray[np.float64]
 
 
 class TwinModel:
-    """Functions of (x, places s, speeds ṡ) with their slopes in x and s; the parameters are read from x."""
+    """Functions of (x, places s, speeds ṡ) with their slopes in x and s; the parameters are read
+    from x.
+    """
 
-    def __init__(self, rig: Rig, mechanism: Mechanism, states: list[State], interval: float) -> None:
+    def __init__(
+        self, rig: Rig, mechanism: Mechanism, states: list[State], interval: float
+    ) -> None:
         self.mechanism, self.states = mechanism, states
         self.n, self.n_j, self.n_d = len(states), mechanism.n_joints, mechanism.n_drives
         # n sub-steps: 2.5 ms, or 0.6/ω₀ where that is shorter, 50 at most
-        self.substeps = min(max(1, int(np.ceil(interval / min(2.5e-3, 0.6 / joint_frequency(mechanism))))), 50)
-        self.x, self.s, self.rates = ca.SX.sym("x", self.n), ca.SX.sym("s", self.n_d), ca.SX.sym("rates", self.n_d)
+        self.substeps = min(
+            max(1, int(np.ceil(interval / min(2.5e-3, 0.6 / joint_frequency(mechanism))))), 50
+        )
+        self.x, self.s, self.rates = (
+            ca.SX.sym("x", self.n),
+            ca.SX.sym("s", self.n_d),
+            ca.SX.sym("rates", self.n_d),
+        )
         self.parameters = self._parameters()
         self.step_function = self._substep(rig)
         self.compare_function, self.friction_function = self._compared(), self._friction()
-        self.limit_functions = {i: self._play_limit(i) for i, d in enumerate(rig.drives) if d.hysteresis is not None}
+        self.limit_functions = {
+            i: self._play_limit(i) for i, d in enumerate(rig.drives) if d.hysteresis is not None
+        }
         self.clip_function = self._clip()
         (dampings,) = self._with_parameters(mechanism.dampings()[self.n_j :])
-        self.damping_function = ca.Function("damping", [self.x], [dampings, ca.jacobian(dampings, self.x)])
+        self.damping_function = ca.Function(
+            "damping", [self.x], [dampings, ca.jacobian(dampings, self.x)]
+        )
 
     def _parameters(self) -> Any:
         """p as a function of x: a state of its own, or its value times a factor."""
@@ -56,14 +72,21 @@ class TwinModel:
         return ca.vertcat(*values)
 
     def _with_parameters(self, *expressions: Any) -> list[Any]:
-        return [ca.substitute(ca.SX(e), self.mechanism.parameters.symbols, self.parameters) for e in expressions]
+        return [
+            ca.substitute(ca.SX(e), self.mechanism.parameters.symbols, self.parameters)
+            for e in expressions
+        ]
 
     def _bodies(self) -> tuple[Any, Any]:
         """q = (θ, s) and v = (ω, ṡ)."""
-        return ca.vertcat(self.x[: self.n_j], self.s), ca.vertcat(self.x[self.n_j : 2 * self.n_j], self.rates)
+        return ca.vertcat(self.x[: self.n_j], self.s), ca.vertcat(
+            self.x[self.n_j : 2 * self.n_j], self.rates
+        )
 
     def _substep(self, rig: Rig) -> ca.Function:
-        """(x, s, ṡ, h, σ_τ) → θ⁺, ω⁺, slopes of ω⁺ in x and in s, what friction adds to its variance: (8), (9), (10)."""
+        """(x, s, ṡ, h, σ_τ) → θ⁺, ω⁺, slopes of ω⁺ in x and in s, what friction adds to its
+        variance: (8), (9), (10).
+        """
         h, sigma = ca.SX.sym("h"), ca.SX.sym("sigma", self.n_j)
         q, v = self._bodies()
         torques = [ca.SX(0)] * self.n_j
@@ -89,7 +112,9 @@ class TwinModel:
                 remaining.append(ca.SX(0))
         slope = ca.vertcat(*smooth)
         outputs = [moved[: self.n_j], speeds[: self.n_j], ca.vertcat(*remaining)]
-        by_x, by_s = [ca.jacobian(e, of) for e in self._with_parameters(slope) for of in (self.x, self.s)]
+        by_x, by_s = [
+            ca.jacobian(e, of) for e in self._with_parameters(slope) for of in (self.x, self.s)
+        ]
         outputs = [*self._with_parameters(*outputs), by_x, by_s]
         # the std b_F σ_τ + 1e-9 is put in last: it is no function of x
         spread = self._with_parameters(ca.vertcat(*b))[0] * sigma + 1e-9
@@ -101,10 +126,16 @@ class TwinModel:
         p = self.mechanism.parameters
         own = [i for i, state in enumerate(self.states) if state.kind == "parameter"]
         own = [i for i in own if p.names[self.states[i].of].startswith(f"joints.{joint}.friction.")]
-        return [i for i in own if p.independent_stds[self.states[i].of] > 0.5 * p.values[self.states[i].of] > 0]
+        return [
+            i
+            for i in own
+            if p.independent_stds[self.states[i].of] > 0.5 * p.values[self.states[i].of] > 0
+        ]
 
     def limit_variances(self, x: Floats, s: Floats, rates: Floats, covariance: Floats) -> Floats:
-        """l_x P l_xᵀ of each joint's friction limit at the start of an interval, by these states alone."""
+        """l_x P l_xᵀ of each joint's friction limit at the start of an interval, by these states
+        alone.
+        """
         slopes = self.friction_function(x, s, rates).full()
         found = np.zeros(self.n_j)
         for j in range(self.n_j):
@@ -118,14 +149,18 @@ class TwinModel:
         m = self.mechanism
         limits = m.friction_limits(q, v, m.tensions(q, v))[: self.n_j]
         (value,) = self._with_parameters(ca.vertcat(*(limit.mean for limit in limits)))
-        return ca.Function("friction", [self.x, self.s, self.rates], [ca.densify(ca.jacobian(value, self.x))])
+        return ca.Function(
+            "friction", [self.x, self.s, self.rates], [ca.densify(ca.jacobian(value, self.x))]
+        )
 
     def substep(self, x: Floats, s: Floats, rates: Floats, h: float, sigma: Floats) -> list[Floats]:
         theta, omega, rest, by_x, by_s = self.step_function(x, s, rates, h, sigma)
         return [array(theta), array(omega), by_x.full(), by_s.full(), array(rest)]
 
     def _compared(self) -> ca.Function:
-        """(x, s, ṡ) → (T, pull without damping, pull, l, a), one column, and its slopes in x and in s."""
+        """(x, s, ṡ) → (T, pull without damping, pull, l, a), one column, and its slopes in x and in
+        s.
+        """
         q, v = self._bodies()
         m = self.mechanism
         tensions = m.tensions(q, v)
@@ -134,15 +169,25 @@ class TwinModel:
         pull = elastic + m.dampings()[self.n_j :] * self.rates
         limits = m.friction_limits(q, v, tensions)[self.n_j :]
         columns = [tensions, elastic, pull]
-        columns += [ca.vertcat(*(limit.mean for limit in limits)), ca.vertcat(*(limit.asymmetry for limit in limits))]
+        columns += [
+            ca.vertcat(*(limit.mean for limit in limits)),
+            ca.vertcat(*(limit.asymmetry for limit in limits)),
+        ]
         (value,) = self._with_parameters(ca.vertcat(*columns))
         slopes = [ca.jacobian(value, self.x), ca.jacobian(value, self.s)]
         return ca.Function("compared", [self.x, self.s, self.rates], [value, *slopes])
 
-    def compared(self, x: Floats, s: Floats, rates: Floats) -> dict[str, tuple[Floats, Floats, Floats]]:
+    def compared(
+        self, x: Floats, s: Floats, rates: Floats
+    ) -> dict[str, tuple[Floats, Floats, Floats]]:
         value, by_x, by_s = self.compare_function(x, s, rates)
         value, by_x, by_s = array(value), by_x.full(), by_s.full()
-        sizes = {"tension": self.mechanism.n_tendons, "elastic": self.n_d, "pull": self.n_d, "mean": self.n_d}
+        sizes = {
+            "tension": self.mechanism.n_tendons,
+            "elastic": self.n_d,
+            "pull": self.n_d,
+            "mean": self.n_d,
+        }
         sizes["asymmetry"] = self.n_d
         found, start = {}, 0
         for name, size in sizes.items():
@@ -152,7 +197,9 @@ class TwinModel:
         return found
 
     def _play_limit(self, drive: int) -> ca.Function:
-        """(x, s) → limit of a drive's play at the tensions of that place at rest, its slopes in x and s."""
+        """(x, s) → limit of a drive's play at the tensions of that place at rest, its slopes in x
+        and s.
+        """
         q, _ = self._bodies()
         tensions = self.mechanism.tensions(q, ca.SX.zeros(self.n_j + self.n_d, 1))
         (limit,) = self._with_parameters(self.mechanism.hysteresis_limit(drive, q, tensions))
@@ -167,7 +214,9 @@ class TwinModel:
         symbols = [ca.SX.sym(name) for name in ("low", "high", "mean", "std")]
         moments = clip_moments(*symbols)
         return ca.Function(
-            "clip", symbols, [moments.mean, moments.by_low, moments.by_mean, moments.by_high, moments.rest]
+            "clip",
+            symbols,
+            [moments.mean, moments.by_low, moments.by_mean, moments.by_high, moments.rest],
         )
 
     def clip(self, low: float, high: float, mean: float, std: float) -> list[float]:

@@ -46,7 +46,9 @@ def cut_at_zero(mean: float, std: float) -> tuple[float, float]:
 
 
 def travel_of(rig: Rig, drive: int) -> tuple[float, float]:
-    """Between the drive's stops; else ±1.2 rad of the joint about where the nominal force pulls a slider to."""
+    """Between the drive's stops; else ±1.2 rad of the joint about where the nominal force pulls a
+    slider to.
+    """
     part = rig.drives[drive]
     if part.stops is not None:
         return part.stops
@@ -64,7 +66,9 @@ def declares_friction(rig: Rig, drive: int, least: float) -> bool:
     radius = part.radius.value if part.kind == "capstan" else 1.0
     load = max(abs(part.nominal_force.value) / radius, sum(t.pretension.value for t in own), 1.0)
     constant, share = part.friction.constant, part.friction.load
-    total = (constant.value + constant.filter_std) / radius + (share.value + share.filter_std) * load
+    total = (constant.value + constant.filter_std) / radius + (
+        share.value + share.filter_std
+    ) * load
     for tendon in own:
         if tendon.path is not None:
             mu, beta = tendon.path.friction, tendon.path.wrap.value
@@ -77,7 +81,9 @@ def sensor_at(sensors: tuple[Any, ...], part: Any) -> Any:
     return next((s for s in sensors if s.of == part.name), None)
 
 
-def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tuple[Any, ...]) -> list[State]:
+def states_of(
+    rig: Rig, mechanism: Mechanism, guards: Robustness, references: tuple[Any, ...]
+) -> list[State]:
     """The whole list, in the order of the table."""
     names = [j.name for j in rig.joints]
     one = len(names) == 1
@@ -87,20 +93,25 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
         for i, j in enumerate(rig.joints)
     ]
     states += [
-        State("theta_dot" if one else f"theta_{j.name}_dot", "speed", 0.0, 0.3, i) for i, j in enumerate(rig.joints)
+        State("theta_dot" if one else f"theta_{j.name}_dot", "speed", 0.0, 0.3, i)
+        for i, j in enumerate(rig.joints)
     ]
     for i, joint in enumerate(rig.joints):
         torque = joint.external_torque
         if torque.std > 0:
             name = "external_torque" if one else f"external_torque_{joint.name}"
-            states.append(State(name, "torque", 0.0, torque.std, i, fade_rate=1 / torque.correlation_time))
+            states.append(
+                State(name, "torque", 0.0, torque.std, i, fade_rate=1 / torque.correlation_time)
+            )
     states += parameters_of(rig, mechanism, guards)
     for i, sensor in enumerate(positions):
         states += linearity_of(sensor, i)
     for i, drive in enumerate(rig.drives):
         if sensor_at(positions, drive) is None:
             low, high = travel_of(rig, i)
-            state = State(f"position_{drive.name}", "place", (low + high) / 2, (high - low) / sqrt(12), i)
+            state = State(
+                f"position_{drive.name}", "place", (low + high) / 2, (high - low) / sqrt(12), i
+            )
             state.walk = high - low
             states.append(state)
     for i, drive in enumerate(rig.drives):
@@ -109,7 +120,9 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
             continue
         if not declares_friction(rig, i, guards.declared_friction):
             sigma = sqrt(variance(sensor))
-            state = State(f"friction_{drive.name}", "friction", 0.0, guards.unknown_friction * sigma, i)
+            state = State(
+                f"friction_{drive.name}", "friction", 0.0, guards.unknown_friction * sigma, i
+            )
             state.walk = guards.unknown_friction_walk * sigma
             states.append(state)
     for i, drive in enumerate(rig.drives):
@@ -117,14 +130,23 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
             # its prior is the first reading ± √(H₀²/3 + σ²): filled in by the twin, which has H₀
             states.append(State(f"transmitted_{drive.name}", "transmitted", 0.0, 0.0, i))
     for i, drive in enumerate(rig.drives):
-        if drive.hysteresis is not None and drive.hysteresis.error > 0 and sensor_at(forces, drive) is not None:
-            state = State(f"transmission_error_{drive.name}", "error", 0.0, drive.hysteresis.error, i)
+        if (
+            drive.hysteresis is not None
+            and drive.hysteresis.error > 0
+            and sensor_at(forces, drive) is not None
+        ):
+            state = State(
+                f"transmission_error_{drive.name}", "error", 0.0, drive.hysteresis.error, i
+            )
             state.fade_rate, state.considered = 1 / drive.hysteresis.error_time, True
             states.append(state)
     for i, sensor in enumerate((*forces, *rig.sensors_of("tension"), *references)):
         spread = sqrt(sensor.bias.filter_std**2 + (LINEARITY_SHARE * sensor.linearity) ** 2)
         if spread > 0:
-            state, drift = State(f"bias_{sensor.name}", "bias", 0.0, spread, i), sensor.bias.drift or 0.0
+            state, drift = (
+                State(f"bias_{sensor.name}", "bias", 0.0, spread, i),
+                sensor.bias.drift or 0.0,
+            )
             if sensor.measures == "angle":
                 state.fade_rate = drift**2 / (2 * spread**2)
             else:
@@ -134,7 +156,9 @@ def states_of(rig: Rig, mechanism: Mechanism, guards: Robustness, references: tu
 
 
 def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[State]:
-    """Parameters with a std that can be seen, and the factors of tendons that err together, as they come."""
+    """Parameters with a std that can be seen, and the factors of tendons that err together, as they
+    come.
+    """
     p, states, factors, deviations = mechanism.parameters, [], [], []
     sharing = rig.sharing()
     for i, (name, std, drift) in enumerate(zip(p.names, p.independent_stds, p.drifts)):
@@ -147,11 +171,21 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         if i in of_factors or std <= 0 or not is_seen(rig, name, std):
             continue
         kind, _, what = name.split(".", 2)
-        arm = ".insertion." in name or ".crossings." in name or (kind == "drives" and what == "radius")
-        rough = not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5)
+        arm = (
+            ".insertion." in name
+            or ".crossings." in name
+            or (kind == "drives" and what == "radius")
+        )
+        rough = (
+            not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5)
+        )
         untold = rough and len(rig.drives) <= len(rig.joints)
-        if rough and what.endswith(("stiffness", "radius", "mass", "inertia", "length")):  # what cannot be zero
-            state = State(f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,))
+        if rough and what.endswith(
+            ("stiffness", "radius", "mass", "inertia", "length")
+        ):  # what cannot be zero
+            state = State(
+                f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,)
+            )
             state.walk = guards.parameter_walk * std / value if np.isnan(drift) else drift / value
             state.untold = rough
             factors.append(state)
@@ -175,15 +209,21 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
     for title, together in sharing.items():
         members = [p.names.index(path) for path in together]
         mean, spread = cut_at_zero(1.0, next(iter(together.values())))
-        state = State(f"{title}.factor", "factor", mean, spread, lowest=0.05, members=tuple(members))
+        state = State(
+            f"{title}.factor", "factor", mean, spread, lowest=0.05, members=tuple(members)
+        )
         alone = [k for k in members if p.independent_stds[k] == 0 and not np.isnan(p.drifts[k])]
-        state.walk = max((p.drifts[k] / p.values[k] for k in alone), default=guards.parameter_walk * spread)
+        state.walk = max(
+            (p.drifts[k] / p.values[k] for k in alone), default=guards.parameter_walk * spread
+        )
         factors.append(state)
     return states + factors + deviations
 
 
 def is_seen(rig: Rig, name: str, std: float) -> bool:
-    """Whether a parameter can be seen by the filter: of a drive, only its damping, its radius and larger friction."""
+    """Whether a parameter can be seen by the filter: of a drive, only its damping, its radius and
+    larger friction.
+    """
     if not name.startswith("drives."):
         return True
     _, index, what = name.split(".", 2)
@@ -210,5 +250,7 @@ def linearity_of(sensor: Any, index: int) -> list[State]:
     for j in range(6):
         std = sqrt((c * weights[j]) ** 2 + (sensor.bias.filter_std**2 if j == 0 else 0.0))
         if std > 0:
-            states.append(State(f"linearity_{sensor.name}_{j}", "linearity", curve[j], std, index, order=j))
+            states.append(
+                State(f"linearity_{sensor.name}_{j}", "linearity", curve[j], std, index, order=j)
+            )
     return states

@@ -1,4 +1,6 @@
-"""Sections 6 and 7 of docs/reference/adaptive-equations.md for the naive twin: rows, stick and slip, the update."""
+"""Sections 6 and 7 of docs/reference/adaptive-equations.md for the naive twin: rows, stick and
+slip, the update.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ MOTION_TIME, RESIDUAL_TIME = 10e-3, 0.1
 
 @dataclass
 class Row:
-    """One comparison, linearised at x⁻: residual r and its slope, limits l and a and theirs, variance R."""
+    """One comparison, linearised at x⁻: residual r and its slope, limits l and a and theirs,
+    variance R.
+    """
 
     drive: int | None
     r: float
@@ -41,7 +45,9 @@ def sign(value: float) -> float:
     return float(np.sign(value))
 
 
-def update(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked]) -> tuple[Floats, Floats]:
+def update(
+    twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked]
+) -> tuple[Floats, Floats]:
     """Take row after row in; returns ν and S of the sensors."""
     n_y = len(twin.compared)
     innovations, variances = np.full(n_y, nan), np.full(n_y, nan)
@@ -76,7 +82,9 @@ def update(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked
             gain = np.zeros(twin.n)
         twin.taken["wild force"] += bool(counts and s_wild > s)
         twin.m = twin.m + gain * nu  # (25)
-        twin.P = twin.P - np.outer(gain, across) - np.outer(across, gain) + s_wild * np.outer(gain, gain)
+        twin.P = (
+            twin.P - np.outer(gain, across) - np.outer(across, gain) + s_wild * np.outer(gain, gain)
+        )
         if row.drive is not None and row.friction and twin.declared[row.drive]:
             d = twin.drives[row.drive]
             twin.drives[row.drive] = replace(d, residual=d.residual + row.r_x @ gain * nu)  # (26)
@@ -121,23 +129,41 @@ def rows_of(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracke
             k = next(k for k, t in enumerate(twin.rig.tendons) if t.name == sensor.of)
             value, by_x, by_s = total("tension", k)
             own = sum(by_s[i] ** 2 * tracked[i].variance for i in range(twin.n_d))
-            row = Row(None, reading - value - offset, -by_x - unit, variance(sensor) + own, there, sensor=index)
+            row = Row(
+                None,
+                reading - value - offset,
+                -by_x - unit,
+                variance(sensor) + own,
+                there,
+                sensor=index,
+            )
             rows.append(row)
         else:
             j = next(k for k, part in enumerate(twin.rig.joints) if part.name == sensor.of)
             by_x = np.zeros(twin.n)
             by_x[j] = 1.0
-            row = Row(None, reading - m[j] - offset, -by_x - unit, variance(sensor), there, sensor=index)
+            row = Row(
+                None, reading - m[j] - offset, -by_x - unit, variance(sensor), there, sensor=index
+            )
             row.reference = True
             rows.append(row)
     for i, drive in enumerate(twin.rig.drives):
         if twin.force_of[i] is None and drive.nominal_force.filter_std > 0:
-            rows.append(force_row(twin, i, None, dt, drive.nominal_force.value, True, tracked, total))
+            rows.append(
+                force_row(twin, i, None, dt, drive.nominal_force.value, True, tracked, total)
+            )
     return rows
 
 
 def force_row(
-    twin: Twin, i: int, index: int | None, dt: float, reading: float, there: bool, tracked: list[Tracked], total: Any
+    twin: Twin,
+    i: int,
+    index: int | None,
+    dt: float,
+    reading: float,
+    there: bool,
+    tracked: list[Tracked],
+    total: Any,
 ) -> Row:
     """A drive's force, what its transmission passes on, or its nominal force."""
     drive, m, sensor = twin.rig.drives[i], twin.m, twin.force_of[i]
@@ -164,7 +190,9 @@ def force_row(
     else:
         spread = drive.nominal_force.filter_std**2 * 2.0 / max(dt, 1e-6)
     spread += (tracked[i].variance + lost) * by_s[i] ** 2
-    row = Row(i, reading - value - added - offset, -by_x - added_x - bias_x, spread, counts, friction=True)
+    row = Row(
+        i, reading - value - added - offset, -by_x - added_x - bias_x, spread, counts, friction=True
+    )
     row.sensor = index
     row.l, row.l_x, _ = total("mean", i)
     row.a, row.a_x, _ = total("asymmetry", i)
@@ -188,7 +216,13 @@ def near_stop(twin: Twin, i: int, s: float) -> bool:
 
 
 def friction_of(
-    twin: Twin, row: Row, r: float, limit: float, asymmetry: float, dt: float, tracked: list[Tracked]
+    twin: Twin,
+    row: Row,
+    r: float,
+    limit: float,
+    asymmetry: float,
+    dt: float,
+    tracked: list[Tracked],
 ) -> tuple[float, float, float, float, bool]:
     """ν, R', c_l, c_a, and whether the row counts: stick and slip, (18) to (21)."""
     if not row.friction:
@@ -220,7 +254,9 @@ def friction_of(
         long = d.direction**2 / stuck if stuck > 0 else 0.0
         twin.taken["undeclared, sticks for long"] += bool(counts and long > stuck)
         twin.taken["undeclared, has not moved yet"] += bool(counts and d.direction == 0)
-        delta = (kappa * max(stuck, long) + guards.turning_time * (1 - kappa) * (1 - way**2)) / delta_t
+        delta = (
+            kappa * max(stuck, long) + guards.turning_time * (1 - kappa) * (1 - way**2)
+        ) / delta_t
     else:
         if guards.moving_only:
             clear = kappa < 0.15 and abs(way) > 0.9

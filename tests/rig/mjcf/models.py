@@ -56,20 +56,31 @@ FINGER = """
 
 
 def written_as_mjcf(rig: Rig) -> str:
-    """Return a chain as a model: links, armature, damping, friction, springs, stops, and each tendon as a fixed one."""
+    """Return a chain as a model: links, armature, damping, friction, springs, stops, and each
+    tendon as a fixed one.
+    """
     inside: dict[str | None, list[str]] = {}
     for i, joint in reversed(list(enumerate(rig.joints))):
         parent = rig.parent_of(i)
         above = None if parent is None else rig.joints[parent].name
         lines = [f'<body name="{joint.name}" pos="{_list(joint.offset)}">']
         spring = joint.spring
-        pulled = "" if spring is None else (
-            f' stiffness="{spring.stiffness.value!r}" springref="{spring.rest_angle.value!r}"'
-        )  # fmt: skip
+        pulled = (
+            ""
+            if spring is None
+            else (
+                f' stiffness="{spring.stiffness.value!r}" springref="{spring.rest_angle.value!r}"'
+            )
+        )
         friction = joint.friction
-        rubs = 0.0 if friction is None else friction.coefficient.value * friction.radius.value * friction.preload.value
+        rubs = (
+            0.0
+            if friction is None
+            else friction.coefficient.value * friction.radius.value * friction.preload.value
+        )
         lines.append(
-            f'<joint name="{joint.name}" axis="{_list(joint.axis)}" armature="{joint.inertia.value!r}" '
+            f'<joint name="{joint.name}" axis="{_list(joint.axis)}" '
+            f'armature="{joint.inertia.value!r}" '
             f'damping="{joint.damping.value!r}" frictionloss="{rubs!r}"{pulled}'
             + (f' range="{_list(joint.stops)}"/>' if joint.stops is not None else "/>")
         )
@@ -78,16 +89,21 @@ def written_as_mjcf(rig: Rig) -> str:
                 f'<inertial pos="{_list(joint.link.centre)}" mass="{joint.link.mass.value!r}" '
                 f'diaginertia="{_list(max(moment, 1e-12) for moment in joint.link.inertia)}"/>'
             )
-        inside.setdefault(above, []).insert(0, "\n".join([*lines, *inside.get(joint.name, []), "</body>"]))
+        inside.setdefault(above, []).insert(
+            0, "\n".join([*lines, *inside.get(joint.name, []), "</body>"])
+        )
     tendons, motors = [], []
     for tendon in rig.tendons:
-        parts = "".join(f'<joint joint="{name}" coef="{-arm!r}"/>' for name, arm in tendon.arms().items())
+        parts = "".join(
+            f'<joint joint="{name}" coef="{-arm!r}"/>' for name, arm in tendon.arms().items()
+        )
         tendons.append(f'<fixed name="{tendon.name}">{parts}</fixed>')
         motors.append(f'<motor tendon="{tendon.name}" gear="-1"/>')
     gravity = _list(rig.base.gravity)
     return "\n".join(
         [
-            f'<mujoco model="{rig.name}"><compiler angle="radian" boundmass="0" balanceinertia="true"/>',
+            f'<mujoco model="{rig.name}"><compiler angle="radian" boundmass="0" '
+            'balanceinertia="true"/>',
             f'<option gravity="{gravity}"/><worldbody>',
             *inside[None],
             "</worldbody><tendon>",

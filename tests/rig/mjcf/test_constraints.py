@@ -1,4 +1,6 @@
-"""Limits and couplings give way as MuJoCo's do, and what a model does not say is as unsure as plants are."""
+"""Limits and couplings give way as MuJoCo's do, and what a model does not say is as unsure as
+plants are.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,13 @@ MORE = {
 
 def pair(**changed: object) -> object:
     """Return a model of a joint that a tendon pulls and one that is softly coupled to it."""
-    given = {"names": ("near", "far"), "first": "far", "second": "near", "poly": "0.1 0.8", "soft": 'solref="0.03 1.2"'}
+    given = {
+        "names": ("near", "far"),
+        "first": "far",
+        "second": "near",
+        "poly": "0.1 0.8",
+        "soft": 'solref="0.03 1.2"',
+    }
     given |= {"limit": "", "rest": "-0.3", "more": "", "pulls": ""}
     return mujoco.MjModel.from_xml_string(PAIR.format(**given | changed))
 
@@ -45,11 +53,14 @@ def at_rest(model: object, pull: float) -> np.ndarray:
     return data.qpos.copy()
 
 
-@pytest.mark.parametrize("limit", ["", 'solreflimit="0.03 0.7" solimplimit="0.9 0.98 0.001"', 'solreflimit="-900 -60"'])
+@pytest.mark.parametrize(
+    "limit", ["", 'solreflimit="0.03 0.7" solimplimit="0.9 0.98 0.001"', 'solreflimit="-900 -60"']
+)
 def test_a_stop_gives_way_as_the_models_limit_does(limit: str) -> None:
     model = pair(limit=limit)
     joint = from_mujoco(model).rig.joints[0]
-    # what the coupled joint pulls back with is the same at both pulls, but for its share of the difference
+    # what the coupled joint pulls back with is the same at both pulls, but for its share of the
+    # difference
     model.eq_active0[:] = 0
     near, deep = (float(at_rest(model, pull)[0]) for pull in (8.0, 14.0))
     assert near > 0.9 + 0.002  # beyond the width in which the constraint gets harder
@@ -58,7 +69,9 @@ def test_a_stop_gives_way_as_the_models_limit_does(limit: str) -> None:
     assert joint.stop_damping.value < 0.01 * joint.stop_stiffness.value
 
 
-@pytest.mark.parametrize(("first", "second", "poly"), [("far", "near", "0.1 0.8"), ("near", "far", "-0.125 1.25")])
+@pytest.mark.parametrize(
+    ("first", "second", "poly"), [("far", "near", "0.1 0.8"), ("near", "far", "-0.125 1.25")]
+)
 def test_a_soft_coupling_follows_as_its_spring_lets_it(first: str, second: str, poly: str) -> None:
     model = pair(first=first, second=second, poly=poly)
     far = from_mujoco(model).rig.joints[1]
@@ -67,7 +80,9 @@ def test_a_soft_coupling_follows_as_its_spring_lets_it(first: str, second: str, 
     for pull in (1.0, 2.0):
         near_angle, far_angle = at_rest(model, pull)
         assert abs(0.8 * near_angle + 0.1 - far_angle) > 0.02  # it is soft
-        assert far.coupled.ratio * near_angle + far.coupled.offset == pytest.approx(far_angle, abs=1e-5)
+        assert far.coupled.ratio * near_angle + far.coupled.offset == pytest.approx(
+            far_angle, abs=1e-5
+        )
 
 
 def test_a_length_that_a_polynomial_misses_is_noise_of_its_position() -> None:
@@ -78,9 +93,13 @@ def test_a_length_that_a_polynomial_misses_is_noise_of_its_position() -> None:
 
 
 @pytest.mark.parametrize(("changed", "std"), [({}, 2e4), (MORE, 1.2e4)])
-def test_stiffness_is_less_sure_where_no_drive_pulls_against_another(changed: dict[str, str], std: float) -> None:
+def test_stiffness_is_less_sure_where_no_drive_pulls_against_another(
+    changed: dict[str, str], std: float
+) -> None:
     rig = from_mujoco(pair(**changed)).rig
-    assert {(tendon.stiffness.value, tendon.stiffness.std) for tendon in rig.tendons} == {(2e4, std)}
+    assert {(tendon.stiffness.value, tendon.stiffness.std) for tendon in rig.tendons} == {
+        (2e4, std)
+    }
 
 
 def shares(rig: Rig, log: object) -> tuple[float, float]:
@@ -90,9 +109,13 @@ def shares(rig: Rig, log: object) -> tuple[float, float]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "coupled"), [(1, False), (3, False), (6, False), (5, True), (6, True)])
+@pytest.mark.parametrize(
+    ("seed", "coupled"), [(1, False), (3, False), (6, False), (5, True), (6, True)]
+)
 def test_a_finger_of_ones_own_without_a_fit(seed: int, coupled: bool) -> None:
-    """Nothing stretches, limits give way; stiff stops and a stiffness of ± 50 % held 10 to 74 % of it in the band."""
+    """Nothing stretches, limits give way; stiff stops and a stiffness of ± 50 % held 10 to 74 % of
+    it in the band.
+    """
     from benchmarks.imported_models import unstretched
 
     error, inside = shares(*unstretched(seed, coupled))

@@ -96,17 +96,27 @@ def test_a_coupling_follows_the_joint_before_it(rig: Rig) -> None:
 
 
 def test_a_coupling_with_an_offset_is_turned_round() -> None:
-    """pip = 0.1 + 1.25 dip, so dip = 0.8 pip − 0.08, and dip's stop at 0.9 rad is pip's at 1.225."""
-    model = model_of(FINGER.replace("0 1.25 0 0 0", "0.1 1.25 0 0 0").replace('range="-0.1 1.2"', 'range="-0.1 0.9"'))
+    """pip = 0.1 + 1.25 dip, so dip = 0.8 pip − 0.08, and dip's stop at 0.9 rad is pip's at
+    1.225.
+    """
+    model = model_of(
+        FINGER.replace("0 1.25 0 0 0", "0.1 1.25 0 0 0").replace(
+            'range="-0.1 1.2"', 'range="-0.1 0.9"'
+        )
+    )
     pip, dip = from_mujoco(model).rig.joints[1:]
     assert dip.coupled is not None
     assert (dip.coupled.ratio, dip.coupled.offset) == (pytest.approx(0.8), pytest.approx(-0.08))
     assert pip.stops == pytest.approx((0.0, 1.225))
 
 
-@pytest.mark.parametrize("length", ["0.02", "0.05", "0.03 0.04"], ids=["pulls", "pushes", "does both"])
+@pytest.mark.parametrize(
+    "length", ["0.02", "0.05", "0.03 0.04"], ids=["pulls", "pushes", "does both"]
+)
 def test_springs_pull_as_in_the_model(length: str) -> None:
-    """Its own one and the band, over the range of the joint; a band that is shorter than its rest length pushes."""
+    """Its own one and the band, over the range of the joint; a band that is shorter than its rest
+    length pushes.
+    """
     model = model_of(FINGER.replace('springlength="0.02"', f'springlength="{length}"'))
     data, spring = mujoco.MjData(model), from_mujoco(model).rig.joints[1].spring
     assert spring is not None
@@ -116,7 +126,9 @@ def test_springs_pull_as_in_the_model(length: str) -> None:
         data.qpos[place] = angle
         mujoco.mj_forward(model, data)
         x = angle - spring.rest_angle.value
-        torque = -x * (spring.stiffness.value + x * (spring.quadratic.value + x * spring.cubic.value))
+        torque = -x * (
+            spring.stiffness.value + x * (spring.quadratic.value + x * spring.cubic.value)
+        )
         size.append(float(data.qfrc_spring[model.joint("pip").dofadr[0]]))
         off.append(torque - size[-1])
     assert np.abs(off).max() < 0.03 * np.abs(size).max()
@@ -124,7 +136,9 @@ def test_springs_pull_as_in_the_model(length: str) -> None:
 
 @pytest.mark.parametrize("name", CHAINS)
 def test_a_chain_written_as_a_model_comes_back(name: str) -> None:
-    """Moment arms, and the torque that gravity and the links' motion need, are those of the chain."""
+    """Moment arms, and the torque that gravity and the links' motion need, are those of the
+    chain.
+    """
     chain = load_rig(name)
     back = from_mujoco(model_of(written_as_mjcf(chain))).rig
     assert [joint.name for joint in back.joints] == [joint.name for joint in chain.joints]
@@ -136,15 +150,23 @@ def test_a_chain_written_as_a_model_comes_back(name: str) -> None:
         assert one.damping.value == pytest.approx(other.damping.value)
         assert (one.spring is None) == (other.spring is None)
         if one.spring is not None and other.spring is not None:
-            assert one.spring.stiffness.value == pytest.approx(other.spring.stiffness.value, rel=1e-5)
-            assert one.spring.rest_angle.value == pytest.approx(other.spring.rest_angle.value, rel=1e-4)
+            assert one.spring.stiffness.value == pytest.approx(
+                other.spring.stiffness.value, rel=1e-5
+            )
+            assert one.spring.rest_angle.value == pytest.approx(
+                other.spring.rest_angle.value, rel=1e-4
+            )
 
 
 @pytest.mark.parametrize(
-    "turned", ["0.8 0.2 0.5 0.1", "0.66446302 -0.24184476 0.66446302 0.24184476"], ids=["obliquely", "by 90°"]
+    "turned",
+    ["0.8 0.2 0.5 0.1", "0.66446302 -0.24184476 0.66446302 0.24184476"],
+    ids=["obliquely", "by 90°"],
 )
 def test_the_base_is_turned_as_in_the_model(turned: str) -> None:
-    """Roll, pitch and yaw of the body that carries the first joint, also where pitch is 90° and roll is free."""
+    """Roll, pitch and yaw of the body that carries the first joint, also where pitch is 90° and
+    roll is free.
+    """
     model = model_of(FINGER.replace("0.8 0.2 0.5 0.1", turned))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -164,13 +186,21 @@ def test_links_weigh_as_in_mujoco() -> None:
         dofs = [int(model.joint(name).dofadr[0]) for name in ("mcp", "pip")]
         data.qpos[dofs] = angles
         mujoco.mj_forward(model, data)
-        np.testing.assert_allclose(weight_of(mechanism, angles), data.qfrc_bias[dofs], rtol=2e-3, atol=1e-7)
+        np.testing.assert_allclose(
+            weight_of(mechanism, angles), data.qfrc_bias[dofs], rtol=2e-3, atol=1e-7
+        )
 
 
 def test_links_are_as_heavy_to_turn_as_in_mujoco() -> None:
-    """The inertia matrix by the links' masses, moments and places; products of inertia are left out, here below 1 %."""
+    """The inertia matrix by the links' masses, moments and places; products of inertia are left
+    out, here below 1 %.
+    """
     model = model_of(FINGER)
-    rig, data, random = from_mujoco(model, joints=["mcp", "pip"]).rig, mujoco.MjData(model), np.random.default_rng(6)
+    rig, data, random = (
+        from_mujoco(model, joints=["mcp", "pip"]).rig,
+        mujoco.MjData(model),
+        np.random.default_rng(6),
+    )
     dofs = [int(model.joint(name).dofadr[0]) for name in ("mcp", "pip")]
     for _ in range(5):
         angles = random.uniform(0.0, 1.0, 2)
@@ -193,14 +223,22 @@ def inertia_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
         anchors.append(place)
         turned = turned @ rotation(np.array(joint.axis), angle)
         centre, moments = place + turned @ np.array(joint.link.centre), np.diag(joint.link.inertia)
-        moved = np.array([np.cross(axis, centre - at) for axis, at in zip(axes, anchors)] + [np.zeros(3)] * 2)[:2].T
+        moved = np.array(
+            [np.cross(axis, centre - at) for axis, at in zip(axes, anchors)] + [np.zeros(3)] * 2
+        )[:2].T
         spun = np.array([*axes, *[np.zeros(3)] * 2])[:2].T
-        total = total + joint.link.mass.value * moved.T @ moved + spun.T @ turned @ moments @ turned.T @ spun
+        total = (
+            total
+            + joint.link.mass.value * moved.T @ moved
+            + spun.T @ turned @ moments @ turned.T @ spun
+        )
     return total
 
 
 def weight_of(mechanism: Mechanism, angles: np.ndarray) -> np.ndarray:
-    """Return the torque that holds the links against gravity, by the slope of their potential energy."""
+    """Return the torque that holds the links against gravity, by the slope of their potential
+    energy.
+    """
     rig = mechanism.rig
 
     def energy(at: np.ndarray) -> float:
@@ -210,7 +248,9 @@ def weight_of(mechanism: Mechanism, angles: np.ndarray) -> np.ndarray:
             assert joint.link is not None
             place = place + turned @ np.array(joint.offset)
             turned = turned @ rotation(np.array(joint.axis), angle)
-            total -= joint.link.mass.value * gravity @ (place + turned @ np.array(joint.link.centre))
+            total -= (
+                joint.link.mass.value * gravity @ (place + turned @ np.array(joint.link.centre))
+            )
         return float(total)
 
     step = 1e-5 * np.eye(len(angles))
@@ -229,19 +269,28 @@ def frame_of(rig: Rig) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "stem"), [("finger-2n", "finger2N"), ("finger-n-plus-1", "finger_n1")])
+@pytest.mark.parametrize(
+    ("name", "stem"), [("finger-2n", "finger2N"), ("finger-n-plus-1", "finger_n1")]
+)
 def test_the_same_estimates_by_an_imported_chain(data: Path, name: str, stem: str) -> None:
-    """What a model holds is taken from it, all else from the shipped rig: angles within 0.02° of those of that rig."""
+    """What a model holds is taken from it, all else from the shipped rig: angles within 0.02° of
+    those of that rig.
+    """
     chain = load_rig(name)
     back = from_mujoco(model_of(written_as_mjcf(chain))).rig.model_dump()
     raw = chain.model_dump()
     for mine, theirs in zip(raw["joints"], back["joints"]):
-        mine |= {key: theirs[key] for key in ("axis", "offset", "link", "inertia", "damping", "spring", "stops")}
+        mine |= {
+            key: theirs[key]
+            for key in ("axis", "offset", "link", "inertia", "damping", "spring", "stops")
+        }
     for mine, theirs in zip(raw["tendons"], back["tendons"]):
         for crossing, other in zip(mine["crossings"], theirs["crossings"]):
             crossing["radius"]["value"] = other["radius"]["value"]
     raw["base"] = back["base"]
-    log = read_log(data / "finger" / f"{stem}_servo.csv", chain, data / "finger" / f"{stem}_servo.truth.csv")
+    log = read_log(
+        data / "finger" / f"{stem}_servo.csv", chain, data / "finger" / f"{stem}_servo.truth.csv"
+    )
     one, other = estimate(log, chain), estimate(log, build_rig(raw, name))
     assert np.rad2deg(np.abs(one.angles - other.angles).max()) < 0.02
 
@@ -253,7 +302,8 @@ def changed(old: str, new: str) -> object:
 
 def test_a_muscle_is_named() -> None:
     model = changed(
-        '<motor name="pull flexor" tendon="flexor" gear="-1"/>', '<muscle name="brachialis" tendon="flexor"/>'
+        '<motor name="pull flexor" tendon="flexor" gear="-1"/>',
+        '<muscle name="brachialis" tendon="flexor"/>',
     )
     with pytest.raises(RigError, match="actuator 'brachialis' is a muscle"):
         from_mujoco(model)
@@ -273,11 +323,22 @@ def test_a_joint_that_slides_is_named() -> None:
 
 
 def test_a_model_without_driven_tendons_is_named() -> None:
-    with pytest.raises(RigError, match="no actuator pulls a tendon: the model has 3, and its 1 actuators are on"):
-        from_mujoco(changed('<position name="pull extensor" tendon="extensor" kp="100"/>\n    '
-                            '<motor name="pull flexor" tendon="flexor" gear="-1"/>', ""))  # fmt: skip
+    with pytest.raises(
+        RigError, match="no actuator pulls a tendon: the model has 3, and its 1 actuators are on"
+    ):
+        from_mujoco(
+            changed(
+                '<position name="pull extensor" tendon="extensor" kp="100"/>\n    '
+                '<motor name="pull flexor" tendon="flexor" gear="-1"/>',
+                "",
+            )
+        )
     with pytest.raises(RigError, match="the model has no tendon"):
-        from_mujoco(model_of("<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"))
+        from_mujoco(
+            model_of(
+                "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
+            )
+        )
 
 
 def test_without_actuators_all_tendons_but_springs_have_drives() -> None:
@@ -295,7 +356,9 @@ def test_a_name_that_is_not_there() -> None:
 
 
 def test_millimetres_are_seen_and_taken() -> None:
-    """Lengths a thousand times, moments of inertia, damping, stiffness and friction a million times as large."""
+    """Lengths a thousand times, moments of inertia, damping, stiffness and friction a million times
+    as large.
+    """
     chain = load_rig("finger-2n")
     metres = from_mujoco(model_of(written_as_mjcf(chain))).rig
     spec = mujoco.MjSpec.from_string(written_as_mjcf(chain))
@@ -308,7 +371,9 @@ def test_millimetres_are_seen_and_taken() -> None:
     for tendon in chain.tendons:
         for arm in tendon.arms().values():
             text = text.replace(f'coef="{-arm:g}"', f'coef="{-1e3 * arm:g}"')
-    with pytest.raises(RigError, match="has a moment arm of 8 m at 'mcp': if the model is in millimetres"):
+    with pytest.raises(
+        RigError, match="has a moment arm of 8 m at 'mcp': if the model is in millimetres"
+    ):
         from_mujoco(model_of(text))
     found = from_mujoco(model_of(text), length_unit=1e-3).rig
     for one, other in zip(found.joints, metres.joints):
@@ -326,7 +391,9 @@ def test_millimetres_are_seen_and_taken() -> None:
 
 def test_friction_of_a_tendon_is_that_of_its_drive_in_the_models_unit_of_force() -> None:
     """With lengths in millimetres, kg mm/s² is a thousandth of a newton."""
-    model = model_of(FINGER.replace('<fixed name="flexor">', '<fixed name="flexor" frictionloss="300">'))
+    model = model_of(
+        FINGER.replace('<fixed name="flexor">', '<fixed name="flexor" frictionloss="300">')
+    )
     for length_unit, wanted in ((1.0, 300.0), (1e-3, 0.3)):
         extensor, flexor = from_mujoco(model, length_unit=length_unit).rig.drives
         assert flexor.friction is not None
@@ -338,7 +405,11 @@ def test_friction_of_a_tendon_is_that_of_its_drive_in_the_models_unit_of_force()
 def rubbing(joint: Joint) -> float:
     """Return the friction of an axle without any tension [N m]."""
     assert joint.friction is not None
-    return joint.friction.coefficient.value * joint.friction.radius.value * joint.friction.preload.value
+    return (
+        joint.friction.coefficient.value
+        * joint.friction.radius.value
+        * joint.friction.preload.value
+    )
 
 
 def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:
@@ -351,17 +422,26 @@ def test_meshes_that_are_not_there_are_left_out(tmp_path: Path) -> None:
         from_mujoco(path)
     with pytest.raises(RigError, match="there is no such file"):
         from_mujoco(tmp_path / "none.xml")
-    with pytest.raises(RigError, match=r"takes a mujoco\.MjModel or the path of its file, int came"):
+    with pytest.raises(
+        RigError, match=r"takes a mujoco\.MjModel or the path of its file, int came"
+    ):
         from_mujoco(3)  # type: ignore[arg-type]
 
 
 def test_a_vendors_lengths(rig: Rig) -> None:
-    """Constant moment arms: the joint at which they differ is named, however lengths are counted."""
+    """Constant moment arms: the joint at which they differ is named, however lengths are
+    counted.
+    """
     angles = np.random.default_rng(5).uniform(0, 1, (100, 2))
     table = {"mcp": angles[:, 0], "pip": angles[:, 1], "flexor": 0.3 - angles @ [8e-3, 9e-3]}
     mcp, pip = compare_lengths(rig, table)
     assert (mcp.joint, mcp.differs, mcp.other) == ("mcp", False, pytest.approx(8e-3))
-    assert (pip.joint, pip.differs, pip.arm, pip.other) == ("pip", True, pytest.approx(6e-3), pytest.approx(9e-3))
+    assert (pip.joint, pip.differs, pip.arm, pip.other) == (
+        "pip",
+        True,
+        pytest.approx(6e-3),
+        pytest.approx(9e-3),
+    )
     assert pip.rms == pytest.approx(3e-3 * np.std(angles[:, 1]))
     with pytest.raises(RigError, match="no column of a tendon; the rig has extensor, flexor"):
         compare_lengths(rig, {"mcp": [0.0]})
@@ -386,7 +466,9 @@ def test_roll_pitch_and_yaw_make_the_turn_again(pitch: float) -> None:
 
 
 def test_a_torque_over_a_range_is_a_cubic_or_a_weak_spring_far_away() -> None:
-    """−(k x + q x² + c x³) about its rest comes back; a constant pull is one that changes by 1 % over the range."""
+    """−(k x + q x² + c x³) about its rest comes back; a constant pull is one that changes by 1 %
+    over the range.
+    """
     angles = np.linspace(-0.4, 1.1, 50)
     x = angles - 0.25
     found = _as_spring(angles, -(0.02 * x + 0.006 * x**2 + 0.03 * x**3))
@@ -414,14 +496,19 @@ TREE = """<mujoco><worldbody>
 
 
 def test_each_joint_sits_on_the_link_of_the_one_before_it_in_the_tree() -> None:
-    """Of two in one body the second sits on the first; fingers beside each other sit on what carries both."""
+    """Of two in one body the second sits on the first; fingers beside each other sit on what
+    carries both.
+    """
     model = model_of(TREE)
     joints = list(range(6))
 
     def parents(kept: list[int]) -> dict[str, str]:
         carrier = carried_by(model, kept)
         found = {joint: parent_of(model, joint, kept, carrier) for joint in kept}
-        return {"abcdef"[joint]: "abcdef"[parent] if parent >= 0 else "" for joint, parent in found.items()}
+        return {
+            "abcdef"[joint]: "abcdef"[parent] if parent >= 0 else ""
+            for joint, parent in found.items()
+        }
 
     assert parents(joints) == {"a": "", "b": "a", "c": "b", "d": "c", "e": "b", "f": ""}
     # one that is held is part of the link before it
@@ -429,14 +516,18 @@ def test_each_joint_sits_on_the_link_of_the_one_before_it_in_the_tree() -> None:
 
 
 def test_what_a_polynomial_leaves_of_moment_arms_is_that_of_the_joint_it_fits_worst() -> None:
-    """On the poses that are kept to judge by: RMS of each joint's arm, and what 92 % of the worst one's are within."""
+    """On the poses that are kept to judge by: RMS of each joint's arm, and what 92 % of the worst
+    one's are within.
+    """
     rng = np.random.default_rng(1)
     angles = rng.uniform(-1.0, 1.0, (400, 2))
     waves = 0.002 * np.sin(40.0 * angles[:, 1])
     arms = np.column_stack([np.full(400, 0.01), 0.02 + waves])
     lengths = 0.01 * angles[:, 0] + 0.02 * angles[:, 1] - 0.002 / 40.0 * np.cos(40.0 * angles[:, 1])
     found = _fitted(np.array([[1, 0], [0, 1]]), angles, lengths, arms)
-    assert found.coefficients == pytest.approx([0.01, 0.02], rel=0.02)  # a wave of a tenth over 300 poses: 0.4 %
+    assert found.coefficients == pytest.approx(
+        [0.01, 0.02], rel=0.02
+    )  # a wave of a tenth over 300 poses: 0.4 %
     judged = _judged(angles)
     left = np.abs(arms[judged] - found.coefficients) / np.abs(arms).max(axis=0)
     np.testing.assert_allclose(found.arm_rms, np.sqrt(np.mean(left**2, axis=0)))

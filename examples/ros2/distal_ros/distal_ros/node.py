@@ -1,9 +1,11 @@
-"""A ROS 2 node: joint states of the motors in, all joints' angles out, with their standard deviations and health.
+"""A ROS 2 node: joint states of the motors in, all joints' angles out, with their standard
+deviations and health.
 
-Subscribes to the topics of the parameter `topics` (sensor_msgs/JointState): position is what the rig's position sensor of a
-drive reads, effort what its force sensor reads, in the units of the rig's sensors. Publishes `joint_estimate`
-(sensor_msgs/JointState, position [rad] of all joints) and `joint_health` (diagnostic_msgs/DiagnosticArray, with the same
-stamp: the word of `distal stream`, and the standard deviation of each joint's angle).
+Subscribes to the topics of the parameter `topics` (sensor_msgs/JointState): position is what the
+rig's position sensor of a drive reads, effort what its force sensor reads, in the units of the
+rig's sensors. Publishes `joint_estimate` (sensor_msgs/JointState, position [rad] of all joints) and
+`joint_health` (diagnostic_msgs/DiagnosticArray, with the same stamp: the word of `distal stream`,
+and the standard deviation of each joint's angle).
 """
 
 import math
@@ -43,7 +45,9 @@ class EstimateNode(Node):
         self._monitor = distal.Monitor(self._live)
         sensors = {sensor.name: sensor for sensor in self._rig.sensors}
         self._sensors = [sensors[channel] for channel in self._live.channels]
-        self._wanted = {k for k, sensor in enumerate(self._sensors) if sensor.measures in ("position", "force")}
+        self._wanted = {
+            k for k, sensor in enumerate(self._sensors) if sensor.measures in ("position", "force")
+        }
         self._interval = 1.0 / max(sensor.rate for sensor in self._sensors)
         self._stamp, self._sample, self._came = None, self._empty(), set()
         self._warned = set()
@@ -53,14 +57,19 @@ class EstimateNode(Node):
         for topic in topics:
             self.create_subscription(JointState, topic, self._take, 50)
         reads = ", ".join(self._live.channels)
-        self.get_logger().info(f"{self._rig.name}: {estimator}, reads {reads} from {', '.join(topics)}")
+        self.get_logger().info(
+            f"{self._rig.name}: {estimator}, reads {reads} from {', '.join(topics)}"
+        )
 
     def _take(self, message):
-        """Add a message to the sample of its stamp; estimate once all drives have come, or a later stamp has."""
+        """Add a message to the sample of its stamp; estimate once all drives have come, or a later
+        stamp has.
+        """
         values = self._values(message)
         if (
             self._stamp is not None
-            and abs(seconds(message.header.stamp) - seconds(self._stamp)) > TOGETHER * self._interval
+            and abs(seconds(message.header.stamp) - seconds(self._stamp))
+            > TOGETHER * self._interval
         ):
             self._step()
         if self._stamp is None:
@@ -78,12 +87,16 @@ class EstimateNode(Node):
             drive = self._drives.get(name)
             known = known or drive is not None
             for k, sensor in enumerate(self._sensors):
-                said = {"position": message.position, "force": message.effort}.get(sensor.measures, ())
+                said = {"position": message.position, "force": message.effort}.get(
+                    sensor.measures, ()
+                )
                 if drive is not None and sensor.of == drive and i < len(said):
                     values[k] = sensor.sign * log_factor(sensor) * said[i]
         if not known and tuple(message.name) not in self._warned:
             self._warned.add(tuple(message.name))
-            self.get_logger().warning(f"one of {list(self._drives)} expected in a message, {list(message.name)} came")
+            self.get_logger().warning(
+                f"one of {list(self._drives)} expected in a message, {list(message.name)} came"
+            )
         return values
 
     def _step(self):
@@ -102,7 +115,9 @@ class EstimateNode(Node):
         status.level = LEVELS.get(reading.health, DiagnosticStatus.ERROR)
         status.name, status.message, status.hardware_id = "distal", reading.health, self._rig.name
         said = {"meaning": HEALTH[reading.health], "detail": reading.detail}
-        said |= {f"std of {name} [rad]": f"{std:.6g}" for name, std in zip(joints, reading.angle_stds)}
+        said |= {
+            f"std of {name} [rad]": f"{std:.6g}" for name, std in zip(joints, reading.angle_stds)
+        }
         status.values = [KeyValue(key=key, value=value) for key, value in said.items()]
         array = DiagnosticArray()
         array.header.stamp = stamp
@@ -119,11 +134,15 @@ def seconds(stamp):
 
 
 def drives_by_name(given, drives):
-    """Return name in the messages → drive of the rig, from `name:drive` each; without these the drives' own names."""
+    """Return name in the messages → drive of the rig, from `name:drive` each; without these the
+    drives' own names.
+    """
     pairs = [text.split(":") for text in given if text]
     wrong = [":".join(pair) for pair in pairs if len(pair) != 2 or pair[1] not in drives]
     if wrong:
-        raise ValueError(f"names: {wrong} came; each is name:drive, and the rig has the drives {drives}")
+        raise ValueError(
+            f"names: {wrong} came; each is name:drive, and the rig has the drives {drives}"
+        )
     return dict(pairs) if pairs else {drive: drive for drive in drives}
 
 

@@ -8,7 +8,13 @@ def generate_launch_description():
             Node(
                 package="distal_ros",
                 executable="estimate",
-                parameters=[{"rig": "capstan-joint", "topics": ["/joint_states"], "names": ["motor_1:motor"]}],
+                parameters=[
+                    {
+                        "rig": "capstan-joint",
+                        "topics": ["/joint_states"],
+                        "names": ["motor_1:motor"],
+                    }
+                ],
             )
         ]
     )

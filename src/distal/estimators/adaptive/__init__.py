@@ -1,8 +1,17 @@
-"""The adaptive filter: docs/reference/adaptive-equations.md has its equations, `filter` the whole of it on one page."""
+"""The adaptive filter: docs/reference/adaptive-equations.md has its equations, `filter` the whole
+of it on one page.
+"""
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.estimator import AdaptiveFilter, state_vector
-from distal.estimators.adaptive.states import KINDS, Fading, Kind, State, StateVector, uncertain_parameters
+from distal.estimators.adaptive.states import (
+    KINDS,
+    Fading,
+    Kind,
+    State,
+    StateVector,
+    uncertain_parameters,
+)
 from distal.estimators.adaptive.tuning import Robustness
 
 __all__ = [

@@ -1,4 +1,6 @@
-"""What every part of the filter asks: the rig's equations, the sensors that are read, the guards, and a sample's values."""
+"""What every part of the filter asks: the rig's equations, the sensors that are read, the guards,
+and a sample's values.
+"""
 
 from __future__ import annotations
 
@@ -20,22 +22,30 @@ MOST_TRAVELS = 20.0
 
 
 FOLLOWS = 2.0
-"""A joint with so many radians of its own oscillation in one interval follows a jump within it; a quarter turn is π/2."""
+"""A joint with so many radians of its own oscillation in one interval follows a jump within it; a
+quarter turn is π/2.
+"""
 
 SETTLES = 30.0
-"""With so many radians of it in one interval a joint's own oscillation is over: following it would take 50 sub-steps."""
+"""With so many radians of it in one interval a joint's own oscillation is over: following it would
+take 50 sub-steps.
+"""
 
 LONGEST_SUBSTEP = 2.5e-3
 """Longest sub-step of the joints alone [s]: their own modes are slow (docs/results/numerics.md)."""
 
 CHAIN_RESOLUTION = 1.5
-"""The same as `RESOLUTION` for chains: no sensor sees their fastest mode (docs/explanation/numerics.md)."""
+"""The same as `RESOLUTION` for chains: no sensor sees their fastest mode
+(docs/explanation/numerics.md).
+"""
 
 MOST_JOINT_SUBSTEPS = 50
 """More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
 
 SETTLING_SUBSTEPS = 8
-"""Where the joints come to rest within an interval, they do so at so many places of the drives along it."""
+"""Where the joints come to rest within an interval, they do so at so many places of the drives
+along it.
+"""
 
 
 @dataclass(frozen=True)
@@ -64,16 +74,21 @@ class FilterContext:
     def moved_by(self, joint: int) -> dict[int, tuple[float, float]]:
         """Return drive → r_d/r_j at a joint that it moves, and the joint's share of that motion.
 
-        Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ r².
+        Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ
+        r².
         """
         rig, found = self.mechanism.rig, dict[int, tuple[float, float]]()
         name = rig.joints[joint].name
         for i, drive in enumerate(rig.drives):
-            tendon = next((t for t in rig.tendons if t.drive == drive.name and name in t.joints), None)
+            tendon = next(
+                (t for t in rig.tendons if t.drive == drive.name and name in t.joints), None
+            )
             arms = {} if tendon is None else tendon.arms()
             if arms.get(name, 0.0) != 0.0:
                 lever = drive.radius.value if drive.kind == "capstan" else 1.0
-                share = arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
+                share = (
+                    arms[name] ** 2 / sum(arm**2 for arm in arms.values()) if len(arms) > 1 else 1.0
+                )
                 found[i] = lever / arms[name], share
         return found
 
@@ -81,29 +96,41 @@ class FilterContext:
         """Return the moment arm of a drive's tendon at a joint that it moves [m]."""
         rig = self.mechanism.rig
         name = rig.joints[joint].name
-        return next(t for t in rig.tendons if t.drive == rig.drives[drive].name and name in t.joints).arms()[name]
+        return next(
+            t for t in rig.tendons if t.drive == rig.drives[drive].name and name in t.joints
+        ).arms()[name]
 
     @cached_property
     def joints_follow(self) -> bool:
-        """Whether a joint follows a jump of its drive within one interval: its own frequency times that is large."""
+        """Whether a joint follows a jump of its drive within one interval: its own frequency times
+        that is large.
+        """
         return joint_frequency(self.mechanism) * self.channels.interval > FOLLOWS
 
     @cached_property
     def joints_settle(self) -> bool:
-        """Whether the joints come to rest within one interval: it is long against their own oscillation."""
+        """Whether the joints come to rest within one interval: it is long against their own
+        oscillation.
+        """
         return joint_frequency(self.mechanism) * self.channels.interval > SETTLES
 
     def substeps(self, resolution: float | None) -> int:
         """Return the sub-steps of the joints in one interval.
 
-        A `resolution` is the largest product of sub-step and a joint's own frequency; None for `RESOLUTION`, of a chain
-        `CHAIN_RESOLUTION`.
+        A `resolution` is the largest product of sub-step and a joint's own frequency; None for
+        `RESOLUTION`, of a chain `CHAIN_RESOLUTION`.
         """
         mechanism = self.mechanism
         if resolution is None:
-            resolution = RESOLUTION if mechanism.chain is None or mechanism.n_joints == 1 else CHAIN_RESOLUTION
+            resolution = (
+                RESOLUTION
+                if mechanism.chain is None or mechanism.n_joints == 1
+                else CHAIN_RESOLUTION
+            )
         longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
-        needed = min(max(1, int(np.ceil(self.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS)
+        needed = min(
+            max(1, int(np.ceil(self.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS
+        )
         return SETTLING_SUBSTEPS if self.joints_settle else needed
 
     def position_sensor(self, drive: int) -> Sensor | None:
@@ -115,7 +142,9 @@ class FilterContext:
         return sensor_for(self.channels.forces, self.mechanism.rig.drives[drive].name)
 
     def value(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return what a sensor reads in a sample x, without its known offset and gain; what 0 stands for where missing."""
+        """Return what a sensor reads in a sample x, without its known offset and gain; what 0
+        stands for where missing.
+        """
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
@@ -125,15 +154,17 @@ class FilterContext:
         return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
 
     def mask(self, x: Vector, sensor: Sensor) -> Scalar:
-        """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a wild value is missing."""
+        """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a wild
+        value is missing.
+        """
         k, width = self.channels.names.index(sensor.name), len(self.channels.names)
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
     def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return 1 where a drive could be where its sensor says, 0 where the `reading` is wild.
 
-        Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later guard would stop it.
-        What measures no position is always credible.
+        Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later
+        guard would stop it. What measures no position is always credible.
         """
         if sensor.measures != "position" or not self.robustness.asks_places:
             return 1
@@ -141,7 +172,9 @@ class FilterContext:
         return ca.fabs(reading - centre) <= away
 
     def possible_places(self, sensor: Sensor) -> tuple[float, float]:
-        """Return the middle of what a position sensor can read, and how far away it can: `MOST_TRAVELS` of its drive."""
+        """Return the middle of what a position sensor can read, and how far away it can:
+        `MOST_TRAVELS` of its drive.
+        """
         drives = [drive.name for drive in self.mechanism.rig.drives]
         low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
         centre = sensor.bias.value + 0.5 * (low + high)
@@ -149,7 +182,9 @@ class FilterContext:
         return centre, away
 
     def number(self, path: str, otherwise: float) -> Scalar:
-        """Return a number of the description: an input of the filter where it is given, else the constant `otherwise`."""
+        """Return a number of the description: an input of the filter where it is given, else the
+        constant `otherwise`.
+        """
         p = self.mechanism.parameters
         return p[path] if path in p.inputs else otherwise
 
@@ -163,11 +198,19 @@ class FilterContext:
         return self.number(f"{self.path(sensor)}.bias", sensor.bias.value)
 
     def bias_std(self, sensor: Sensor) -> float:
-        """Return how unsure a sensor's offset is: nothing where the offset is an input of the filter (a fit)."""
-        return 0.0 if f"{self.path(sensor)}.bias" in self.mechanism.parameters.inputs else float(sensor.bias.filter_std)
+        """Return how unsure a sensor's offset is: nothing where the offset is an input of the
+        filter (a fit).
+        """
+        return (
+            0.0
+            if f"{self.path(sensor)}.bias" in self.mechanism.parameters.inputs
+            else float(sensor.bias.filter_std)
+        )
 
     def gain_std(self, sensor: Sensor) -> float:
-        """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of the filter (a fit)."""
+        """Return how unsure a sensor's gain is, as a share of it: nothing where it is an input of
+        the filter (a fit).
+        """
         gain = gain_of(sensor)
         is_input = f"{self.path(sensor)}.gain" in self.mechanism.parameters.inputs
         return 0.0 if is_input else float(gain.filter_std / gain.value)
@@ -178,16 +221,24 @@ class FilterContext:
         return f"sensors.{names.index(sensor.name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
-        """Return the random torque of a joint that the model lacks, as the std of ω that it makes in 1 s [rad/s]."""
+        """Return the random torque of a joint that the model lacks, as the std of ω that it makes
+        in 1 s [rad/s].
+        """
         rig = self.mechanism.rig
-        return self.robustness.unmodelled * self.number(f"joints.{joint}.unmodelled", rig.joints[joint].unmodelled)
+        return self.robustness.unmodelled * self.number(
+            f"joints.{joint}.unmodelled", rig.joints[joint].unmodelled
+        )
 
     def declares_friction(self, drive: int) -> bool:
-        """Return whether the rig declares friction at a drive: more than `Robustness.declared_friction` at its load."""
+        """Return whether the rig declares friction at a drive: more than
+        `Robustness.declared_friction` at its load.
+        """
         part = self.mechanism.rig.drives[drive]
         lever = part.radius.value if part.kind == "capstan" else 1.0
         tendons = [t for t in self.mechanism.rig.tendons if t.drive == part.name]
-        load = max(abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0)
+        load = max(
+            abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0
+        )
         constant, growing = part.friction.constant, part.friction.load
         limit = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
         for tendon in tendons:

@@ -1,6 +1,8 @@
-"""Track the drives: where each is and how it moves, from readings that may be missing or wild. Equations (1) to (6).
+"""Track the drives: where each is and how it moves, from readings that may be missing or wild.
+Equations (1) to (6).
 
-What is remembered of a drive: place, doubt, mean and mean square speed, variance of the place, time without a reading.
+What is remembered of a drive: place, doubt, mean and mean square speed, variance of the place, time
+without a reading.
 """
 
 from __future__ import annotations
@@ -15,7 +17,12 @@ from distal.estimators.adaptive.guards import chance_of_jump, is_far, jump_evide
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.tuning import Robustness
-from distal.estimators.adaptive.zero_jumps import SETTLED_TIME, ForceEvidence, kept_shift, zero_jumped
+from distal.estimators.adaptive.zero_jumps import (
+    SETTLED_TIME,
+    ForceEvidence,
+    kept_shift,
+    zero_jumped,
+)
 from distal.estimators.channels import UNKNOWN_PLACE
 from distal.estimators.dead_sensors import DEAD_INTERVALS
 from distal.expressions import Expression, Scalar, Vector
@@ -24,17 +31,32 @@ from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
 
-REMEMBERED = ("place", "doubt", "speed", "square", "unknown", "lost", "shift", "shift_std", "effort")
+REMEMBERED = (
+    "place",
+    "doubt",
+    "speed",
+    "square",
+    "unknown",
+    "lost",
+    "shift",
+    "shift_std",
+    "effort",
+)
 """Names of the numbers that are remembered of each drive, see `Drive`."""
 
 PULL_STD = 0.1
-"""Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1]."""
+"""Share of a drive's pull that is not known where a jump is judged by it: stiffness and angle [1].
+"""
 
 WANDERING = 1.0
-"""Where no reading comes back, a drive's place becomes unknown by a usual one (`UNKNOWN_PLACE`) in this time [s]."""
+"""Where no reading comes back, a drive's place becomes unknown by a usual one (`UNKNOWN_PLACE`) in
+this time [s].
+"""
 
 LEAST_DOUBT = 0.25
-"""A jump that no force judges leaves the place in doubt by at least this share of (1 − Π) times the jump squared [1]."""
+"""A jump that no force judges leaves the place in doubt by at least this share of (1 − Π) times the
+jump squared [1].
+"""
 
 MEMORY = len(REMEMBERED)
 """How many numbers are remembered of each drive."""
@@ -57,7 +79,8 @@ class Drive:
         shift: by which the zero of its sensor has jumped [m, rad].
         shift_std: std of that, where nothing says whether the drive jumped or the zero [m, rad].
         effort: what its force sensor read last [N, N m].
-        bend: change of displacement between two intervals: what a straight line between samples leaves out.
+        bend: change of displacement between two intervals: what a straight line between samples
+            leaves out.
         variance: of the place, for the filter: noise, what is unknown, what a straight line misses.
     """
 
@@ -75,7 +98,9 @@ class Drive:
 
 
 class Tracks(Generic[Expression]):
-    """All drives' numbers as one vector: what is remembered of each, drive by drive, then bends, then variances."""
+    """All drives' numbers as one vector: what is remembered of each, drive by drive, then bends,
+    then variances.
+    """
 
     def __init__(self, vector: Expression, n_drives: int) -> None:
         self.vector, self._n = vector, n_drives
@@ -110,7 +135,9 @@ class Tracks(Generic[Expression]):
 
 
 def remembered_place(drive: int, name: str) -> int:
-    """Return where a number of a drive, one of `REMEMBERED`, stands in what is remembered of all drives in turn."""
+    """Return where a number of a drive, one of `REMEMBERED`, stands in what is remembered of all
+    drives in turn.
+    """
     return MEMORY * drive + REMEMBERED.index(name)
 
 
@@ -118,8 +145,8 @@ def remembered_place(drive: int, name: str) -> int:
 class Silence:
     """What it means that a drive's reading is missing for long, all scalars.
 
-    It may not come back after a time `dead` [s]; then the place becomes unknown, its std as fast as `wandering` [m/s,
-    rad/s].
+    It may not come back after a time `dead` [s]; then the place becomes unknown, its std as fast as
+    `wandering` [m/s, rad/s].
     """
 
     dead: Scalar
@@ -127,10 +154,16 @@ class Silence:
 
 
 def tracking(states: StateVector) -> ca.Function:
-    """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing measures has zeros."""
+    """Return (mean, memory, x, p) → tracks of all drives; see `Tracks`. A drive that nothing
+    measures has zeros.
+    """
     context = states.context
     n, p = context.n_drives, ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
-    mean, memory, x = ca.MX.sym("mean", len(states)), ca.MX.sym("memory", MEMORY * n), ca.MX.sym("x", context.width)
+    mean, memory, x = (
+        ca.MX.sym("mean", len(states)),
+        ca.MX.sym("memory", MEMORY * n),
+        ca.MX.sym("x", context.width),
+    )
     readings = ca.horzsplit(_readings(states)(mean, memory, x, p))
     drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
@@ -142,7 +175,18 @@ def tracking(states: StateVector) -> ca.Function:
     return ca.Function("track", [mean, memory, x, p], [vector])
 
 
-READING = ("reading", "mask", "noise", "dead", "wandering", "missing", "force_mask", "stiffness", "variance", "effort")
+READING = (
+    "reading",
+    "mask",
+    "noise",
+    "dead",
+    "wandering",
+    "missing",
+    "force_mask",
+    "stiffness",
+    "variance",
+    "effort",
+)
 """What is read of each drive, and what its force says; see `track` and `ForceEvidence`."""
 
 
@@ -155,8 +199,15 @@ def _readings(states: StateVector) -> ca.Function:
     """Return (mean, memory, x, p) → what is read of each drive, a column each; see `READING`."""
     context = states.context
     n, p, nj = context.n_drives, context.mechanism.parameters.symbols, context.n_joints
-    mean, memory, x = ca.SX.sym("mean", len(states)), ca.SX.sym("memory", MEMORY * n), ca.SX.sym("x", context.width)
-    led = [memory[remembered_place(i, "place")] + memory[remembered_place(i, "speed")] * x[0] for i in range(n)]
+    mean, memory, x = (
+        ca.SX.sym("mean", len(states)),
+        ca.SX.sym("memory", MEMORY * n),
+        ca.SX.sym("x", context.width),
+    )
+    led = [
+        memory[remembered_place(i, "place")] + memory[remembered_place(i, "speed")] * x[0]
+        for i in range(n)
+    ]
     q = ca.vertcat(mean[:nj], *(states.place(i, place, mean) for i, place in enumerate(led)))
     v = ca.SX.zeros(context.mechanism.n_bodies)
     _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
@@ -166,37 +217,67 @@ def _readings(states: StateVector) -> ca.Function:
         if sensor is None:
             continue
         reading = context.value(x, sensor)
-        if sensor.lag > 0.0:  # a command, held over the interval, that a servo of first order follows
+        if (
+            sensor.lag > 0.0
+        ):  # a command, held over the interval, that a servo of first order follows
             place = memory[remembered_place(i, "place")]
             reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
         dead = max(context.robustness.dead_time, DEAD_INTERVALS / sensor.rate)
         wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
-        table[:5, i] = ca.vertcat(reading, context.mask(x, sensor), context.noise(sensor), dead, wandering)
+        table[:5, i] = ca.vertcat(
+            reading, context.mask(x, sensor), context.noise(sensor), dead, wandering
+        )
         if force is not None and _judged(context, i):
             friction = limits[nj + i] + states.friction(i, mean)
-            pull = pulls[nj + i] + states.force(i, mean) + states.sensor_error(force, context.value(x, force), mean)
+            pull = (
+                pulls[nj + i]
+                + states.force(i, mean)
+                + states.sensor_error(force, context.value(x, force), mean)
+            )
             spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
             transmitted = states.transmitted(i)
             if transmitted is not None:  # the play takes up as much as its limit
                 spread += transmitted[1].limit ** 2
             missing = context.value(x, force) - pull
             table[5:, i] = ca.vertcat(
-                missing, context.mask(x, force), slopes[nj + i, nj + i], spread, context.value(x, force)
+                missing,
+                context.mask(x, force),
+                slopes[nj + i, nj + i],
+                spread,
+                context.value(x, force),
             )
     return ca.Function("readings", [mean, memory, x, p], [ca.cse(ca.densify(table))])
 
 
 def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
-    """Return (memory, `READING`, dt) → what is known of one drive after a reading, `TRACKED`; the same for all alike.
+    """Return (memory, `READING`, dt) → what is known of one drive after a reading, `TRACKED`; the
+    same for all alike.
 
     Its force may be able to say if a jump is real (`judged`), and the joints may follow the drives.
     """
-    memory, readings, dt = ca.SX.sym("memory", MEMORY), ca.SX.sym("readings", len(READING)), ca.SX.sym("dt")
-    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance, effort = ca.vertsplit(readings)
+    memory, readings, dt = (
+        ca.SX.sym("memory", MEMORY),
+        ca.SX.sym("readings", len(READING)),
+        ca.SX.sym("dt"),
+    )
+    reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance, effort = (
+        ca.vertsplit(readings)
+    )
     least = 0.0 if follows else 0.5
-    evidence = ForceEvidence(missing, force_mask, stiffness, variance, effort, least) if judged else None
+    evidence = (
+        ForceEvidence(missing, force_mask, stiffness, variance, effort, least) if judged else None
+    )
     silence = Silence(dead, wandering)
-    drive = track(memory, reading, mask, noise, dt, robustness=robustness, silence=silence, force_evidence=evidence)
+    drive = track(
+        memory,
+        reading,
+        mask,
+        noise,
+        dt,
+        robustness=robustness,
+        silence=silence,
+        force_evidence=evidence,
+    )
     parts = ca.vertcat(*(getattr(drive, name) for name in TRACKED))
     return ca.Function("drive", [memory, readings, dt], [ca.cse(ca.densify(parts))])
 
@@ -212,10 +293,12 @@ def track(
     silence: Silence | None = None,
     force_evidence: ForceEvidence | None = None,
 ) -> Drive:
-    """Return a drive after a reading; one that is missing is bridged by the mean speed, which fades.
+    """Return a drive after a reading; one that is missing is bridged by the mean speed, which
+    fades.
 
-    A reading that is far from where the mean speed leads is a real jump with a chance Π, else wild: its force says so
-    where it has one, and the longer it stays, the likelier it is real. The place is the mean of both, with their variance.
+    A reading that is far from where the mean speed leads is a real jump with a chance Π, else wild:
+    its force says so where it has one, and the longer it stays, the likelier it is real. The place
+    is the mean of both, with their variance.
 
     Args:
         memory: of the last interval, (MEMORY,).
@@ -226,7 +309,9 @@ def track(
         silence: what a long silence of the sensor means; None where none is long.
         force_evidence: the drive's force, or None.
     """
-    place, doubt, speed, square, unknown, lost, shift, shift_std, effort = (memory[i] for i in range(MEMORY))
+    place, doubt, speed, square, unknown, lost, shift, shift_std, effort = (
+        memory[i] for i in range(MEMORY)
+    )
     expected, time = place + speed * dt, lost + dt
     bridged, read = is_bridge(mask), is_read(mask)
     shift = kept_shift(robustness, shift, reading - expected, doubt > 0, read)
@@ -242,7 +327,8 @@ def track(
         force = force_evidence
         judged = is_read(force.mask)
         evidence = jump_evidence(force.missing, force.stiffness * jump, force.variance, force.least)
-    # (2) the chance that a jump is real: between slow samples it may have been there since the mean speed faded
+    # (2) the chance that a jump is real: between slow samples it may have been there since the mean
+    # speed faded
     stayed = doubt + ca.fmax(dt - MOTION_TIME, 0)
     real = ca.if_else(far, chance_of_jump(robustness, stayed, evidence, judged), 1)
     # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
@@ -264,13 +350,16 @@ def track(
     believed = ca.if_else(is_there(mask), real, 0)
     share = believed * (1 - ca.exp(-elapsed / MOTION_TIME))
     fade = ca.exp(-dt / (2 * MOTION_TIME))
-    # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of time
+    # (4) a drive that is lost goes on as it did: its error grows with time, not with the root of
+    # time
     astray = ca.fmax(unknown, square * time * time + noise)
     if silence is not None:  # whatever it did before, it may have begun to move
         wandered = silence.wandering * ca.fmax(time - silence.dead, 0)
         astray = ca.fmax(astray, wandered * wandered)
     doubted = (1 - real) * ca.if_else(judged, real, ca.fmax(real, LEAST_DOUBT)) * jump**2
-    unknown = ca.if_else(bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray))
+    unknown = ca.if_else(
+        bridged, moved * moved, ca.if_else(read, ca.if_else(far, doubted, 0), astray)
+    )
     # (5), (6) what a straight line between samples misses
     sure = believed > 0.5
     bend = ca.if_else(sure, moved - speed * dt, 0)
@@ -283,7 +372,9 @@ def track(
         lost=ca.if_else(sure, 0, time),
         shift=shift,
         shift_std=shift_std,
-        effort=effort if force_evidence is None else ca.if_else(judged, force_evidence.effort, effort),
+        effort=effort
+        if force_evidence is None
+        else ca.if_else(judged, force_evidence.effort, effort),
         bend=bend,
         variance=noise + unknown + (robustness.bend_share * bend) ** 2,
     )

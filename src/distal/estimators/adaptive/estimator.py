@@ -41,37 +41,53 @@ def state_vector(
     guards: Robustness | None = None,
     kinds: tuple[Kind, ...] = KINDS,
 ) -> StateVector:
-    """Return the states of a filter; kept, since one rig estimates many logs and its functions take 0.1 s to build.
+    """Return the states of a filter; kept, since one rig estimates many logs and its functions take
+    0.1 s to build.
 
     Raises:
         EstimationError: the sensors do not suffice.
     """
     mechanism = Mechanism(rig, inputs, remembers=True)
     guards = Robustness.usual(len(rig.joints)) if guards is None else guards
-    return StateVector(FilterContext(mechanism, channels_of(rig, "adaptive", references, others=True), guards), kinds)
+    return StateVector(
+        FilterContext(mechanism, channels_of(rig, "adaptive", references, others=True), guards),
+        kinds,
+    )
 
 
 def _structure(states: StateVector, resolution: float | None) -> tuple[object, ...]:
-    """Return what two rigs have in common whose filters can share a kernel, as far as the states and the steps say it."""
+    """Return what two rigs have in common whose filters can share a kernel, as far as the states
+    and the steps say it.
+    """
     context = states.context
     declared = tuple(context.declares_friction(i) for i in range(context.n_drives))
     numbers, follow = context.mechanism.parameters.names, context.joints_follow
-    return states.names, numbers, context.channels.names, declared, follow, context.substeps(resolution)
+    return (
+        states.names,
+        numbers,
+        context.channels.names,
+        declared,
+        follow,
+        context.substeps(resolution),
+    )
 
 
 class AdaptiveFilter(KernelEstimator):
-    """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the joints' motion.
+    """A displacement-driven Kalman filter that estimates what is uncertain in the rig beside the
+    joints' motion.
 
     Args:
         compiled: compile its kernel where possible, see `Kernel`.
         robustness: the guards against a wrong model and bad sensors; default `Robustness.usual`.
-        references: sensors of joints' angles that are read too, while they are known (homing, fitting).
+        references: sensors of joints' angles that are read too, while they are known (homing,
+            fitting).
         inputs: numbers of the description that are inputs of its kernel and no states (fitting).
-        resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`, on a chain
-            `CHAIN_RESOLUTION`.
+        resolution: largest product of sub-step and a joint's own frequency; default `RESOLUTION`,
+            on a chain `CHAIN_RESOLUTION`.
         trace: let the kernel put out what a smoother needs.
         kinds: kinds of states that there may be; each returns the blocks of a rig.
-        line: a map of the readings whose angles are reported in place of the filter's own and of its discrepancy.
+        line: a map of the readings whose angles are reported in place of the filter's own and of
+            its discrepancy.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -99,13 +115,25 @@ class AdaptiveFilter(KernelEstimator):
         maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(learned for learned in maps if learned is not None)
         self._check_maps(channels)
-        kernel = Kernel(self._reporting(adaptive_function(self._states, resolution, trace)), compiled)
+        kernel = Kernel(
+            self._reporting(adaptive_function(self._states, resolution, trace)), compiled
+        )
         parameters = self._states.context.mechanism.parameters.values
         numbers = np.concatenate([parameters, *map(numbers_of, self._maps)])
         measured = tuple(sensor.name for sensor in channels.compared)
         state_names = self._states.names
-        super().__init__(name, rig, kernel, numbers, channels=channels, state_names=state_names, measured=measured)
-        self.report = Report.behind(2 * len(self.measured), [self._reported(learned) for learned in self._maps])
+        super().__init__(
+            name,
+            rig,
+            kernel,
+            numbers,
+            channels=channels,
+            state_names=state_names,
+            measured=measured,
+        )
+        self.report = Report.behind(
+            2 * len(self.measured), [self._reported(learned) for learned in self._maps]
+        )
 
     def _check_maps(self, channels: Channels) -> None:
         read = tuple(sensor.name for sensor in channels.proximal)
@@ -113,34 +141,50 @@ class AdaptiveFilter(KernelEstimator):
             table = type(learned).__name__.lower()
             if learned.channels != read:
                 raise EstimationError(
-                    f"adaptive: [{table}] was learned from the sensors {', '.join(learned.channels)}, the rig now has "
+                    f"adaptive: [{table}] was learned from the sensors "
+                    f"{', '.join(learned.channels)}, the rig now has "
                     f"{', '.join(read)}; learn it again (distal fit), or remove [{table}]"
                 )
             if len(self._reported(learned)) < len(learned.joints):
                 raise EstimationError(
-                    "adaptive: [contact] is a torque from outside, and the rig says that none can occur; give the joint's "
+                    "adaptive: [contact] is a torque from outside, and the rig says that none can "
+                    "occur; give the joint's "
                     "external_torque a std, or remove [contact]"
                 )
 
     def _reported(self, learned: LearnedMap) -> list[int]:
-        """Return the states that a map speaks of: the joints' angles, or the torques on them, in their order."""
+        """Return the states that a map speaks of: the joints' angles, or the torques on them, in
+        their order.
+        """
         if not isinstance(learned, Contact):
             return list(range(len(learned.joints)))
         joints = [joint.name for joint in self._states.context.mechanism.rig.joints]
-        return list(states_of(StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts).values())
+        return list(
+            states_of(
+                StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts
+            ).values()
+        )
 
     def _reporting(self, function: ca.Function) -> ca.Function:
-        """Return the filter with what its maps say among its outputs; only a discrepancy is added to its own."""
+        """Return the filter with what its maps say among its outputs; only a discrepancy is added
+        to its own.
+        """
         if not self._maps:
             return function
-        maps = [(learned, self._reported(learned), isinstance(learned, Discrepancy)) for learned in self._maps]
+        maps = [
+            (learned, self._reported(learned), isinstance(learned, Discrepancy))
+            for learned in self._maps
+        ]
         context = self._states.context
-        return reporting_function(function, maps, len(context.channels.names), self.places, context.n_joints)
+        return reporting_function(
+            function, maps, len(context.channels.names), self.places, context.n_joints
+        )
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
 
-        The drives rest where the first sample says; what a play passes on is the first reading of its effort.
+        The drives rest where the first sample says; what a play passes on is the first reading of
+        its effort.
         """
         states, context = self._states, self._states.context
         names = context.channels.names
@@ -154,13 +198,23 @@ class AdaptiveFilter(KernelEstimator):
             return ca.if_else(is_read(mask[k]), context.corrected(sensor, values[k]), otherwise)
 
         means, stds = states.prior()
-        mean, variances, memory = ca.SX(means), ca.SX(stds**2), ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives)
+        mean, variances, memory = (
+            ca.SX(means),
+            ca.SX(stds**2),
+            ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives),
+        )
         for i, drive in enumerate(self.rig.drives):
             # as long as nothing is known of a force, it may be off by as much as it is unsure
             memory[MEMORY * context.n_drives + FORCE.size * i + FORCE["usual"].start] = 0.25
-            position, effort, transmitted = context.position_sensor(i), context.force_sensor(i), states.transmitted(i)
+            position, effort, transmitted = (
+                context.position_sensor(i),
+                context.force_sensor(i),
+                states.transmitted(i),
+            )
             if position is not None:
-                unknown = ca.if_else(is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+                unknown = ca.if_else(
+                    is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2
+                )
                 memory[remembered_place(i, "place")] = read(position, 0.0)
                 memory[remembered_place(i, "unknown")] = unknown
             if effort is not None:
@@ -171,7 +225,10 @@ class AdaptiveFilter(KernelEstimator):
         affine = self.rig.affine
         if affine is not None and set(affine.channels) <= set(names):
             # where the map that logs taught knows the start better than the rig, it says it
-            readings = {name: (values[names.index(name)], mask[names.index(name)]) for name in affine.channels}
+            readings = {
+                name: (values[names.index(name)], mask[names.index(name)])
+                for name in affine.channels
+            }
             for j in range(context.n_joints):
                 angle, unsure = start_of(affine, j, readings)
                 better = unsure < variances[j]
@@ -189,7 +246,10 @@ class AdaptiveFilter(KernelEstimator):
             for k, at in enumerate(self.places)
         ]
         for learned in self._maps:
-            memory = ca.vertcat(memory, first_memory(learned, ca.vertcat(*placed) if learned.tracked else values, mask))
+            memory = ca.vertcat(
+                memory,
+                first_memory(learned, ca.vertcat(*placed) if learned.tracked else values, mask),
+            )
         symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
         prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
         return ca.Function("prior", [values, is_present, p], prior)
@@ -200,13 +260,17 @@ class AdaptiveFilter(KernelEstimator):
 
     @cached_property
     def unseen(self) -> str | None:
-        """What the sensors cannot tell of the joints, in a sentence; None where they see every direction."""
+        """What the sensors cannot tell of the joints, in a sentence; None where they see every
+        direction.
+        """
         seen = directions(self.rig)
         return seen.text if len(seen.missed) and len(self.rig.joints) > 1 else None
 
     @property
     def bridged(self) -> int:
-        """Number of displacements, the first of the channels: they cross gaps in a straight line."""
+        """Number of displacements, the first of the channels: they cross gaps in a straight
+        line.
+        """
         return len(self._states.context.channels.positions)
 
     @property
@@ -220,9 +284,13 @@ class AdaptiveFilter(KernelEstimator):
         return next((learned for learned in self._maps if isinstance(learned, Contact)), None)
 
     def with_map(self, learned: LearnedMap) -> AdaptiveFilter:
-        """Return the same filter, kernel included, with other coefficients of the same terms of one of its maps."""
+        """Return the same filter, kernel included, with other coefficients of the same terms of one
+        of its maps.
+        """
         changed = copy(self)
-        changed._maps = tuple(learned if type(before) is type(learned) else before for before in self._maps)
+        changed._maps = tuple(
+            learned if type(before) is type(learned) else before for before in self._maps
+        )
         assert [after.terms for after in changed._maps] == [before.terms for before in self._maps]
         parameters = self.numbers[: len(self.parameter_names)]
         changed._p = frozen(np.concatenate([parameters, *map(numbers_of, changed._maps)]))
@@ -230,10 +298,11 @@ class AdaptiveFilter(KernelEstimator):
         return changed
 
     def of_rig(self, rig: Rig) -> AdaptiveFilter | None:
-        """Return the same filter, kernel included, with the numbers of another rig; None where that needs another kernel.
+        """Return the same filter, kernel included, with the numbers of another rig; None where that
+        needs another kernel.
 
-        What the kernel has as constants stays that of the first rig: random walks, lowest values, limits of guards, and
-        a sensor's noise where it is no input.
+        What the kernel has as constants stays that of the first rig: random walks, lowest values,
+        limits of guards, and a sensor's noise where it is no input.
         """
         context, guards = self._states.context, self._states.context.robustness
         references, inputs = context.channels.angles, context.mechanism.parameters.inputs
@@ -249,11 +318,16 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def places(self) -> tuple[int | None, ...]:
-        """For each channel where in the carry its drive's place stands; None for one that is read as it comes."""
+        """For each channel where in the carry its drive's place stands; None for one that is read
+        as it comes.
+        """
         context = self._states.context
         channels, drives = context.channels, [drive.name for drive in context.mechanism.rig.drives]
         begin = adaptive_layout(len(self._states), len(drives))["drives"].start
-        placed = [begin + remembered_place(drives.index(sensor.of), "place") for sensor in channels.positions]
+        placed = [
+            begin + remembered_place(drives.index(sensor.of), "place")
+            for sensor in channels.positions
+        ]
         return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
 
     @property
@@ -268,7 +342,9 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def state_parts(self) -> tuple[str, ...]:
-        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a number by its path."""
+        """The part that each state is of, (n,): a joint, drive, tendon or sensor by its name, a
+        number by its path.
+        """
         return self._states.state_parts
 
     @property
@@ -278,9 +354,13 @@ class AdaptiveFilter(KernelEstimator):
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:
-        """Prior means and stds of the states that are numbers of the rig, NaN for the others, (n,) each."""
+        """Prior means and stds of the states that are numbers of the rig, NaN for the others, (n,)
+        each.
+        """
         states = self._states
-        means, stds = (np.where(states.lasting, moments, np.nan) for moments in (states.means, states.stds))
+        means, stds = (
+            np.where(states.lasting, moments, np.nan) for moments in (states.means, states.stds)
+        )
         return frozen(means), frozen(stds)
 
     @property
@@ -290,11 +370,22 @@ class AdaptiveFilter(KernelEstimator):
 
 
 def _begin(context: FilterContext, read: Callable[[Sensor, float], Scalar]) -> Begin:
-    """Return what is read at the first sample; `read` gives a sensor's value, or what it is given where that is missing."""
-    drives, cells = range(context.n_drives), {sensor.of: sensor for sensor in context.channels.tensions}
-    positions, forces = [context.position_sensor(i) for i in drives], [context.force_sensor(i) for i in drives]
+    """Return what is read at the first sample; `read` gives a sensor's value, or what it is given
+    where that is missing.
+    """
+    drives, cells = (
+        range(context.n_drives),
+        {sensor.of: sensor for sensor in context.channels.tensions},
+    )
+    positions, forces = (
+        [context.position_sensor(i) for i in drives],
+        [context.force_sensor(i) for i in drives],
+    )
     tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
     efforts, pulls = (
-        [None if sensor is None else read(sensor, 0.0) for sensor in sensors] for sensors in (forces, tensions)
+        [None if sensor is None else read(sensor, 0.0) for sensor in sensors]
+        for sensors in (forces, tensions)
     )
-    return Begin([0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls)
+    return Begin(
+        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls
+    )

@@ -1,6 +1,8 @@
-"""The adaptive filter, whole: an interval, then a sample. The equations are those of docs/reference/adaptive-equations.md.
+"""The adaptive filter, whole: an interval, then a sample. The equations are those of
+docs/reference/adaptive-equations.md.
 
-The carry is the mean, the covariance, what is remembered of each drive's motion, and of each drive's force.
+The carry is the mean, the covariance, what is remembered of each drive's motion, and of each
+drive's force.
 """
 
 from __future__ import annotations
@@ -27,30 +29,45 @@ from distal.kernels import Layout, carry_layout
 
 
 def adaptive_layout(states: int, drives: int) -> Layout:
-    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion and of its force."""
+    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion
+    and of its force.
+    """
     return carry_layout(states, drives=MEMORY * drives, forces=FORCE.size * drives)
 
 
 @lru_cache(maxsize=32)
-def adaptive_function(states: StateVector, resolution: float | None = None, trace: bool = False) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations, variances).
+def adaptive_function(
+    states: StateVector, resolution: float | None = None, trace: bool = False
+) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations,
+    variances).
 
-    The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the predicted mean, its
-    covariance and the transition stand behind y, for smoothing.
+    The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the
+    predicted mean, its covariance and the transition stand behind y, for smoothing.
     """
-    nd, context, layout = states.context.n_drives, states.context, adaptive_layout(len(states), states.context.n_drives)
-    filters = [(part, adaptive_function(part.states, resolution, trace)) for part in parts_of(states)]
+    nd, context, layout = (
+        states.context.n_drives,
+        states.context,
+        adaptive_layout(len(states), states.context.n_drives),
+    )
+    filters = [
+        (part, adaptive_function(part.states, resolution, trace)) for part in parts_of(states)
+    ]
     if filters:
         return filter_by_parts(states, filters, layout, trace)
     carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
-    mean, covariance, memory, forces = (layout.part(carry, name) for name in ("mean", "covariance", "drives", "forces"))
+    mean, covariance, memory, forces = (
+        layout.part(carry, name) for name in ("mean", "covariance", "drives", "forces")
+    )
     tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
     interval = Interval(tracks, memory, x, p)
     motion = moved(states, context.substeps(resolution), mean, covariance, interval)  # (7) to (10)
     after = predicted(states, mean, covariance, motion, interval)  # (11), (12)
     prediction = Prediction(*after, _moving(states, motion))
-    remembered_forces = [FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)]
+    remembered_forces = [
+        FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)
+    ]
     revert(states, prediction, [force["opened"] for force in remembered_forces], interval)  # (13)
     kept = [force["friction"] for force in remembered_forces]
     for i in range(nd):
@@ -60,7 +77,9 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
     for force, friction in zip(remembered_forces, kept):
         force["friction"] = friction
-    mean, covariance, y = updated(states, prediction, motion.rates, remembered_forces, interval)  # (16) to (30)
+    mean, covariance, y = updated(
+        states, prediction, motion.rates, remembered_forces, interval
+    )  # (16) to (30)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, tracks, p)
     remembered = Tracks(tracks, nd).memory
@@ -71,11 +90,17 @@ def adaptive_function(states: StateVector, resolution: float | None = None, trac
         forces=ca.vertcat(*(FORCE.joined(**force) for force in remembered_forces)),
     )
     y = ca.vertcat(y, *before) if trace else y
-    return ca.Function("adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        "adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+    )
 
 
-def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, tracks: VectorNode, p: VectorNode) -> None:
-    """Keep states above their lowest values, and angles as unsure as stops and zeros that jumped make them, in place."""
+def _bounded(
+    states: StateVector, mean: VectorNode, covariance: MatrixNode, tracks: VectorNode, p: VectorNode
+) -> None:
+    """Keep states above their lowest values, and angles as unsure as stops and zeros that jumped
+    make them, in place.
+    """
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             mean[at] = ca.fmax(mean[at], lowest)  # (27)
@@ -86,13 +111,17 @@ def _bounded(states: StateVector, mean: VectorNode, covariance: MatrixNode, trac
     if context.robustness.zeros_jump:
         free, spread = context.mechanism.free, context.mechanism.spread
         for j in free:
-            covariance[j, j] = ca.fmax(covariance[j, j], shifted_variance(context, j, tracks))  # (31)
+            covariance[j, j] = ca.fmax(
+                covariance[j, j], shifted_variance(context, j, tracks)
+            )  # (31)
         for j in set(range(nj)) - set(free):  # coupled ones err as these
             covariance[j, j] = ca.mtimes([spread[j, :], covariance[free, free], spread[j, :].T])
 
 
 def _moving(states: StateVector, motion: Moved) -> MatrixNode:
-    """Return the transition Φ, (n, n), of an interval in which nothing but angles and speeds moves."""
+    """Return the transition Φ, (n, n), of an interval in which nothing but angles and speeds
+    moves.
+    """
     n, nj = len(states), states.context.n_joints
     transition, numbers = ca.MX(ca.DM.eye(n).full()), len(motion.chosen)
     transition[: 2 * nj, :] = 0

@@ -1,7 +1,8 @@
 """How uncertain the friction limits of joints are whose friction is known to a factor only.
 
-A joint that sticks in the mean has no slopes: its readings would then be explained by wrong stiffnesses, although the
-friction is what is wrong. So the slopes are those of the expectation over the limit, as with an uncertain torque, (10).
+A joint that sticks in the mean has no slopes: its readings would then be explained by wrong
+stiffnesses, although the friction is what is wrong. So the slopes are those of the expectation over
+the limit, as with an uncertain torque, (10).
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from distal.rig import known_to_a_factor
 
 
 def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
-    """Return joint → indices of its friction's states, for joints whose friction is known to a factor only."""
+    """Return joint → indices of its friction's states, for joints whose friction is known to a
+    factor only.
+    """
     p, doubted = states.context.mechanism.parameters, dict[int, list[int]]()
     for block in states.blocks:
         if not isinstance(block, UncertainParameter) or block.acts != "value":
@@ -29,7 +32,9 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
     return doubted
 
 
-def friction_stds(states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix) -> dict[int, Scalar]:
+def friction_stds(
+    states: StateVector, q: Vector, v: Vector, mean: Vector, covariance: Matrix
+) -> dict[int, Scalar]:
     """Return joint → std of its friction limit by what is not known of it [N m], at q and v.
 
     It is at a symbolic `mean`, (n,), with a `covariance`, (n, n).
@@ -43,7 +48,9 @@ def friction_stds(states: StateVector, q: Vector, v: Vector, mean: Vector, covar
     for joint, at in doubted.items():
         frictions, state = ca.SX.sym("frictions", len(at)), ca.SX(mean)
         state[at] = frictions
-        limit = ca.substitute(limits[joint].mean, mechanism.parameters.symbols, states.parameters(state))
+        limit = ca.substitute(
+            limits[joint].mean, mechanism.parameters.symbols, states.parameters(state)
+        )
         slope = ca.substitute(ca.jacobian(limit, frictions), frictions, mean[at])
         stds[joint] = ca.sqrt(ca.fmax(ca.mtimes([slope, covariance[at, at], slope.T]), 0))
     return stds

@@ -1,6 +1,8 @@
-"""One filter of parts that move without one another: each part's own filter, side by side in one kernel.
+"""One filter of parts that move without one another: each part's own filter, side by side in one
+kernel.
 
-The covariance between parts is zero and stays so; what one part costs, and what its sensors say, does not touch the others.
+The covariance between parts is zero and stays so; what one part costs, and what its sensors say,
+does not touch the others.
 """
 
 from __future__ import annotations
@@ -58,16 +60,23 @@ def _apart(states: StateVector, part: Part) -> Apart:
     context, parameters = states.context, states.context.mechanism.parameters
     mechanism = Mechanism(part.rig, part.own_paths(parameters.inputs), remembers=True)
     channels = _channels(part, context.channels)
-    part_states = StateVector(replace(context, mechanism=mechanism, channels=channels), states.kinds)
+    part_states = StateVector(
+        replace(context, mechanism=mechanism, channels=channels), states.kinds
+    )
     keys, every = _keys(states), context.channels.names
     values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
     compared = [sensor.name for sensor in context.channels.compared]
     return Apart(
         part_states,
-        np.array([keys.index(key) if key in keys else -1 for key in _keys(part_states)], dtype=np.intp),
+        np.array(
+            [keys.index(key) if key in keys else -1 for key in _keys(part_states)], dtype=np.intp
+        ),
         np.array(part.indices["drives"], dtype=np.intp),
         np.concatenate([[0], 1 + values, 1 + len(every) + values]).astype(np.intp),
-        np.array([parameters.names.index(part.whole_path(name)) for name in mechanism.parameters.names], dtype=np.intp),
+        np.array(
+            [parameters.names.index(part.whole_path(name)) for name in mechanism.parameters.names],
+            dtype=np.intp,
+        ),
         np.array([compared.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
     )
 
@@ -125,6 +134,12 @@ def filter_by_parts(
         y = [part.compared, m + part.compared]
         if trace:
             y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
-        kernels.append(PlacedKernel(part_filter, carry, part.inputs, part.numbers, np.concatenate(y)))
+        kernels.append(
+            PlacedKernel(part_filter, carry, part.inputs, part.numbers, np.concatenate(y))
+        )
     outputs = 2 * m + (n + 2 * n * n if trace else 0)
-    return side_by_side("adaptive", kernels, (layout.size, context.width, len(context.mechanism.parameters), outputs))
+    return side_by_side(
+        "adaptive",
+        kernels,
+        (layout.size, context.width, len(context.mechanism.parameters), outputs),
+    )

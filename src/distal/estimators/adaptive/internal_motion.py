@@ -1,4 +1,5 @@
-"""Let what moves inside the rig follow the bodies over an interval: plays are pushed by their bounds, tendons creep. (15b)
+"""Let what moves inside the rig follow the bodies over an interval: plays are pushed by their
+bounds, tendons creep. (15b)
 
 docs/reference/adaptive-equations.md, section 5, "Plays inside the rig".
 """
@@ -20,7 +21,9 @@ from distal.expressions import Matrix, Scalar
 from distal.model import clip_moments
 
 TINY_STD = 1e-12
-"""Added to the standard deviation of a place, so that its moments stay finite where it is certain [m, rad]."""
+"""Added to the standard deviation of a place, so that its moments stay finite where it is certain
+[m, rad].
+"""
 
 
 def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
@@ -29,7 +32,9 @@ def follow(states: StateVector, prediction: Prediction, interval: Interval) -> N
     tracks, x, p = interval.tracks, interval.x, interval.p
     for block in _ordered(states):
         at = states.indices(block)[0]
-        mean, row, added = following_function(states, block)(state, covariance[at, at], tracks, x, p)
+        mean, row, added = following_function(states, block)(
+            state, covariance[at, at], tracks, x, p
+        )
         across = ca.mtimes(covariance, row)
         variance = ca.mtimes(row.T, across) + added
         state[at] = mean
@@ -38,10 +43,16 @@ def follow(states: StateVector, prediction: Prediction, interval: Interval) -> N
 
 
 def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
-    """Return what moves inside in the order in which it moves: points of a sheath from end to end and back."""
+    """Return what moves inside in the order in which it moves: points of a sheath from end to end
+    and back.
+    """
     mechanism, order = states.context.mechanism, list[BacklashOrSheathState | Strained]()
-    blocks = [block for block in states.blocks if isinstance(block, (BacklashOrSheathState, Strained))]
-    points = {(block.index, block.point): block for block in blocks if block.kind is StateKind.SHEATH}
+    blocks = [
+        block for block in states.blocks if isinstance(block, (BacklashOrSheathState, Strained))
+    ]
+    points = {
+        (block.index, block.point): block for block in blocks if block.kind is StateKind.SHEATH
+    }
     still = ca.SX.zeros(mechanism.n_bodies)
     for block in blocks:
         if block.kind is not StateKind.SHEATH:
@@ -54,9 +65,11 @@ def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
 
 
 def following_function(states: StateVector, block: BacklashOrSheathState | Strained) -> ca.Function:
-    """Return (state, variance, tracks, x, p) → (mean, slopes, added variance) of one number inside, after an interval.
+    """Return (state, variance, tracks, x, p) → (mean, slopes, added variance) of one number inside,
+    after an interval.
 
-    A play: the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`). A strain: the model's, with its slopes.
+    A play: the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`). A strain: the
+    model's, with its slopes.
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, nj, p = context.mechanism, context.n_joints, context.mechanism.parameters.symbols

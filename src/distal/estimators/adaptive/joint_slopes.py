@@ -1,4 +1,6 @@
-"""One sub-step of the joints, and the slopes of their speeds: one by one, or all at once where they carry one another."""
+"""One sub-step of the joints, and the slopes of their speeds: one by one, or all at once where they
+carry one another.
+"""
 
 from __future__ import annotations
 
@@ -23,16 +25,19 @@ from distal.model import (
 )
 
 TINY_STD = 1e-9
-"""Added to the standard deviation of a joint's speed so that its moments stay finite where no time passes [rad/s]."""
+"""Added to the standard deviation of a joint's speed so that its moments stay finite where no time
+passes [rad/s].
+"""
 
 
 @dataclass(frozen=True)
 class Moving:
     """The bodies after a sub-step, and the slopes of the joints' speeds.
 
-    Where an external torque can occur, or the friction is known to a factor only, mean and motion are exact, but slopes
-    and the variance left over are those of the expectation over it (`soft_moments`): a stuck joint may be moved by a
-    hand, or may not be stuck, though its linearisation says that it cannot move.
+    Where an external torque can occur, or the friction is known to a factor only, mean and motion
+    are exact, but slopes and the variance left over are those of the expectation over it
+    (`soft_moments`): a stuck joint may be moved by a hand, or may not be stuck, though its
+    linearisation says that it cannot move.
 
     Args:
         q: coordinates, (n_bodies,).
@@ -56,7 +61,12 @@ class Moving:
 
 
 def moving(
-    context: FilterContext, kick: Kick, torques: Vector, stds: Vector, pushed: Sequence[int], doubted: Sequence[int]
+    context: FilterContext,
+    kick: Kick,
+    torques: Vector,
+    stds: Vector,
+    pushed: Sequence[int],
+    doubted: Sequence[int],
 ) -> Moving:
     """Return the bodies after a sub-step, the drives moving as they were measured to.
 
@@ -93,7 +103,12 @@ def _joint_by_joint(
 
 
 def _all_at_once(
-    context: FilterContext, kick: Kick, torques: Vector, stds: Vector, pushed: Sequence[int], doubted: Sequence[int]
+    context: FilterContext,
+    kick: Kick,
+    torques: Vector,
+    stds: Vector,
+    pushed: Sequence[int],
+    doubted: Sequence[int],
 ) -> Moving:
     """Return the same of a chain: slopes of an implicit equation, for the joints that slip.
 
@@ -102,7 +117,9 @@ def _all_at_once(
     mechanism, nj = context.mechanism, context.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
     count, length, free = len(mechanism.free), kick.length, mechanism.free
-    weight, forward, back = (ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back"))
+    weight, forward, back = (
+        ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back")
+    )
     after, rest = kicked.v[free], [ca.SX(0)] * nj
     matrix, load = ca.SX(kicked.matrix), kicked.load
     stiffness, damping = ca.SX(kicked.contacts.stiffness), ca.SX(kicked.contacts.damping)
@@ -115,19 +132,42 @@ def _all_at_once(
             stiffness[k], damping[k] = 0, 0
         # what a joint feels beside its own inertia: the others move as they do
         mass = matrix[k, k]
-        felt = load[k] + pressing - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
+        felt = (
+            load[k]
+            + pressing
+            - sum((matrix[k, i] * after[i] for i in range(count) if i != k), ca.SX(0))
+        )
         limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
         moments = soft_moments(felt / mass, limit, length * stds[free[k]] / mass + TINY_STD)
         share = ca.fmax(moments.slope, 1e-12)
-        weight[k], forward[k], back[k] = ca.sqrt(share), moments.forward / share, moments.back / share
+        weight[k], forward[k], back[k] = (
+            ca.sqrt(share),
+            moments.forward / share,
+            moments.back / share,
+        )
         rest[free[k]] = moments.rest
-    symbols = {name: ca.SX.sym(name, count) for name in ("after", "forward", "back", "kappa", "delta", "place")}
+    symbols = {
+        name: ca.SX.sym(name, count)
+        for name in ("after", "forward", "back", "kappa", "delta", "place")
+    }
     contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["place"])
-    loads, slip = loads_of(mechanism, kick, context.joints_settle), Slip(symbols["forward"], symbols["back"])
+    loads, slip = (
+        loads_of(mechanism, kick, context.joints_settle),
+        Slip(symbols["forward"], symbols["back"]),
+    )
     q, v = kick.q[:nj], ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
-    equation = residual(mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length)
+    equation = residual(
+        mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length
+    )
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
-    solution = [after, ca.vertcat(*forward), ca.vertcat(*back), stiffness, damping, kicked.contacts.place]
+    solution = [
+        after,
+        ca.vertcat(*forward),
+        ca.vertcat(*back),
+        stiffness,
+        damping,
+        kicked.contacts.place,
+    ]
     slopes = [ca.jacobian(equation, argument) for argument in by]
     slopes = ca.substitute(slopes, list(symbols.values()), [ca.densify(part) for part in solution])
     solve = solver(matrix, ca.vertcat(*weight))
@@ -136,4 +176,6 @@ def _all_at_once(
     by_place, by_speed, by_parameter, by_torque = slopes
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     v = ca.vertcat(kicked.v, kick.v[nj:])
-    return Moving(q, v, by_place, by_speed, by_parameter, by_torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest))
+    return Moving(
+        q, v, by_place, by_speed, by_parameter, by_torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest)
+    )

@@ -1,6 +1,8 @@
-"""What is compared: measured forces, tensions and angles against what follows from the state. Equations (16) and (17).
+"""What is compared: measured forces, tensions and angles against what follows from the state.
+Equations (16) and (17).
 
-A sensor of any other kind says itself what it reads, see `distal.rig.sensors`."""
+A sensor of any other kind says itself what it reads, see `distal.rig.sensors`.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from distal.kernels.layout import Layout
 from distal.model import Moment
 
 TIE = 0.3
-"""How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's sensor."""
+"""How closely the transmitted effort fits the tendons' pull, in standard deviations of the effort's
+sensor.
+"""
 
 NOMINAL_TIME = 1.0
 """Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
@@ -41,7 +45,8 @@ class Row:
         variance: of the sensor and of the drive's place.
         mask: 0 where it does not count, else see `distal.kernels.mask`.
         limit: friction limit of the drive, the mean of both directions.
-        asymmetry: by how much the limit is larger against motion to +, and smaller against motion to −.
+        asymmetry: by how much the limit is larger against motion to +, and smaller against motion
+            to −.
         drive: index of the drive whose friction is in it, or None.
         measured: whether a sensor measures it; else the pull is nominal.
         trusted: a reference, which is never taken as wild.
@@ -60,8 +65,11 @@ class Row:
     lasting: float = 1.0
 
 
-def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector) -> list[Row]:
-    """Return what is compared: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured tensions, a reference's angle.
+def rows_of(
+    states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector
+) -> list[Row]:
+    """Return what is compared: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured tensions, a
+    reference's angle.
 
     Args:
         state: symbolic, (n,).
@@ -78,19 +86,38 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
         sensor, body, track = context.force_sensor(i), nj + i, tracks[i]
         unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
         spread = unsure * pull_slopes[body, body] ** 2
-        free, expected = away_from_stops(context, i, track.place), pulls[body] + states.force(i, state)
+        free, expected = (
+            away_from_stops(context, i, track.place),
+            pulls[body] + states.force(i, state),
+        )
         friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
         if sensor is None:
             is_known = float(drive.nominal_force.std > 0.0)
             lasting = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
             residual = drive.nominal_force.value - expected
-            rows.append(Row(drive.name, residual, spread + lasting, is_known * free, *friction, measured=False))
+            rows.append(
+                Row(
+                    drive.name,
+                    residual,
+                    spread + lasting,
+                    is_known * free,
+                    *friction,
+                    measured=False,
+                )
+            )
             continue
         noise, mask = context.noise(sensor), context.mask(x, sensor) * free
         transmitted = states.transmitted(i)
         if transmitted is not None:
             damped = dampings[body] * rates[i]
-            rows.append(Row(sensor.name, state[transmitted[0]] - (expected - damped), TIE**2 * noise + spread, mask))
+            rows.append(
+                Row(
+                    sensor.name,
+                    state[transmitted[0]] - (expected - damped),
+                    TIE**2 * noise + spread,
+                    mask,
+                )
+            )
             continue
         read = context.value(x, sensor)
         residual = read - expected - states.sensor_error(sensor, read, state)
@@ -117,7 +144,9 @@ def rows_of(states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Ve
 
 
 def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
-    """Return 1 where the `place` of a drive is certainly not at a stop: there the contact force is unknown, (17)."""
+    """Return 1 where the `place` of a drive is certainly not at a stop: there the contact force is
+    unknown, (17).
+    """
     part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
@@ -147,7 +176,9 @@ class RowAt:
 
 @dataclass(frozen=True)
 class Rows:
-    """What is compared, as one function (state, tracks, rates, x, p) → `ROW` and `Slopes` of each row."""
+    """What is compared, as one function (state, tracks, rates, x, p) → `ROW` and `Slopes` of each
+    row.
+    """
 
     rows: Sequence[Row]
     function: ca.Function
@@ -156,19 +187,37 @@ class Rows:
     def of(cls, states: StateVector) -> Rows:
         """Return what is compared, as a function of the state."""
         context, state = states.context, ca.SX.sym("state", len(states))
-        vector, rates = ca.SX.sym("tracks", Tracks.size(context.n_drives)), ca.SX.sym("rates", context.n_drives)
+        vector, rates = (
+            ca.SX.sym("tracks", Tracks.size(context.n_drives)),
+            ca.SX.sym("rates", context.n_drives),
+        )
         x = ca.SX.sym("x", context.width)
-        rows, outputs = rows_of(states, state, Tracks(vector, context.n_drives), rates, x), dict[str, ca.SX]()
+        rows, outputs = (
+            rows_of(states, state, Tracks(vector, context.n_drives), rates, x),
+            dict[str, ca.SX](),
+        )
         for k, row in enumerate(rows):
-            outputs[f"values_{k}"] = ROW.joined(**{part: ca.SX(getattr(row, part)) for part in ROW.names})
-            slopes = {part: ca.sparsify(ca.jacobian(ca.SX(getattr(row, part)), state)).T for part in SLOPED}
+            outputs[f"values_{k}"] = ROW.joined(
+                **{part: ca.SX(getattr(row, part)) for part in ROW.names}
+            )
+            slopes = {
+                part: ca.sparsify(ca.jacobian(ca.SX(getattr(row, part)), state)).T
+                for part in SLOPED
+            }
             outputs |= {f"{part}_{k}": slope for part, slope in slopes.items()}
         arguments = [state, vector, rates, x, context.mechanism.parameters.symbols]
         inputs = ["state", "tracks", "rates", "x", "p"]
-        return cls(rows, ca.Function("rows", arguments, ca.cse(list(outputs.values())), inputs, list(outputs)))
+        return cls(
+            rows,
+            ca.Function("rows", arguments, ca.cse(list(outputs.values())), inputs, list(outputs)),
+        )
 
-    def at(self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode) -> list[RowAt]:
-        """Return each row with its values and slopes; `tracks` and `rates` are as in `Moved` and `Interval`."""
+    def at(
+        self, state: VectorNode, tracks: VectorNode, rates: VectorNode, x: VectorNode, p: VectorNode
+    ) -> list[RowAt]:
+        """Return each row with its values and slopes; `tracks` and `rates` are as in `Moved` and
+        `Interval`.
+        """
         outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
         return [
             RowAt(row, outputs[f"values_{k}"], Slopes(*(outputs[f"{part}_{k}"] for part in SLOPED)))

@@ -1,4 +1,6 @@
-"""What the rig's equations say at given places of its bodies, as one function that several steps of the filter share."""
+"""What the rig's equations say at given places of its bodies, as one function that several steps of
+the filter share.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +10,15 @@ from distal.estimators.adaptive.context import FilterContext
 
 
 def mechanics_function(context: FilterContext) -> ca.Function:
-    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and asymmetries, slopes by q."""
+    """Return (q, v, p) → tensions, pulls on the bodies, their dampings, friction limits and
+    asymmetries, slopes by q.
+    """
     mechanism = context.mechanism
-    q, v, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("v", mechanism.n_bodies), mechanism.parameters.symbols
+    q, v, p = (
+        ca.SX.sym("q", mechanism.n_bodies),
+        ca.SX.sym("v", mechanism.n_bodies),
+        mechanism.parameters.symbols,
+    )
     tendons = mechanism.pulls(q, v, settled=True)
     nj, tensions = mechanism.n_joints, tendons.drive
     # cogging is among the passive forces; those of the joints are compared with nothing
@@ -20,4 +28,8 @@ def mechanics_function(context: FilterContext) -> ca.Function:
     limits = ca.vertcat(*(limit.mean for limit in friction))
     asymmetries = ca.vertcat(*(limit.asymmetry for limit in friction))
     slopes = [ca.jacobian(tensions, q), ca.jacobian(pulls, q)]
-    return ca.Function("mechanics", [q, v, p], [tensions, pulls, mechanism.dampings(), limits, asymmetries, *slopes])
+    return ca.Function(
+        "mechanics",
+        [q, v, p],
+        [tensions, pulls, mechanism.dampings(), limits, asymmetries, *slopes],
+    )

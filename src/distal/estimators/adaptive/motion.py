@@ -1,7 +1,8 @@
-"""Move the joints: measured displacements move the tendons, the tendons move the joints. Equations (7) to (10).
+"""Move the joints: measured displacements move the tendons, the tendons move the joints. Equations
+(7) to (10).
 
-The precise sensor is the input: tensions follow from the joints' angles and the measured displacements, so that sliders,
-their ringing and their stops leave the state.
+The precise sensor is the input: tensions follow from the joints' angles and the measured
+displacements, so that sliders, their ringing and their stops leave the state.
 """
 
 from __future__ import annotations
@@ -23,8 +24,9 @@ from distal.model import Kick, responses
 class Moved:
     """The joints after an interval, symbolic.
 
-    They move with fewer numbers than there are states: their own motion, the states that enter the model, and the places of
-    the drives. What changes a drive's place alone, such as its sensor's curve, moves the joints as the place does.
+    They move with fewer numbers than there are states: their own motion, the states that enter the
+    model, and the places of the drives. What changes a drive's place alone, such as its sensor's
+    curve, moves the joints as the place does.
 
     Args:
         angles: θ, (n_joints,).
@@ -45,16 +47,31 @@ class Moved:
     rates: VectorNode
 
     def across(self, matrix: MatrixNode) -> MatrixNode:
-        """Return a matrix (k, n) times the slopes of what the joints move with by the states, transposed, (k, numbers)."""
-        by_place = [ca.mtimes(matrix[:, at], slopes) if at else ca.MX(matrix.size1(), 1) for at, slopes in self.places]
+        """Return a matrix (k, n) times the slopes of what the joints move with by the states,
+        transposed, (k, numbers).
+        """
+        by_place = [
+            ca.mtimes(matrix[:, at], slopes) if at else ca.MX(matrix.size1(), 1)
+            for at, slopes in self.places
+        ]
         return ca.horzcat(matrix[:, self.chosen], *map(ca.densify, by_place))
 
 
-def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval) -> Moved:
+def moved(
+    states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval
+) -> Moved:
     """Return the joints after an interval, moved by `count` sub-steps with their slopes."""
-    context, memory, tracks, x, p = states.context, interval.memory, interval.tracks, interval.x, interval.p
+    context, memory, tracks, x, p = (
+        states.context,
+        interval.memory,
+        interval.tracks,
+        interval.x,
+        interval.p,
+    )
     nj, acting = context.n_joints, _acting(states)
-    starts, rates, torques, values, *constant = _interval(states, count)(mean, covariance, memory, tracks, x, p)
+    starts, rates, torques, values, *constant = _interval(states, count)(
+        mean, covariance, memory, tracks, x, p
+    )
     step, h = _substep(states), x[0] / count
     mechanism, numbers = context.mechanism, 2 * nj + len(acting) + context.n_drives
     angles, speeds, coupling = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
@@ -62,7 +79,10 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
         # coupled joints are where the others say, from the start
         coupling = ca.DM(nj, nj)
         coupling[:, mechanism.free] = mechanism.spread
-        angles, speeds = ca.mtimes(coupling, angles) + mechanism.offsets, ca.mtimes(coupling, speeds)
+        angles, speeds = (
+            ca.mtimes(coupling, angles) + mechanism.offsets,
+            ca.mtimes(coupling, speeds),
+        )
     q, v = ca.vertcat(angles, starts), ca.vertcat(speeds, rates)
     by_angle, by_speed = (ca.DM(numbers, nj) for _ in range(2))
     by_angle[:nj, :] = by_speed[nj : 2 * nj, :] = coupling.T
@@ -85,7 +105,9 @@ def moved(states: StateVector, count: int, mean: VectorNode, covariance: MatrixN
 
 
 def _acting(states: StateVector) -> list[int]:
-    """Return which states beside the joints' motion enter the model: its parameters, torques, responses."""
+    """Return which states beside the joints' motion enter the model: its parameters, torques,
+    responses.
+    """
     state, nj = ca.SX.sym("state", len(states)), states.context.n_joints
     changing = _changing(ca.vertcat(states.parameters(state), states.torques(state)), state)
     return [i for i in changing if i >= 2 * nj]
@@ -99,15 +121,21 @@ def _changing(expression: Vector, state: Vector) -> list[int]:
 def _place_slopes(states: StateVector) -> Matrix:
     """Return the pattern of ∂(places of the drives)/∂state, (n_drives, n)."""
     mean, reading = ca.SX.sym("mean", len(states)), ca.SX.sym("reading", states.context.n_drives)
-    return ca.vertcat(*(ca.jacobian(states.place(i, reading[i], mean), mean) for i in range(states.context.n_drives)))
+    return ca.vertcat(
+        *(
+            ca.jacobian(states.place(i, reading[i], mean), mean)
+            for i in range(states.context.n_drives)
+        )
+    )
 
 
 def _interval(states: StateVector, count: int) -> ca.Function:
     """Return what an interval needs before its sub-steps.
 
-    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external torques, slopes of the
-    places with respect to states (`_place_slopes`); then, the same for all sub-steps, stds of torques and friction limits,
-    the model's parameters, the responses of the bodies, and, where a state changes them, slopes of the joints' responses.
+    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external
+    torques, slopes of the places with respect to states (`_place_slopes`); then, the same for all
+    sub-steps, stds of torques and friction limits, the model's parameters, the responses of the
+    bodies, and, where a state changes them, slopes of the joints' responses.
     """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, p = context.mechanism, context.mechanism.parameters.symbols
@@ -120,7 +148,11 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         last = states.place(i, tracks[i].place, mean)
         starts.append(first)
         measured = context.position_sensor(i) is not None
-        rates.append(ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0) if measured else ca.SX(0))
+        rates.append(
+            ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0)
+            if measured
+            else ca.SX(0)
+        )
         slopes.append(ca.jacobian(last, mean))
     values = ca.vertcat(*(slope.nz[k] for slope in slopes for k in range(slope.nnz())), ca.SX(0, 1))
     parameters, h = states.parameters(mean), ca.SX.sym("h")
@@ -129,13 +161,23 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     for slope in ca.vertsplit(ca.jacobian(torques, mean)):
         # torques are sums of states of their own: their variances add up
         _, at = slope.sparsity().get_triplet()
-        spreads.append(ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0))
+        spreads.append(
+            ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0)
+        )
     nj = context.n_joints
     q, v = ca.vertcat(mean[:nj], *starts), ca.vertcat(mean[nj : 2 * nj], *rates)
     for j, std in friction_stds(states, q, v, mean, covariance).items():
         spreads[j] = ca.sqrt(spreads[j] ** 2 + std**2)
     response, responding = respond(dt / count, parameters), _responding(states)
-    outputs = [ca.vertcat(*starts), ca.vertcat(*rates), torques, values, ca.vertcat(*spreads), parameters, response]
+    outputs = [
+        ca.vertcat(*starts),
+        ca.vertcat(*rates),
+        torques,
+        values,
+        ca.vertcat(*spreads),
+        parameters,
+        response,
+    ]
     if responding:
         outputs.append(ca.jacobian(ca.vec(response[: context.n_joints, :2]), mean)[:, responding])
     arguments = [mean, covariance, memory, vector, x, p]
@@ -143,7 +185,9 @@ def _interval(states: StateVector, count: int) -> ca.Function:
 
 
 def _responding(states: StateVector) -> list[int]:
-    """Return which states change the responses a_ω and b_F of a joint: its inertia and damping act through them alone."""
+    """Return which states change the responses a_ω and b_F of a joint: its inertia and damping act
+    through them alone.
+    """
     mechanism, state, h = states.context.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
     if mechanism.chain is not None or states.context.joints_settle:
         return []
@@ -153,27 +197,37 @@ def _responding(states: StateVector) -> list[int]:
 
 
 def _substep(states: StateVector) -> ca.Function:
-    """Return one sub-step of the joints with its slopes, the drives moving as they were measured to.
+    """Return one sub-step of the joints with its slopes, the drives moving as they were measured
+    to.
 
-    (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω, slopes of ω⁺ by all else that the
-    joints move with, variance added to ω); slopes are transposed.
+    (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω, slopes of ω⁺ by
+    all else that the joints move with, variance added to ω); slopes are transposed.
     """
     context, nd, nj = states.context, states.context.n_drives, states.context.n_joints
     mechanism, p, acting = context.mechanism, context.mechanism.parameters.symbols, _acting(states)
     nb, count = mechanism.n_bodies, 2 * nj + len(acting)
-    q, v, torques, spreads = (ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj)))
-    response, h, state = ca.SX.sym("response", nb, 4), ca.SX.sym("h"), ca.SX.sym("state", len(states))
+    q, v, torques, spreads = (
+        ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj))
+    )
+    response, h, state = (
+        ca.SX.sym("response", nb, 4),
+        ca.SX.sym("h"),
+        ca.SX.sym("state", len(states)),
+    )
     rig_p = ca.SX.sym("rig_p", p.numel())
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
-    # what the rig declares may take a joint off its stop; a torque that forces tell of later moves what sticks alone
+    # what the rig declares may take a joint off its stop; a torque that forces tell of later moves
+    # what sticks alone
     pushed = [j for j, joint in enumerate(mechanism.rig.joints) if joint.external_torque.std > 0.0]
     stuck = {*doubted_frictions(states), *states.torque_states.values()}
     step = moving(context, kick, torques, spreads, pushed, sorted(stuck))
     along = ca.SX(nj, count + nd)
     along[:, count:] = step.by_place[:, nj:]
     if acting:
-        along[:, 2 * nj : count] += ca.mtimes(step.by_parameter, _parameter_slopes(states, rig_p)[:, acting])
+        along[:, 2 * nj : count] += ca.mtimes(
+            step.by_parameter, _parameter_slopes(states, rig_p)[:, acting]
+        )
         along[:, 2 * nj : count] += ca.mtimes(step.by_torque, torque_slopes[:, acting])
     arguments = [q, v, torques, h, spreads, p, response]
     responding = _responding(states)
@@ -182,11 +236,15 @@ def _substep(states: StateVector) -> ca.Function:
         at = [2 * nj + acting.index(i) for i in responding]
         along[:, at] += ca.mtimes(step.by_response, arguments[-1])
     outputs = [step.q, step.v, step.by_place[:, :nj].T, step.by_speed.T, along.T, step.rest]
-    return ca.Function("substep", [*arguments, rig_p], ca.cse([ca.densify(output) for output in outputs]))
+    return ca.Function(
+        "substep", [*arguments, rig_p], ca.cse([ca.densify(output) for output in outputs])
+    )
 
 
 def _parameter_slopes(states: StateVector, rig_p: Vector) -> Matrix:
-    """Return ∂p/∂state, (n_p, n), at the rig's own parameters, (n_p,): states enter the parameters linearly."""
+    """Return ∂p/∂state, (n_p, n), at the rig's own parameters, (n_p,): states enter the parameters
+    linearly.
+    """
     p, state = states.context.mechanism.parameters, ca.SX.sym("state", len(states))
     slopes = ca.jacobian(states.parameters(state), state)
     return ca.substitute(slopes, p.symbols, rig_p)

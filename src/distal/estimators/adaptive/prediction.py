@@ -1,4 +1,6 @@
-"""Predict mean and covariance: angles and speeds as they moved, all else stays, fades or walks. Equations (11) to (13)."""
+"""Predict mean and covariance: angles and speeds as they moved, all else stays, fades or walks.
+Equations (11) to (13).
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNod
 def predicted(
     states: StateVector, mean: VectorNode, covariance: MatrixNode, moved: Moved, interval: Interval
 ) -> tuple[VectorNode, MatrixNode]:
-    """Return mean and covariance after the joints have moved and what walks has walked: equations (10) to (12).
+    """Return mean and covariance after the joints have moved and what walks has walked: equations
+    (10) to (12).
 
     Only angles and speeds move: the rest of the covariance stays, but for walks.
     """
@@ -28,7 +31,15 @@ def predicted(
     ahead = ca.mtimes(moved.across(covariance), moved.slopes)
     products = ca.mtimes(moved.across(ahead.T), moved.slopes)
     places = moved.slopes[len(moved.chosen) :, :]
-    arguments = products, places, moved.speed_variances, interval.tracks, interval.memory, x, interval.p
+    arguments = (
+        products,
+        places,
+        moved.speed_variances,
+        interval.tracks,
+        interval.memory,
+        x,
+        interval.p,
+    )
     corner = _corner(context)(*arguments)
     after = ca.MX(covariance)
     for k in range(2 * nj):
@@ -46,9 +57,11 @@ def predicted(
 
 
 def _corner(context: FilterContext) -> ca.Function:
-    """Return (M P Mᵀ, S_drives, added to ω, tracks, memory, x, p) → the covariance of angles and speeds.
+    """Return (M P Mᵀ, S_drives, added to ω, tracks, memory, x, p) → the covariance of angles and
+    speeds.
 
-    Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places may have been followed.
+    Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places
+    may have been followed.
     """
     nj, nd = context.n_joints, context.n_drives
     products, of_places = ca.SX.sym("products", 2 * nj, 2 * nj), ca.SX.sym("S_drives", nd, 2 * nj)
@@ -59,7 +72,10 @@ def _corner(context: FilterContext) -> ca.Function:
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
     free, spread = context.mechanism.free, context.mechanism.spread
     added = (
-        [followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0] for j in free],
+        [
+            followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
+            for j in free
+        ],
         [speed_variances[j] + context.unmodelled(j) ** 2 * x[0] for j in free],
     )
     for i in range(2 * nj):
@@ -69,18 +85,32 @@ def _corner(context: FilterContext) -> ca.Function:
             )
             if (i < nj) == (j < nj):
                 covariance += sum(
-                    (spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k] for k in range(len(free))), ca.SX(0)
+                    (
+                        spread[i % nj, k] * spread[j % nj, k] * added[i // nj][k]
+                        for k in range(len(free))
+                    ),
+                    ca.SX(0),
                 )
             corner[i, j] = corner[j, i] = covariance
-    arguments = [products, of_places, speed_variances, vector, memory, x, context.mechanism.parameters.symbols]
+    arguments = [
+        products,
+        of_places,
+        speed_variances,
+        vector,
+        memory,
+        x,
+        context.mechanism.parameters.symbols,
+    ]
     return ca.Function("corner", arguments, ca.cse([ca.densify(corner)]))
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:
-    """Return the variance of θ by `tracks` of drives, and `memory`, whose place is not known: the joint follows at its arm.
+    """Return the variance of θ by `tracks` of drives, and `memory`, whose place is not known: the
+    joint follows at its arm.
 
-    What an unknown place does within one interval is small, but it stays wrong until it is measured again: the longer
-    it is missing, the more the joint has followed it. One missing sample does no harm. Equation (12).
+    What an unknown place does within one interval is small, but it stays wrong until it is measured
+    again: the longer it is missing, the more the joint has followed it. One missing sample does no
+    harm. Equation (12).
     """
     total, drives = ca.SX(0), Tracks(tracks, context.n_drives)
     ratio: Scalar
@@ -95,15 +125,20 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
 
 
 def shifted_variance(context: FilterContext, joint: int, tracks: VectorNode) -> ScalarNode:
-    """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of their sensors: (31)."""
+    """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of
+    their sensors: (31).
+    """
     total, drives = ca.MX(0), Tracks(tracks, context.n_drives)
     for i, (ratio, _) in context.moved_by(joint).items():
         total += (ratio * drives[i].shift_std) ** 2
     return total
 
 
-def revert(states: StateVector, prediction: Prediction, opened: Sequence[ScalarNode], interval: Interval) -> None:
-    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²) added. Equation (13).
+def revert(
+    states: StateVector, prediction: Prediction, opened: Sequence[ScalarNode], interval: Interval
+) -> None:
+    """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²)
+    added. Equation (13).
 
     To σ² of a torque is added what the variances `opened` of the drives' forces say (13b).
     """
@@ -122,12 +157,16 @@ def revert(states: StateVector, prediction: Prediction, opened: Sequence[ScalarN
             added += (1 - fade**2) * opened_torque(states.context, torques[at], opened)
         state[at] = fade * state[at]
         transition[at, :] = fade * transition[at, :]
-        row = fade * covariance[:, at]  # read once, so that the covariance is changed where it stands
+        row = (
+            fade * covariance[:, at]
+        )  # read once, so that the covariance is changed where it stands
         set_row(covariance, at, row, fade * row[at] + added)
 
 
 def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:
-    """Replace a row and a column of a covariance by `row`, (n, 1), with `variance` on the diagonal, in place."""
+    """Replace a row and a column of a covariance by `row`, (n, 1), with `variance` on the diagonal,
+    in place.
+    """
     covariance[:, at] = row
     covariance[at, :] = row.T
     covariance[at, at] = variance

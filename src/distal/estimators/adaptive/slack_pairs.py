@@ -1,4 +1,6 @@
-"""Between two slack tendons no force tells where a joint is, but it lies within the play that they leave: (26b)."""
+"""Between two slack tendons no force tells where a joint is, but it lies within the play that they
+leave: (26b).
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,10 @@ def within_play(
 ) -> tuple[VectorNode, MatrixNode]:
     """Return mean and covariance with what the plays say: (26b).
 
-    A drive that pulls with no more than U_most stretches each tendon of a pair by no more than U_most/(r k), so that the
-    joint lies within a width w. Where the filter is less sure than if all places of that were alike, w²/12, it is as
-    sure as that. The rule says the same at every sample, so that it is counted once.
+    A drive that pulls with no more than U_most stretches each tendon of a pair by no more than
+    U_most/(r k), so that the joint lies within a width w. Where the filter is less sure than if all
+    places of that were alike, w²/12, it is as sure as that. The rule says the same at every sample,
+    so that it is counted once.
     """
     updates = Downdate(covariance)
     numbers = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
@@ -37,7 +40,9 @@ def within_play(
         )
         across = updates.times(slope)
         spread, most = ca.fmax(along(slope, across), 1e-30), width**2 / 12
-        weight = ca.if_else(ca.logic_and(is_read, width > 0), ca.fmax(spread - most, 0) / spread**2, 0)
+        weight = ca.if_else(
+            ca.logic_and(is_read, width > 0), ca.fmax(spread - most, 0) / spread**2, 0
+        )
         change = -(weight * residual) * across
         change[list(told)] = 0
         mean = mean + change
@@ -46,12 +51,21 @@ def within_play(
 
 
 def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
-    """Yield drive and tendons of each pair that may be slack on both sides, of drives whose place and force are read."""
+    """Yield drive and tendons of each pair that may be slack on both sides, of drives whose place
+    and force are read.
+    """
     rig, p = context.mechanism.rig, context.mechanism.parameters
     for i, drive in enumerate(rig.drives):
         tendons = [k for k, tendon in enumerate(rig.tendons) if tendon.drive == drive.name]
-        plain = all(p.has(f"tendons.{k}.slack") and not p.has(f"tendons.{k}.stiffening") for k in tendons)
-        if len(tendons) != 2 or not plain or context.position_sensor(i) is None or context.force_sensor(i) is None:
+        plain = all(
+            p.has(f"tendons.{k}.slack") and not p.has(f"tendons.{k}.stiffening") for k in tendons
+        )
+        if (
+            len(tendons) != 2
+            or not plain
+            or context.position_sensor(i) is None
+            or context.force_sensor(i) is None
+        ):
             continue
         one, other = (rig.tendons[k].arms() for k in tendons)
         if one.keys() == other.keys() and all(one[name] * other[name] < 0 for name in one):
@@ -59,9 +73,11 @@ def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
 
 
 def play_function(states: StateVector, drive: int, pair: list[int]) -> ca.Function:
-    """Return (state, tracks, x, p) → how far from the middle of its play a joint is, the width, whether they are known.
+    """Return (state, tracks, x, p) → how far from the middle of its play a joint is, the width,
+    whether they are known.
 
-    The last is the slope of the first by the state, (n, 1), sparse. Both are measured along a tendon [m].
+    The last is the slope of the first by the state, (n, 1), sparse. Both are measured along a
+    tendon [m].
     """
     context, mechanism = states.context, states.context.mechanism
     nj, body, sensor = context.n_joints, context.n_joints + drive, context.force_sensor(drive)
@@ -70,17 +86,26 @@ def play_function(states: StateVector, drive: int, pair: list[int]) -> ca.Functi
     vector, p = ca.SX.sym("tracks", Tracks.size(context.n_drives)), mechanism.parameters
     tracks = Tracks(vector, context.n_drives)
     places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
-    q, bodies, numbers = ca.vertcat(state[:nj], *places), ca.SX.sym("q", mechanism.n_bodies), states.parameters(state)
+    q, bodies, numbers = (
+        ca.vertcat(state[:nj], *places),
+        ca.SX.sym("q", mechanism.n_bodies),
+        states.parameters(state),
+    )
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])
     stiffness = ca.vertcat(*(p[f"tendons.{k}.stiffness"] for k in pair))
     stretch = mechanism.elastic_forces(bodies)[pair] / stiffness
-    stretch, yields = ca.Function("stretch", [bodies, p.symbols], [stretch, levers * stiffness])(q, numbers)
+    stretch, yields = ca.Function("stretch", [bodies, p.symbols], [stretch, levers * stiffness])(
+        q, numbers
+    )
     limits = mechanics_function(context)(q, ca.SX.zeros(mechanism.n_bodies), numbers)[3]
     read = context.value(x, sensor)
     error = states.sensor_error(sensor, read, state)
     most = ca.fabs(read - error) + limits[body] + states.friction(drive, state)
     beyond = stretch - (most + LIMIT_STDS * ca.sqrt(context.noise(sensor))) / yields
-    residual, known = (beyond[0] - beyond[1]) / 2, is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)
+    residual, known = (
+        (beyond[0] - beyond[1]) / 2,
+        is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0),
+    )
     slope = ca.sparsify(ca.jacobian((stretch[0] - stretch[1]) / 2, state)).T
     outputs = [residual, -(beyond[0] + beyond[1]), known, slope]
     return ca.Function("play", [state, vector, x, p.symbols], ca.cse(outputs))

@@ -1,4 +1,6 @@
-"""Whether a stop holds a joint, as the filter judges it from its mean; of a kick `distal.model.stops` says it."""
+"""Whether a stop holds a joint, as the filter judges it from its mean; of a kick
+`distal.model.stops` says it.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ UNSURE = 2.0
 
 
 def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dict[int, ScalarNode]:
-    """Return joint → how deep its angle is in its stop, negative before it [rad]; joints without stops are left out.
+    """Return joint → how deep its angle is in its stop, negative before it [rad]; joints without
+    stops are left out.
 
     It is at a `mean`, (n,), with the kernel's parameters p.
     """
@@ -25,8 +28,11 @@ def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dic
     return depths
 
 
-def sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode) -> list[ScalarNode]:
-    """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else 1; with one joint 1.
+def sure_of_stops(
+    states: StateVector, mean: VectorNode, covariance: MatrixNode, p: VectorNode
+) -> list[ScalarNode]:
+    """Return of each drive 0 where it is not known whether a stop holds a joint that it moves, else
+    1; with one joint 1.
 
     It is at a `mean`, (n,), and `covariance`, (n, n), with the kernel's parameters p.
     """
@@ -37,7 +43,9 @@ def sure_of_stops(states: StateVector, mean: VectorNode, covariance: MatrixNode,
             sure[j] = 1 - ca.logic_and(-depth > 0, -depth < UNSURE * ca.sqrt(covariance[j, j]))
     products = list[ScalarNode]()
     for drive in rig.drives:
-        moved = {name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints}
+        moved = {
+            name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints
+        }
         product = ca.MX(1.0)
         for joint, is_sure in zip(rig.joints, sure):
             product = product * is_sure if joint.name in moved else product

@@ -1,4 +1,6 @@
-"""Play: what a drive's transmission passes on follows the measured effort by its hysteresis. Equations (14) and (15)."""
+"""Play: what a drive's transmission passes on follows the measured effort by its hysteresis.
+Equations (14) and (15).
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,19 @@ from distal.model import clip_moments
 from distal.sensor_errors import variance
 
 CALM = 8.0
-"""A play's effort is smoothed until its noise is below the limit over this: docs/reference/adaptive-equations.md, (14)."""
+"""A play's effort is smoothed until its noise is below the limit over this:
+docs/reference/adaptive-equations.md, (14).
+"""
 
 CREST = 2.0
-"""A play is moved by the crests of the noise: its limits are wider by this many of its standard deviations."""
+"""A play is moved by the crests of the noise: its limits are wider by this many of its standard
+deviations.
+"""
 
 TINY_STD = 1e-9
-"""Added to the standard deviation of x_z, so that its moments stay finite where it is certain [N, N m]."""
+"""Added to the standard deviation of x_z, so that its moments stay finite where it is certain [N, N
+m].
+"""
 
 
 def play(
@@ -32,11 +40,13 @@ def play(
     remembered: ScalarNode,
     interval: Interval,
 ) -> ScalarNode:
-    """Let what a drive transmits follow the measured effort by its play, in place; return the effort to remember.
+    """Let what a drive transmits follow the measured effort by its play, in place; return the
+    effort to remember.
 
-    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where it is free, it and its
-    uncertainty stay; where it is held at a limit, it is as certain as the limit. Noise of U does not wear it down. The
-    drives' mean speeds over the interval are `rates`, (n_drives,); `remembered` is their smoothed effort.
+    x_z⁺ = mean of clip(x_z, U − B_d ṡ − H, U − B_d ṡ + H) of a normal x_z (`clip_moments`): where
+    it is free, it and its uncertainty stay; where it is held at a limit, it is as certain as the
+    limit. Noise of U does not wear it down. The drives' mean speeds over the interval are `rates`,
+    (n_drives,); `remembered` is their smoothed effort.
     """
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
     transmitted = states.transmitted(drive)
@@ -55,29 +65,45 @@ def play(
 
 
 def reading_weight(block: Transmitted) -> float:
-    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against the play's limit: (14)."""
+    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against
+    the play's limit: (14).
+    """
     ratio = min((block.limit / CALM) ** 2 / variance(block.sensor), 1.0)
     return 2.0 * ratio / (1.0 + ratio)
 
 
-def smoothed_effort(context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector) -> Scalar:
+def smoothed_effort(
+    context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector
+) -> Scalar:
     """Return a drive's effort in a sample x, smoothed with the one `remembered`, 0 for none yet."""
     effort = context.value(x, block.sensor)
     following = remembered + reading_weight(block) * (effort - remembered)
     return ca.if_else(
-        is_read(context.mask(x, block.sensor)), ca.if_else(remembered == 0, effort, following), remembered
+        is_read(context.mask(x, block.sensor)),
+        ca.if_else(remembered == 0, effort, following),
+        remembered,
     )
 
 
 def play_function(states: StateVector, drive: int) -> ca.Function:
-    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added variance, is it read, effort⁺)."""
+    """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added variance, is
+    it read, effort⁺).
+    """
     context, n, nd = states.context, len(states), states.context.n_drives
     mechanism, p, nj = context.mechanism, context.mechanism.parameters.symbols, context.n_joints
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # as above
     at, block = transmitted
-    state, variance_of_z, vector = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("tracks", Tracks.size(nd))
-    rates, remembered, x = ca.SX.sym("rates", nd), ca.SX.sym("effort"), ca.SX.sym("x", context.width)
+    state, variance_of_z, vector = (
+        ca.SX.sym("state", n),
+        ca.SX.sym("P_z"),
+        ca.SX.sym("tracks", Tracks.size(nd)),
+    )
+    rates, remembered, x = (
+        ca.SX.sym("rates", nd),
+        ca.SX.sym("effort"),
+        ca.SX.sym("x", context.width),
+    )
     tracks = Tracks(vector, nd)
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
     q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
@@ -92,12 +118,20 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     share = reading_weight(block)
     left = share / (2 - share) * context.noise(block.sensor)
     held += CREST * ca.sqrt(left)
-    moments = clip_moments(effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_STD)
+    moments = clip_moments(
+        effort - held, effort + held, state[at], ca.sqrt(ca.fmax(variance_of_z, 0)) + TINY_STD
+    )
     row = (moments.by_high - moments.by_low) * slope
     row[0, at] += moments.by_mean
     ends = moments.by_low + moments.by_high
     row -= ends * ca.jacobian(error, state)
     read = is_read(context.mask(x, block.sensor))
-    outputs = [ca.if_else(read, moments.mean, state[at]), row.T, moments.rest + ends**2 * left, read, smoothed]
+    outputs = [
+        ca.if_else(read, moments.mean, state[at]),
+        row.T,
+        moments.rest + ends**2 * left,
+        read,
+        smoothed,
+    ]
     arguments = [state, variance_of_z, vector, rates, remembered, x, p]
     return ca.Function("play", arguments, ca.cse([ca.densify(output) for output in outputs]))

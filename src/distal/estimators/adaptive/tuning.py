@@ -1,7 +1,9 @@
-"""The tuning of the filter: how fast unknowns may change, how fast it learns, and when a reading is an outlier.
+"""The tuning of the filter: how fast unknowns may change, how fast it learns, and when a reading is
+an outlier.
 
-`Robustness` is one frozen description; `Robustness.none()` leaves the textbook filter. docs/explanation/adaptive-guards.md
-says where each number stands in the algorithm, `guards` has what is computed with those on wild readings and lost drives.
+`Robustness` is one frozen description; `Robustness.none()` leaves the textbook filter.
+docs/explanation/adaptive-guards.md says where each number stands in the algorithm, `guards` has
+what is computed with those on wild readings and lost drives.
 """
 
 from __future__ import annotations
@@ -14,12 +16,16 @@ from distal.estimators.dead_sensors import DEAD
 
 @dataclass(frozen=True)
 class Robustness:
-    """The numbers of the guards; each default says its unit, its meaning, and where it was measured.
+    """The numbers of the guards; each default says its unit, its meaning, and where it was
+    measured.
 
     Args:
-        wild_displacement: a reading farther than this times the recent motion from where it should be is wild [1].
-        real_jump: chance that a reading that is far from where it should be is a real jump, if nothing else is known [1].
-        persistence: a jump that stays for so long is 100 times as likely real; where a force can judge it [s].
+        wild_displacement: a reading farther than this times the recent motion from where it should
+            be is wild [1].
+        real_jump: chance that a reading that is far from where it should be is a real jump, if
+            nothing else is known [1].
+        persistence: a jump that stays for so long is 100 times as likely real; where a force can
+            judge it [s].
         persistence_alone: the same where no force can [s].
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose place is not known [s].
@@ -27,26 +33,36 @@ class Robustness:
         wild_force: a squared innovation beyond this times its variance counts less [1].
         sticking_time: for so long friction of a drive that sticks is the same [s].
         turning_time: the same while a drive turns back [s].
-        beyond_time: for so long what a force beyond its drive's friction tells counts as one sample [s]; 0: each does.
-        unknown_friction: std of friction that the rig does not declare, in those of the drive's force sensor [1]; 0: not
-            looked for.
+        beyond_time: for so long what a force beyond its drive's friction tells counts as one sample
+            [s]; 0: each does.
+        unknown_friction: std of friction that the rig does not declare, in those of the drive's
+            force sensor [1]; 0: not looked for.
         unknown_friction_walk: its random walk, in the same unit per √s.
         declared_friction: a drive with more friction than this at its nominal load declares it [N].
         learning_time: for so long what a force tells of a parameter counts as one sample [s] (24).
         learning_time_guarded: the same of a force whose drive declares no friction [s].
         creep_learning_time: the same for the creep of a tendon, of all forces [s].
-        reference_time: the same of a joint's own angle and the numbers of the rig [s]; 0: each does.
-        parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per √s.
+        reference_time: the same of a joint's own angle and the numbers of the rig [s]; 0: each
+            does.
+        parameter_walk: random walk of a parameter without a `drift`, in its standard deviations per
+            √s.
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
-        angle_walk: random walk of the joints' angles, which a stuck joint's model does not have [rad/√s].
-        dead_time: a place that is silent for so long, and for five intervals, may not come back [s].
-        opens_torques: a torque that the rig does not declare may act on a joint once forces say so (29).
-        zeros_jump: the zero of a position sensor may jump, where the drive's force contradicts a jump of the drive (2b).
-        moving_only: count only forces of drives that clearly move where friction is declared, as a fit does.
+        angle_walk: random walk of the joints' angles, which a stuck joint's model does not have
+            [rad/√s].
+        dead_time: a place that is silent for so long, and for five intervals, may not come back
+            [s].
+        opens_torques: a torque that the rig does not declare may act on a joint once forces say so
+            (29).
+        zeros_jump: the zero of a position sensor may jump, where the drive's force contradicts a
+            jump of the drive (2b).
+        moving_only: count only forces of drives that clearly move where friction is declared, as a
+            fit does.
     """
 
     wild_displacement: float = 6.0
-    """docs/results/guards.md: costs on loads that step, brings on bursts and random rigs with wild samples"""
+    """docs/results/guards.md: costs on loads that step, brings on bursts and random rigs with wild
+    samples
+    """
     real_jump: float = 0.1
     """docs/results/guards.md, bursts of five samples"""
     persistence: float = 0.02
@@ -54,7 +70,9 @@ class Robustness:
     persistence_alone: float = 0.05
     """docs/results/guards.md"""
     bend_share: float = 0.12
-    """a parabola misses 1/8 of its second difference; docs/reference/adaptive-equations.md, equation (6)"""
+    """a parabola misses 1/8 of its second difference; docs/reference/adaptive-equations.md,
+    equation (6)
+    """
     follow_time: float = 0.05
     """docs/results/guards.md: without it the band is too narrow where samples are missing"""
     followed_variance: float = 20.0
@@ -66,7 +84,9 @@ class Robustness:
     turning_time: float = 0.1
     """docs/results/guards.md; 10 samples of the paper's rig"""
     beyond_time: float = 0.0
-    """docs/explanation/chains.md: of a joint with its own drives one mean residual is compared anyway"""
+    """docs/explanation/chains.md: of a joint with its own drives one mean residual is compared
+    anyway
+    """
     unknown_friction: float = 0.7
     """docs/results/guards.md, and `python -m benchmarks.sensitivity`, table sensitivity-priors"""
     unknown_friction_walk: float = 0.6
@@ -76,27 +96,41 @@ class Robustness:
     reference_time: float = 0.0
     """docs/explanation/homing.md: of one joint a reference teaches as fast as it comes"""
     parameter_walk: float = 0.02
-    """docs/results/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is followed"""
+    """docs/results/guards.md: nothing on logs of 12 s; on a long log a parameter that drifts is
+    followed
+    """
     learning_time: float = 0.3
-    """docs/results/guards.md, "How fast parameters are learned"; of forces with declared friction, and of tensions"""
+    """docs/results/guards.md, "How fast parameters are learned"; of forces with declared friction,
+    and of tensions
+    """
     learning_time_guarded: float = 0.03
-    """as above; of forces with friction that is not declared, where `sticking_time` and `turning_time` do the most"""
+    """as above; of forces with friction that is not declared, where `sticking_time` and
+    `turning_time` do the most
+    """
     creep_learning_time: float = 10.0
-    """docs/explanation/model.md, "Creep": two tendons that creep against each other look like a joint that turns"""
+    """docs/explanation/model.md, "Creep": two tendons that creep against each other look like a
+    joint that turns
+    """
     unmodelled: float = 1.0
-    """the rig file says how much (docs/reference/rig-keys.md); without it the band is too narrow: docs/results/guards.md"""
+    """the rig file says how much (docs/reference/rig-keys.md); without it the band is too narrow:
+    docs/results/guards.md
+    """
     angle_walk: float = 0.0
     """docs/results/chains.md: of one joint, `unmodelled` does the same"""
     dead_time: float = DEAD
     """docs/results/chains.md: in a chain a force whose place is unknown misleads at once"""
     opens_torques: bool = False
-    """docs/results/chains.md, "Something happens"; of one joint friction and a torque cannot be told apart so soon"""
+    """docs/results/chains.md, "Something happens"; of one joint friction and a torque cannot be
+    told apart so soon
+    """
     zeros_jump: bool = False
     """docs/results/chains.md, "Something happens\""""
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
     asks_places: bool = True
-    """Whether places that no drive can have are missing; a fit leaves them out before: rigs of a kind share its kernel."""
+    """Whether places that no drive can have are missing; a fit leaves them out before: rigs of a
+    kind share its kernel.
+    """
 
     @property
     def guards_displacements(self) -> bool:
@@ -105,9 +139,11 @@ class Robustness:
 
     @classmethod
     def none(cls) -> Robustness:
-        """Return no guards: the textbook filter, right where the model is and the sensors err as described.
+        """Return no guards: the textbook filter, right where the model is and the sensors err as
+        described.
 
-        At a stop a force is still left out, since its contact force is part of no model of the joint.
+        At a stop a force is still left out, since its contact force is part of no model of the
+        joint.
         """
         return cls(
             wild_displacement=inf,
@@ -128,7 +164,8 @@ class Robustness:
     def usual(cls, n_joints: int) -> Robustness:
         """Return the guards that a rig gets unless others are given.
 
-        In a chain several forces depend on each joint, so that one sample of each counts more (docs/explanation/chains.md).
+        In a chain several forces depend on each joint, so that one sample of each counts more
+        (docs/explanation/chains.md).
         """
         if n_joints == 1:
             return cls()
@@ -146,5 +183,7 @@ class Robustness:
 
     @classmethod
     def fitting(cls) -> Robustness:
-        """Return the guards of a fit: it takes friction as the rig says, and goes by drives that clearly move."""
+        """Return the guards of a fit: it takes friction as the rig says, and goes by drives that
+        clearly move.
+        """
         return cls(unknown_friction=0.0, moving_only=True, asks_places=False)

@@ -23,11 +23,14 @@ from distal.kernels.layout import Layout
 from distal.kernels.mask import is_there, share_used
 
 SINCE = Layout(residual=1, limit=1, asymmetry=1, residual_variance=1, limit_variance=1, memory=1)
-"""Changes of a row since the prior by the rows before it, variances of residual and limit by the state's (r_x P r_xᵀ,
-l_x P l_xᵀ), and what is remembered of the drive."""
+"""Changes of a row since the prior by the rows before it, variances of residual and limit by the
+state's (r_x P r_xᵀ, l_x P l_xᵀ), and what is remembered of the drive.
+"""
 
 SMALLEST_VARIANCE = 1e-30
-"""A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0 is 0, in float too."""
+"""A row that tells nothing has no variance (a drive without a force sensor, its tendons slack): 0/0
+is 0, in float too.
+"""
 
 
 def updated(
@@ -37,10 +40,12 @@ def updated(
     memory: Sequence[dict[str, ScalarNode]],
     interval: Interval,
 ) -> tuple[VectorNode, MatrixNode, VectorNode]:
-    """Return mean, covariance, and (innovations, variances) after a sample; what is remembered of forces changes in place.
+    """Return mean, covariance, and (innovations, variances) after a sample; what is remembered of
+    forces changes in place.
 
-    For each row with slope A of what is expected: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺ = m + P Aᵀ ν/S',
-    P⁺ = P − P Aᵀ A P/S', but where states take a share of the gain only: equations (22) to (26).
+    For each row with slope A of what is expected: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺ =
+    m + P Aᵀ ν/S', P⁺ = P − P Aᵀ A P/S', but where states take a share of the gain only: equations
+    (22) to (26).
 
     Args:
         prediction: for the sample; it is not changed.
@@ -57,32 +62,43 @@ def updated(
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row, slopes, moved = at.row, at.slopes, mean - prior
-        by_residual, by_limit, by_asymmetry = (covariance.times(getattr(slopes, part)) for part in SLOPED)
+        by_residual, by_limit, by_asymmetry = (
+            covariance.times(getattr(slopes, part)) for part in SLOPED
+        )
         since = SINCE.joined(
             **{part: along(getattr(slopes, part), moved) for part in SLOPED},
             residual_variance=along(slopes.residual, by_residual),
             limit_variance=along(slopes.limit, by_limit),
             memory=ca.MX(0) if row.drive is None else memory[row.drive]["friction"],
         )
-        followed = ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
-        parts = comparison_function(states, row)(values=at.values, since=since, track=followed, dt=dt, p=p)
+        followed = (
+            ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
+        )
+        parts = comparison_function(states, row)(
+            values=at.values, since=since, track=followed, dt=dt, p=p
+        )
         comparison = Comparison(**{part.name: parts[part.name] for part in fields(Comparison)})
         across = -by_residual
         across = across + comparison.by_limit * by_limit if slopes.limit.nnz() else across
-        across = across + comparison.by_asymmetry * by_asymmetry if slopes.asymmetry.nnz() else across
+        across = (
+            across + comparison.by_asymmetry * by_asymmetry if slopes.asymmetry.nnz() else across
+        )
         spread = -along(slopes.residual, across)
         spread += comparison.by_limit * along(slopes.limit, across)
         spread += comparison.by_asymmetry * along(slopes.asymmetry, across)
         variance = comparison.variance
         if row.lasting > 1.0:
-            by_speeds = ca.vertcat(ca.MX(nj, 1), slopes.residual[nj : 2 * nj], ca.MX(len(states) - 2 * nj, 1))
+            by_speeds = ca.vertcat(
+                ca.MX(nj, 1), slopes.residual[nj : 2 * nj], ca.MX(len(states) - 2 * nj, 1)
+            )
             variance += (row.lasting - 1.0) * along(by_speeds, covariance.times(by_speeds))  # (16b)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
             spread + variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
         )
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted)
-        # nothing is learned by a drive's force while a joint that it moves may be held by a stop or not, (24b)
+        # nothing is learned by a drive's force while a joint that it moves may be held by a stop or
+        # not, (24b)
         taken = ca.DM(list(shares.values())) * (1 if row.drive is None else sure[row.drive])
         if shares:
             change[list(shares)] *= taken
@@ -90,7 +106,9 @@ def updated(
             # a mean residual moves with the state; a time does not
             declared = states.context.declares_friction(row.drive)
             kept = memory[row.drive]
-            kept["friction"] = comparison.memory + (along(slopes.residual, change) if declared else 0)
+            kept["friction"] = comparison.memory + (
+                along(slopes.residual, change) if declared else 0
+            )
             if row.measured:
                 # a place that is lost says nothing of torques
                 read = Tracks(tracks, nd)[row.drive].lost == 0
@@ -110,7 +128,8 @@ def updated(
 def comparison_function(states: StateVector, row: Row) -> ca.Function:
     """Return (values, since, track, dt, p) → the parts of `Comparison` of one row.
 
-    Values are its `ROW` at the prior, since is a `SINCE`, track is of its drive, zeros where it has none.
+    Values are its `ROW` at the prior, since is a `SINCE`, track is of its drive, zeros where it has
+    none.
     """
     context = states.context
     values, since = ca.SX.sym("values", ROW.size), ca.SX.sym("since", SINCE.size)
@@ -131,14 +150,17 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
             mask=prior["mask"],
         )
         comparison = compared(context, row.drive, Drive(*ca.vertsplit(track)), frictionless, dt)
-    parts = {part.name: ca.densify(ca.SX(getattr(comparison, part.name))) for part in fields(Comparison)}
+    parts = {
+        part.name: ca.densify(ca.SX(getattr(comparison, part.name))) for part in fields(Comparison)
+    }
     arguments = [values, since, track, dt, context.mechanism.parameters.symbols]
     names = ["values", "since", "track", "dt", "p"]
     return ca.Function("compare", arguments, ca.cse(list(parts.values())), names, list(parts))
 
 
 def weights(robustness: Robustness, trusted: bool) -> ca.Function:
-    """Return (S, ν, mask, counts) → (1/S' where it is used, its root, ν to show), see `robust_variance`.
+    """Return (S, ν, mask, counts) → (1/S' where it is used, its root, ν to show), see
+    `robust_variance`.
 
     What is not compared (its drive at a stop) has no innovation to show.
     """
@@ -147,4 +169,6 @@ def weights(robustness: Robustness, trusted: bool) -> ca.Function:
     robust = positive if trusted else robust_variance(robustness, positive, innovation)
     weight = share_used(mask) / robust
     shown = ca.if_else(ca.logic_and(is_there(mask), counts), innovation, np.nan)
-    return ca.Function("weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown])
+    return ca.Function(
+        "weights", [spread, innovation, mask, counts], [weight, ca.sqrt(weight), shown]
+    )

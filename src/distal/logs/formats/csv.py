@@ -22,19 +22,21 @@ SEPARATOR = "\0"
 """Between the cells of a file whose quotes were taken off: a text has no such byte."""
 
 COPIES, CELL = 3, 16
-"""Memory that reading takes: copies of the file, one more where it has quotes, and bytes for each cell; more than
-`python -m benchmarks.csv_readers` measures."""
+"""Memory that reading takes: copies of the file, one more where it has quotes, and bytes for each
+cell; more than `python -m benchmarks.csv_readers` measures.
+"""
 
 BLOCK = 1 << 16
 """So much is taken apart at once: more is slower, since it leaves the processor's cache [bytes]."""
 
 
 def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
-    """Return the cells of a CSV with a header as text, whichever `columns` are needed: each is taken apart as it is read.
+    """Return the cells of a CSV with a header as text, whichever `columns` are needed: each is
+    taken apart as it is read.
 
     Raises:
-        LogError: it cannot be read or is no text, the header repeats a name, a row is short, long or blank, or a quote is
-            left open.
+        LogError: it cannot be read or is no text, the header repeats a name, a row is short, long
+            or blank, or a quote is left open.
     """
     try:
         size = path.stat().st_size
@@ -91,7 +93,9 @@ def _check_text(path: Path, data: bytes, above: int) -> None:
     """Raise where the bytes are no text, or begin with a comment."""
     if b"\0" in data:
         if b"\0" in data[:4096]:
-            raise LogError(f"{path}: is not text; a CSV file is expected (Parquet needs the ending .parquet)")
+            raise LogError(
+                f"{path}: is not text; a CSV file is expected (Parquet needs the ending .parquet)"
+            )
         row = data[: data.index(0)].count(b"\n") + 1 + above
         raise LogError(f"{path}: row {row}: holds a zero byte, which is no text")
     if not data.isascii():
@@ -104,11 +108,16 @@ def _check_text(path: Path, data: bytes, above: int) -> None:
                 raise LogError(f"{path}: row {row}: is not UTF-8 text") from None
             row += block.count(b"\n") + 1
     if data.startswith(b"#"):
-        raise LogError(f"{path}: row {above + 1}: begins with '#'; comment lines are not supported, remove them")
+        raise LogError(
+            f"{path}: row {above + 1}: begins with '#'; comment lines are not supported, remove "
+            "them"
+        )
 
 
 def _without_quotes(path: Path, data: bytes, separator: str, above: int) -> bytes:
-    """Return the text without its quotes; a quote ends in the line in which it begins, or the file is refused."""
+    """Return the text without its quotes; a quote ends in the line in which it begins, or the file
+    is refused.
+    """
     lines = (line.removesuffix(b"\n").decode() for line in io.BytesIO(data))
     reader = csv.reader(lines, delimiter=separator, strict=True)
     rows: list[bytes] = []
@@ -117,17 +126,22 @@ def _without_quotes(path: Path, data: bytes, separator: str, above: int) -> byte
             begins = above + len(rows) + 1
             if above + reader.line_num != begins:
                 raise LogError(
-                    f"{path}: row {begins}: a quote is opened and not closed in this row; a cell may not hold a line break"
+                    f"{path}: row {begins}: a quote is opened and not closed in this row; a cell "
+                    "may not hold a line break"
                 )
             rows.append(SEPARATOR.join(row).encode())
     except csv.Error as problem:
         begins = above + len(rows) + 1
-        raise LogError(f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?") from None
+        raise LogError(
+            f"{path}: row {begins}: cannot be read as CSV ({problem}); is a quote not closed?"
+        ) from None
     return b"\n".join(rows)
 
 
 def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: int) -> int:
-    """Return the number of rows below the header; raise where one is blank, or shorter or longer than the header."""
+    """Return the number of rows below the header; raise where one is blank, or shorter or longer
+    than the header.
+    """
     row = above
     for row, line in enumerate(io.BytesIO(data), above + 1):
         cells = line.count(separator) + 1
@@ -135,17 +149,23 @@ def _checked_rows(path: Path, data: bytes, separator: bytes, width: int, above: 
             raise LogError(f"{path}: row {row}: is blank; remove it")
         if cells != width:
             kind = "short" if cells < width else "long"
-            raise LogError(f"{path}: row {row}: is too {kind} ({cells} cells; the header has {width})")
+            raise LogError(
+                f"{path}: row {row}: is too {kind} ({cells} cells; the header has {width})"
+            )
     return row - above - 1
 
 
 def write_csv(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
-    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits that tell it."""
+    """Return columns as the content of a file; NaN is an empty cell, and a number has the digits
+    that tell it.
+    """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     lists = (np.asarray(column).tolist() for column in columns.values())
-    writer.writerows(zip(*([None if cell != cell else cell for cell in column] for column in lists)))
+    writer.writerows(
+        zip(*([None if cell != cell else cell for cell in column] for column in lists))
+    )
     return text.getvalue().encode()
 
 

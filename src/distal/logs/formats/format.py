@@ -14,7 +14,8 @@ from distal.logs.cells import Cells
 
 @dataclass(frozen=True)
 class Message:
-    """One message of a recording: when it was `recorded` and the stamp in its header, if it has one [ns], and its fields.
+    """One message of a recording: when it was `recorded` and the stamp in its header, if it has one
+    [ns], and its fields.
 
     `read` gives a field, None where it is not there; those of JSON may be looked for by name alone.
     """
@@ -32,11 +33,14 @@ class Format:
 
     Args:
         endings: of the names of its files, in lower case.
-        read: path and the columns that are needed (None: all) → the table; columns that are not needed may be left out.
+        read: path and the columns that are needed (None: all) → the table; columns that are not
+            needed may be left out.
         messages: path and a set → the messages; the topics that are there are put into the set.
         write: columns → the content of a file; None where results cannot be written so.
-        package: without which nothing can be written, and the extra of distal that installs it, or None.
-        apart: whether files are read in a process of its own: where compiled code reads them, a damaged one may end it.
+        package: without which nothing can be written, and the extra of distal that installs it, or
+            None.
+        apart: whether files are read in a process of its own: where compiled code reads them, a
+            damaged one may end it.
         folder: the file by which a folder is a log of this format, None where none is.
     """
 

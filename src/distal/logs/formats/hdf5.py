@@ -1,4 +1,6 @@
-"""HDF5 files: each data set of one number, or of a vector, per row is a column, by its path in the file."""
+"""HDF5 files: each data set of one number, or of a vector, per row is a column, by its path in the
+file.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,12 @@ WIDEST_VECTOR = 256
 
 
 def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
-    """Return columns (None: all) of an HDF5 file; those of a vector are ``group/name.0``, ``group/name.1`` and so on.
+    """Return columns (None: all) of an HDF5 file; those of a vector are ``group/name.0``,
+    ``group/name.1`` and so on.
 
     Raises:
-        LogError: it is not such a file, its columns have different lengths, they take more memory than is allowed, or
-            h5py is missing.
+        LogError: it is not such a file, its columns have different lengths, they take more memory
+            than is allowed, or h5py is missing.
     """
     try:
         import h5py
@@ -35,18 +38,29 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             parts = dict[str, Any]()
             file.visititems(parts.__setitem__)
             sets = {name: part for name, part in parts.items() if _is_column(part)}
-            places = {column: (name, k) for name, part in sets.items() for column, k in _columns(name, part)}
+            places = {
+                column: (name, k)
+                for name, part in sets.items()
+                for column, k in _columns(name, part)
+            }
             chosen = {column: place for column, place in places.items() if needed(column, columns)}
-            size = sum(sets[name].dtype.itemsize * sets[name].shape[0] for name, _ in chosen.values())
+            size = sum(
+                sets[name].dtype.itemsize * sets[name].shape[0] for name, _ in chosen.values()
+            )
             check_memory(path, 3 * size, f"it holds {len(chosen)} columns of that")
             held = dict[str, Column]()
             for column, (name, k) in chosen.items():
                 held[column] = np.asarray(sets[name][:] if k is None else sets[name][:, k])
     except OSError as problem:
-        raise LogError(f"{path}: is not an HDF5 file, or a damaged one ({str(problem)[:120]})") from None
+        raise LogError(
+            f"{path}: is not an HDF5 file, or a damaged one ({str(problem)[:120]})"
+        ) from None
     lengths = {len(column) for column in held.values()}
     if len(lengths) > 1:
-        raise LogError(f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} rows")
+        raise LogError(
+            f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
+            "rows"
+        )
     return in_memory(held, path, 1, list(places))
 
 
@@ -62,7 +76,11 @@ def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
     if len(part.shape) == 1:
         return [(name, None)]
     names = part.attrs.get("names")
-    told = None if names is None else [n.decode() if isinstance(n, bytes) else str(n) for n in np.ravel(names)]
+    told = (
+        None
+        if names is None
+        else [n.decode() if isinstance(n, bytes) else str(n) for n in np.ravel(names)]
+    )
     return [(column, k) for k, column in enumerate(numbered(name, told, part.shape[1]))]
 
 

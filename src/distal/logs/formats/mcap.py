@@ -16,7 +16,9 @@ from distal.logs.messages import find
 
 
 def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a file, as they were recorded; names of its topics are put into `topics`."""
+    """Yield the messages of a file, as they were recorded; names of its topics are put into
+    `topics`.
+    """
     try:
         from mcap.reader import make_reader
     except ImportError:
@@ -27,7 +29,9 @@ def read_mcap(path: Path, topics: set[str]) -> Iterator[Message]:
         summary = reader.get_summary()
         for chunk in [] if summary is None else summary.chunk_indexes:
             check_memory(
-                path, 2 * chunk.uncompressed_size, f"its header says {chunk.uncompressed_size:,} bytes in a chunk"
+                path,
+                2 * chunk.uncompressed_size,
+                f"its header says {chunk.uncompressed_size:,} bytes in a chunk",
             )
         # as they were recorded: a clock that was set back is then seen
         for schema, channel, message in reader.iter_messages(log_time_order=False):
@@ -51,7 +55,9 @@ def _typestore(path: Path, schema: Any) -> Any:
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
-        raise LogError(f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')") from None
+        raise LogError(
+            f"{path}: messages of ROS need the package rosbags (pip install '.[ros]')"
+        ) from None
     store = get_typestore(Stores.LATEST)
     if schema.name not in store.fielddefs and schema.encoding == "ros2msg":
         store.register(get_types_from_msg(schema.data.decode(), schema.name))

@@ -1,4 +1,6 @@
-"""Parquet files: the columns that are asked for, after a look at what their header says they take."""
+"""Parquet files: the columns that are asked for, after a look at what their header says they
+take.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +33,16 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
     """Return columns (None: all) of a Parquet file as far as it has them.
 
     Raises:
-        LogError: it is not such a file, what is asked for takes more memory than is allowed or is neither numbers nor
-            dates nor text, or pyarrow is missing.
+        LogError: it is not such a file, what is asked for takes more memory than is allowed or is
+            neither numbers nor dates nor text, or pyarrow is missing.
     """
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise LogError(f"{path}: Parquet needs the package pyarrow (pip install '.[parquet]')") from None
+        raise LogError(
+            f"{path}: Parquet needs the package pyarrow (pip install '.[parquet]')"
+        ) from None
     try:
         source = path.open("rb")
     except OSError as problem:
@@ -49,11 +53,21 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             schema, rows = file.schema_arrow, file.metadata.num_rows
             vectors = _vectors(path, file)
             inside = {name: place for name, place in vectors.items() if needed(name, columns)}
-            chosen = [name for name in schema.names if needed(name, columns) or name in dict(inside.values())]
-            chosen = [name for name in chosen if name not in dict(vectors.values()) or name in dict(inside.values())]
+            chosen = [
+                name
+                for name in schema.names
+                if needed(name, columns) or name in dict(inside.values())
+            ]
+            chosen = [
+                name
+                for name in chosen
+                if name not in dict(vectors.values()) or name in dict(inside.values())
+            ]
             kinds = {name: schema.field(name).type for name in chosen}
             size = rows * sum(_bytes_of(kind) for kind in kinds.values())
-            check_memory(path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns")
+            check_memory(
+                path, COPIES * size, f"its header says {rows:,} rows of {len(chosen)} columns"
+            )
             # a text that is the same in all rows is then held once
             texts = [name for name, kind in kinds.items() if str(kind) in TEXTS]
             file = pyarrow.parquet.ParquetFile(source, read_dictionary=texts)
@@ -62,15 +76,24 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             held: dict[str, Column] = {name: _column(path, name, table[name]) for name in whole}
             for name, (column, k) in inside.items():
                 held[name] = _of_vectors(path, column, table[column], k)
-            return in_memory(held, path, 1, [*(n for n in schema.names if n not in dict(vectors.values())), *vectors])
+            return in_memory(
+                held,
+                path,
+                1,
+                [*(n for n in schema.names if n not in dict(vectors.values())), *vectors],
+            )
         except MemoryError:  # Arrow's own is one of its other errors, too
             raise
         except (pyarrow.ArrowException, OSError, KeyError, UnicodeDecodeError) as problem:
-            raise LogError(f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})") from None
+            raise LogError(
+                f"{path}: is not a Parquet file ({(str(problem).splitlines() or [''])[0][:160]})"
+            ) from None
 
 
 def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
-    """Return name → column and place of each number in a column of vectors, all of the length of the first."""
+    """Return name → column and place of each number in a column of vectors, all of the length of
+    the first.
+    """
     from pyarrow import types
 
     found = dict[str, tuple[str, int]]()
@@ -93,9 +116,13 @@ def _of_vectors(path: Path, name: str, column: Any, place: int) -> Column:
     import pyarrow.compute
 
     chunks = column.combine_chunks()
-    lengths = np.asarray(pyarrow.compute.list_value_length(chunks).to_numpy(zero_copy_only=False), dtype=np.float64)
+    lengths = np.asarray(
+        pyarrow.compute.list_value_length(chunks).to_numpy(zero_copy_only=False), dtype=np.float64
+    )
     if len(lengths) and (np.isnan(lengths).any() or np.ptp(lengths) > 0.0):
-        raise LogError(f"{path}: column '{name}' holds vectors of different lengths, or misses some")
+        raise LogError(
+            f"{path}: column '{name}' holds vectors of different lengths, or misses some"
+        )
     return np.asarray(pyarrow.compute.list_element(chunks, place).to_numpy(zero_copy_only=False))
 
 
@@ -108,7 +135,9 @@ def _bytes_of(kind: Any) -> int:
 
 
 def _column(path: Path, name: str, column: Any) -> Column:
-    """Return a column of Arrow: whole numbers stay whole where none is missing, dates keep their unit."""
+    """Return a column of Arrow: whole numbers stay whole where none is missing, dates keep their
+    unit.
+    """
     import pyarrow.compute
     from pyarrow import types
 
@@ -120,10 +149,19 @@ def _column(path: Path, name: str, column: Any) -> Column:
             length += pyarrow.compute.sum(lengths).as_py() or 0
         check_memory(path, COPIES * length, f"its column {name} holds {length:,} bytes of text")
         read = ((texts.to_pylist(), places.to_pylist()) for texts, places in parts)
-        return ["" if place is None else texts[place] or "" for texts, places in read for place in places]
+        return [
+            "" if place is None else texts[place] or ""
+            for texts, places in read
+            for place in places
+        ]
     if types.is_decimal(kind):
         column = column.cast("float64")
-    elif not (types.is_integer(kind) or types.is_floating(kind) or types.is_timestamp(kind) or types.is_date(kind)):
+    elif not (
+        types.is_integer(kind)
+        or types.is_floating(kind)
+        or types.is_timestamp(kind)
+        or types.is_date(kind)
+    ):
         raise LogError(f"{path}: column '{name}' holds {kind}; numbers are expected")
     return np.asarray(column.to_numpy())
 
@@ -139,4 +177,9 @@ def write_parquet(columns: Mapping[str, NDArray[np.generic]]) -> bytes:
     return buffer.getvalue()
 
 
-PARQUET = Format(endings=(".parquet", ".pq"), read=read_parquet, write=write_parquet, package=("pyarrow", "parquet"))
+PARQUET = Format(
+    endings=(".parquet", ".pq"),
+    read=read_parquet,
+    write=write_parquet,
+    package=("pyarrow", "parquet"),
+)

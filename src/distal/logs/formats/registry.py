@@ -19,10 +19,14 @@ TABLES = tuple(ending for kind in FORMATS if kind.read is not None for ending in
 
 
 def format_of(path: str | Path) -> Format:
-    """Return the format of a log by its name, of a folder by what is in it; a name without a known ending is CSV."""
+    """Return the format of a log by its name, of a folder by what is in it; a name without a known
+    ending is CSV.
+    """
     path = Path(path)
     with suppress(OSError, ValueError):  # no name that a file could have; reading it says so
         for kind in FORMATS:
-            if path.suffix.lower() in kind.endings or (kind.folder is not None and (path / kind.folder).is_file()):
+            if path.suffix.lower() in kind.endings or (
+                kind.folder is not None and (path / kind.folder).is_file()
+            ):
                 return kind
     return CSV

@@ -14,7 +14,9 @@ def stamp_of(message: object) -> int | None:
 
 
 def field(message: object, path: str) -> object:
-    """Return a field of a message of ROS, ``wrench.force.z`` or ``position[0]``; None if it is not there."""
+    """Return a field of a message of ROS, ``wrench.force.z`` or ``position[0]``; None if it is not
+    there.
+    """
     for part in _parts(path):
         if isinstance(part, int):
             if not isinstance(message, Sequence | np.ndarray) or part >= len(message):

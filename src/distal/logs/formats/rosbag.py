@@ -12,13 +12,17 @@ from distal.logs.formats.ros_messages import field, stamp_of
 
 
 def read_rosbag(path: Path, topics: set[str]) -> Iterator[Message]:
-    """Yield the messages of a bag, or of the database in it; names of its topics are put into `topics`."""
+    """Yield the messages of a bag, or of the database in it; names of its topics are put into
+    `topics`.
+    """
     path = path.parent if path.suffix.lower() == ".db3" else path
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise LogError(f"{path}: ROS bags need the package rosbags (pip install '.[ros]')") from None
+        raise LogError(
+            f"{path}: ROS bags need the package rosbags (pip install '.[ros]')"
+        ) from None
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         topics.update(connection.topic for connection in reader.connections)
         for connection, recorded, raw in reader.messages():

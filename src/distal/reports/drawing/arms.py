@@ -27,11 +27,15 @@ MOST_CURVES = 12
 
 
 def changing_arms(rig: Rig) -> Changing:
-    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own angle."""
+    """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own
+    angle.
+    """
     mechanism, changing = Mechanism(rig), Changing()
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
     jacobian = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])
-    start = np.array([*(joint.initial.value for joint in rig.joints), *np.zeros(mechanism.n_drives)])
+    start = np.array(
+        [*(joint.initial.value for joint in rig.joints), *np.zeros(mechanism.n_drives)]
+    )
     for j, joint in enumerate(rig.joints):
         angles = np.linspace(*(joint.stops or (-np.pi / 3, np.pi / 3)), POINTS)
         postures = (np.where(np.arange(len(start)) == j, angle, start) for angle in angles)
@@ -54,7 +58,9 @@ def _columns(rig: Rig) -> tuple[float, list[float]]:
 
 
 def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
-    """Write `arms`, (n_tendons, n_joints) [m], as a table below and right of a corner; return the opposite corner."""
+    """Write `arms`, (n_tendons, n_joints) [m], as a table below and right of a corner; return the
+    opposite corner.
+    """
     first, widths = _columns(rig)
     sheet.write((at[0], at[1] - 0.08), "Moment arms at zero [mm]; + pulls to +θ", bold=True)
     top, right = at[1] - 0.3, at[0] + first + sum(widths)
@@ -79,7 +85,11 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
 def draw_curves(axes: Axes, rig: Rig, changing: Changing) -> None:
     """Draw the arms of `changing_arms` over the joint's own angle."""
     for (i, j), (angles, arms) in list(changing.items())[:MOST_CURVES]:
-        label = rig.tendons[i].name if len(rig.joints) == 1 else f"{rig.tendons[i].name} at {rig.joints[j].name}"
+        label = (
+            rig.tendons[i].name
+            if len(rig.joints) == 1
+            else f"{rig.tendons[i].name} at {rig.joints[j].name}"
+        )
         style = {"color": COLOURS[i % len(COLOURS)], "ls": DASHES[(i + j) % len(DASHES)]}
         axes.plot(np.rad2deg(angles), 1e3 * arms, label=label, lw=1.3, **style)
     axes.set_xlabel("angle of the joint [°]", fontsize=7)

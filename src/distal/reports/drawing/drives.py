@@ -1,4 +1,5 @@
-"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the joints.
+"""Drives on paper: a motor with its spool, or a slider on its rail, in a column to the left of the
+joints.
 
 `lines` is what is written beside a drive, for its badges.
 """
@@ -40,16 +41,26 @@ def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
     return [*lines, *sensor_lines(rig, drive)]
 
 
-def draw_capstan(sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int) -> None:
-    """Draw a motor seen along its shaft, at a scale [in/m]; `way` is +1 where a positive angle turns counter-clockwise."""
+def draw_capstan(
+    sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int
+) -> None:
+    """Draw a motor seen along its shaft, at a scale [in/m]; `way` is +1 where a positive angle
+    turns counter-clockwise.
+    """
     from matplotlib.patches import FancyBboxPatch
 
     half = motor_half(drive, scale)
     x, y = at
     body = FancyBboxPatch(
-        (x - half + 0.04, y - half + 0.04), 2 * half - 0.08, 2 * half - 0.08, boxstyle="round,pad=0.04",
-        facecolor=FAINT, edgecolor=INK, lw=0.9, zorder=1.5,
-    )  # fmt: skip
+        (x - half + 0.04, y - half + 0.04),
+        2 * half - 0.08,
+        2 * half - 0.08,
+        boxstyle="round,pad=0.04",
+        facecolor=FAINT,
+        edgecolor=INK,
+        lw=0.9,
+        zorder=1.5,
+    )
     sheet.patch(body, (x - half, y - half), (x + half, y + half))
     for a, b in product((-1, 1), repeat=2):
         sheet.disc((x + a * (half - 0.055), y + b * (half - 0.055)), 0.018, WHITE, SOFT, order=1.6)
@@ -66,9 +77,15 @@ def motor_half(drive: Capstan, scale: float) -> float:
 
 
 def draw_slider(
-    sheet: Sheet, drive: Slider, lines: Sequence[Line], right: Point, lanes: Sequence[float], scale: float
+    sheet: Sheet,
+    drive: Slider,
+    lines: Sequence[Line],
+    right: Point,
+    lanes: Sequence[float],
+    scale: float,
 ) -> float:
-    """Draw a carriage on its rail, pulled from the left, at a scale [in/m], and return where its tendons begin [in].
+    """Draw a carriage on its rail, pulled from the left, at a scale [in/m], and return where its
+    tendons begin [in].
 
     The rail ends at `right`; `lanes` are the heights of the tendons [in].
     """
@@ -95,5 +112,10 @@ def draw_slider(
 
 
 def glyph_width(rig: Rig, scale: float) -> float:
-    """Return the width of the column of drives, without what is written beside them [in], at a scale [in/m]."""
-    return max(2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE for d in rig.drives)
+    """Return the width of the column of drives, without what is written beside them [in], at a
+    scale [in/m].
+    """
+    return max(
+        2 * motor_half(d, scale) + 0.45 if isinstance(d, Capstan) else RAIL + BADGE
+        for d in rig.drives
+    )

@@ -20,7 +20,8 @@ STUB = 2.6
 
 @dataclass(frozen=True)
 class Stand:
-    """Where a joint stands on paper, in metres, or in inches once it is scaled; x points to the right, y up.
+    """Where a joint stands on paper, in metres, or in inches once it is scaled; x points to the
+    right, y up.
 
     Args:
         centre: its axis.
@@ -45,24 +46,29 @@ class Stand:
     @property
     def tip(self) -> Point:
         """The end of its link."""
-        return self.centre[0] + self.reach * cos(self.towards), self.centre[1] + self.reach * sin(self.towards)
+        return self.centre[0] + self.reach * cos(self.towards), self.centre[1] + self.reach * sin(
+            self.towards
+        )
 
     def scaled(self, scale: float) -> Stand:
         """Return it in other units of length."""
         centre = scale * self.centre[0], scale * self.centre[1]
-        mass_at = None if self.mass_at is None else (scale * self.mass_at[0], scale * self.mass_at[1])
+        mass_at = (
+            None if self.mass_at is None else (scale * self.mass_at[0], scale * self.mass_at[1])
+        )
         return replace(self, centre=centre, mass_at=mass_at, reach=scale * self.reach)
 
 
 View = tuple[Floats, Floats, int]
-"""What points right on paper, what points up, and how a positive angle turns: +1 counter-clockwise."""
+"""What points right on paper, what points up, and how a positive angle turns: +1 counter-clockwise.
+"""
 
 
 def views_of(rig: Rig) -> list[View]:
     """Return how each joint is seen: along its axis.
 
-    Joints with parallel axes are seen from one side. The others are seen so that +θ turns as at the first joint: a tendon
-    that stays on one side of all joints does so on paper.
+    Joints with parallel axes are seen from one side. The others are seen so that +θ turns as at the
+    first joint: a tendon that stays on one side of all joints does so on paper.
     """
     views: list[View] = []
     for joint in rig.joints:
@@ -78,7 +84,9 @@ def views_of(rig: Rig) -> list[View]:
 
 
 def view_along(axis: tuple[float, float, float]) -> View:
-    """Return how an axis, a unit vector, is seen: about y, x points right and z up, and +θ turns clockwise."""
+    """Return how an axis, a unit vector, is seen: about y, x points right and z up, and +θ turns
+    clockwise.
+    """
     a = np.asarray(axis)
     right = np.array([1.0, 0.0, 0.0]) - a[0] * a
     if float(np.linalg.norm(right)) < 0.3:
@@ -106,7 +114,11 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
         moved, near = False, 0.3 if parent is not None else 2.0
         while any(hypot(place[0] - x, place[1] - y) < near * arm for x, y in centres):
             # on the base below the others, on a link further out
-            place = (place[0] + APART * arm, place[1]) if parent is not None else (place[0], place[1] - APART * arm)
+            place = (
+                (place[0] + APART * arm, place[1])
+                if parent is not None
+                else (place[0], place[1] - APART * arm)
+            )
             moved = True
         centres.append(place)
         apart.append(moved)
@@ -117,7 +129,18 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
         if child is not None:
             across, up = centres[child][0] - centres[i][0], centres[child][1] - centres[i][1]
             towards, reach = atan2(up, across), hypot(across, up)
-        placed.append(Stand(centres[i], views[i][2], rig.parent_of(i), apart[i], towards, reach, mass_at, described))
+        placed.append(
+            Stand(
+                centres[i],
+                views[i][2],
+                rig.parent_of(i),
+                apart[i],
+                towards,
+                reach,
+                mass_at,
+                described,
+            )
+        )
     return placed
 
 
@@ -128,22 +151,35 @@ def _on_paper(vector: Floats, view: View) -> Point:
     return (across, up) if hypot(across, up) > 0.5 * length else (length, 0.0)
 
 
-def _link(joint: Joint, centre: Point, view: View, arm: float) -> tuple[float, float, Point | None, bool]:
-    """Return direction and length of a joint's link, its centre of mass, and whether the rig describes it."""
+def _link(
+    joint: Joint, centre: Point, view: View, arm: float
+) -> tuple[float, float, Point | None, bool]:
+    """Return direction and length of a joint's link, its centre of mass, and whether the rig
+    describes it.
+    """
     if joint.link is not None:
         across, up = _on_paper(np.asarray(joint.link.centre), view)
         if hypot(across, up) > 0.0:
-            return atan2(up, across), 2.0 * hypot(across, up), (centre[0] + across, centre[1] + up), True
+            return (
+                atan2(up, across),
+                2.0 * hypot(across, up),
+                (centre[0] + across, centre[1] + up),
+                True,
+            )
     elif joint.gravity is not None and joint.gravity.distance.value > 0.0:
         # at its hanging angle the centre of mass is straight below
-        towards, length = -pi / 2 - view[2] * joint.gravity.hanging_angle.value, joint.gravity.distance.value
+        towards, length = (
+            -pi / 2 - view[2] * joint.gravity.hanging_angle.value,
+            joint.gravity.distance.value,
+        )
         at = (centre[0] + length * cos(towards), centre[1] + length * sin(towards))
         return towards, max(1.4 * length, 1.5 * arm), at, True
     return 0.0, STUB * arm, None, False
 
 
 def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
-    """Return the direction of free fall on paper, (right, up, towards the reader), and its size [m/s²].
+    """Return the direction of free fall on paper, (right, up, towards the reader), and its size
+    [m/s²].
 
     None where it moves nothing.
     """
@@ -151,10 +187,13 @@ def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
         return np.array([0.0, -1.0, 0.0]), 9.80665
     pull = np.asarray(rig.base.gravity)
     size = float(np.linalg.norm(pull))
-    if size == 0.0 or not any(joint.link is not None and joint.link.mass.value > 0.0 for joint in rig.joints):
+    if size == 0.0 or not any(
+        joint.link is not None and joint.link.mass.value > 0.0 for joint in rig.joints
+    ):
         return None
     for k, angle in reversed(list(enumerate(rig.base.orientation))):
-        # turned by roll, pitch and yaw about the world's axes, and here back again, the last one first
+        # turned by roll, pitch and yaw about the world's axes, and here back again, the last one
+        # first
         i, j = (k + 1) % 3, (k + 2) % 3
         c, s = cos(angle), sin(angle)
         pull = pull.copy()

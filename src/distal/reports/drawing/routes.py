@@ -19,7 +19,8 @@ class Wheel:
 
     Args:
         radius: zero for a point.
-        way: +1 counter-clockwise, −1 clockwise, the way outwards; the tendon pulls it the other way round.
+        way: +1 counter-clockwise, −1 clockwise, the way outwards; the tendon pulls it the other way
+            round.
     """
 
     centre: Point
@@ -33,7 +34,9 @@ class Wheel:
 
 
 def heading(first: Wheel, last: Wheel) -> float:
-    """Return the direction of the straight line that leaves one circle and meets the next one [rad]."""
+    """Return the direction of the straight line that leaves one circle and meets the next one
+    [rad].
+    """
     across, up = last.centre[0] - first.centre[0], last.centre[1] - first.centre[1]
     apart = hypot(across, up)
     if apart == 0.0:
@@ -44,12 +47,16 @@ def heading(first: Wheel, last: Wheel) -> float:
 
 
 def route(wheels: Sequence[Wheel], wrap: float) -> list[Point]:
-    """Return the points of a tendon's way past at least two circles; on the last one it ends after some wrap [rad]."""
+    """Return the points of a tendon's way past at least two circles; on the last one it ends after
+    some wrap [rad].
+    """
     headings = [heading(first, last) for first, last in pairwise(wheels)]
     points = [wheels[0].point(headings[0])]
     for k, (wheel, arrives) in enumerate(zip(wheels[1:], headings)):
         last = k == len(headings) - 1
-        turned = wheel.way * wrap * (wheel.radius > 0.0) if last else _turn(headings[k + 1] - arrives)
+        turned = (
+            wheel.way * wrap * (wheel.radius > 0.0) if last else _turn(headings[k + 1] - arrives)
+        )
         count = 1 + int(abs(turned) / 0.08)
         points += [wheel.point(arrives + turned * step / count) for step in range(count + 1)]
     return points

@@ -13,4 +13,7 @@ def sensors_of_part(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[S
 
 def sensor_lines(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[Line]:
     """Return a line with the letter of what it measures for each sensor of a part."""
-    return [Line(sensor.name, badge=measurand_of(sensor).letter(part)) for sensor in sensors_of_part(rig, part)]
+    return [
+        Line(sensor.name, badge=measurand_of(sensor).letter(part))
+        for sensor in sensors_of_part(rig, part)
+    ]

@@ -1,4 +1,6 @@
-"""A sheet of paper in inches: text whose size is known before it is drawn, and an edge that follows what stands on it."""
+"""A sheet of paper in inches: text whose size is known before it is drawn, and an edge that follows
+what stands on it.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ MARGIN = 0.14
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text beside a part: bold for its name, with a sensor's badge of one letter in front of it."""
+    """A line of text beside a part: bold for its name, with a sensor's badge of one letter in front
+    of it.
+    """
 
     text: str
     bold: bool = False
@@ -61,12 +65,16 @@ def width_of(text: str, size: float, bold: bool = False) -> float:
 
 
 def on_circle(centre: Point, radius: float, angle: float) -> Point:
-    """Return the point of a circle of a radius [in] at an angle, counter-clockwise from the right [rad]."""
+    """Return the point of a circle of a radius [in] at an angle, counter-clockwise from the right
+    [rad].
+    """
     return centre[0] + radius * cos(angle), centre[1] + radius * sin(angle)
 
 
 def arc(centre: Point, radius: float, start: float, end: float) -> list[Point]:
-    """Return points along an arc of a radius [in] from its start to its end, angles from the right [rad]."""
+    """Return points along an arc of a radius [in] from its start to its end, angles from the right
+    [rad].
+    """
     count = 2 + int(abs(end - start) / 0.06)
     return [on_circle(centre, radius, start + (end - start) * k / count) for k in range(count + 1)]
 
@@ -96,7 +104,9 @@ class Sheet:
 
     def is_free(self, box: Box) -> bool:
         """Return whether nothing is written in a box."""
-        return not any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in self._taken)
+        return not any(
+            box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in self._taken
+        )
 
     def write(
         self,
@@ -123,12 +133,21 @@ class Sheet:
         self.take(box)
         self.reserve(box[:2], box[2:])
         weight = "bold" if bold else "normal"
-        look = {"fontsize": size, "fontweight": weight, "color": colour, "ha": ha, "va": "center_baseline", "zorder": 9}
+        look = {
+            "fontsize": size,
+            "fontweight": weight,
+            "color": colour,
+            "ha": ha,
+            "va": "center_baseline",
+            "zorder": 9,
+        }
         effects = [withStroke(linewidth=2.0, foreground=WHITE)] if clear else []
         self.axes.text(*at, plain(text), **look, path_effects=effects)
 
     def write_near(self, at: Point, away: Point, text: str) -> None:
-        """Write a label beside a point, further away from it, by a unit vector, where other text stands already."""
+        """Write a label beside a point, further away from it, by a unit vector, where other text
+        stands already.
+        """
         ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
         place = at
         for step in range(40):
@@ -157,14 +176,26 @@ class Sheet:
             if any(line.badge == letter for line in lines):
                 self.badge(at, letter)
 
-    def line(self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object) -> None:
-        """Draw a line of some width [pt] through points; `look` are properties of matplotlib's `Line2D`."""
+    def line(
+        self, points: Sequence[Point], colour: str = INK, width: float = 0.8, **look: object
+    ) -> None:
+        """Draw a line of some width [pt] through points; `look` are properties of matplotlib's
+        `Line2D`.
+        """
         self.reserve(*points)
         xs, ys = zip(*points)
-        self.axes.plot(xs, ys, color=colour, lw=width, **{"solid_joinstyle": "round", "dash_capstyle": "butt", **look})
+        self.axes.plot(
+            xs,
+            ys,
+            color=colour,
+            lw=width,
+            **{"solid_joinstyle": "round", "dash_capstyle": "butt", **look},
+        )
 
     def bar(self, points: Sequence[Point], colour: str, width: float, order: float) -> None:
-        """Draw a bar of some width [pt] with round ends and a thin edge; a higher order lies in front."""
+        """Draw a bar of some width [pt] with round ends and a thin edge; a higher order lies in
+        front.
+        """
         self.line(points, SOFT, width + 1.2, solid_capstyle="round", zorder=order)
         self.line(points, colour, width, solid_capstyle="round", zorder=order + 0.05)
 
@@ -175,21 +206,39 @@ class Sheet:
             self.reserve(*corners)
 
     def disc(
-        self, centre: Point, radius: float, colour: str, edge: str = INK, order: float = 2.0, **look: object
+        self,
+        centre: Point,
+        radius: float,
+        colour: str,
+        edge: str = INK,
+        order: float = 2.0,
+        **look: object,
     ) -> None:
-        """Draw a circle of a radius [in]; a higher order lies in front, `look` are properties of matplotlib's `Circle`."""
+        """Draw a circle of a radius [in]; a higher order lies in front, `look` are properties of
+        matplotlib's `Circle`.
+        """
         from matplotlib.patches import Circle
 
         x, y = centre
-        shape = Circle(centre, radius, **{"facecolor": colour, "edgecolor": edge, "lw": 0.7, "zorder": order, **look})
+        shape = Circle(
+            centre,
+            radius,
+            **{"facecolor": colour, "edgecolor": edge, "lw": 0.7, "zorder": order, **look},
+        )
         self.patch(shape, (x - radius, y - radius), (x + radius, y + radius))
 
     def box(self, low: Point, high: Point, colour: str, order: float) -> None:
-        """Draw a rectangle by its corners left and below, and right and above; a higher order lies in front."""
+        """Draw a rectangle by its corners left and below, and right and above; a higher order lies
+        in front.
+        """
         from matplotlib.patches import Rectangle
 
         width, height = high[0] - low[0], high[1] - low[1]
-        self.patch(Rectangle(low, width, height, facecolor=colour, edgecolor=INK, lw=0.8, zorder=order), low, high)
+        self.patch(
+            Rectangle(low, width, height, facecolor=colour, edgecolor=INK, lw=0.8, zorder=order),
+            low,
+            high,
+        )
 
     def arrow(self, points: Sequence[Point], colour: str = INK, width: float = 0.9) -> None:
         """Draw a line of some width [pt] with a head at its last point."""
@@ -199,8 +248,13 @@ class Sheet:
         (x0, y0), (x, y) = points[-2:]
         long = hypot(x - x0, y - y0)
         along = ((x - x0) / long, (y - y0) / long)
-        ends = [(x + 0.085 * a * along[0] + 0.03 * b * along[1], y + 0.085 * a * along[1] - 0.03 * b * along[0])
-                for a, b in ((0.35, 0.0), (-0.65, 1.0), (-0.65, -1.0))]  # fmt: skip
+        ends = [
+            (
+                x + 0.085 * a * along[0] + 0.03 * b * along[1],
+                y + 0.085 * a * along[1] - 0.03 * b * along[0],
+            )
+            for a, b in ((0.35, 0.0), (-0.65, 1.0), (-0.65, -1.0))
+        ]
         self.patch(Polygon(ends, facecolor=colour, edgecolor="none", zorder=5.0), *ends)
 
     def cut(self) -> None:
@@ -212,11 +266,15 @@ class Sheet:
         self.axes.set_ylim(low[1], high[1])
 
     def panel(self, corner: Point, width: float, height: float) -> Axes:
-        """Return new axes on the sheet by their corner left and below, width and height; called after `cut`."""
+        """Return new axes on the sheet by their corner left and below, width and height; called
+        after `cut`.
+        """
         (x0, x1), (y0, y1) = self.axes.get_xlim(), self.axes.get_ylim()
         w, h = x1 - x0, y1 - y0
         with styled():
-            return self.figure.add_axes(((corner[0] - x0) / w, (corner[1] - y0) / h, width / w, height / h))
+            return self.figure.add_axes(
+                ((corner[0] - x0) / w, (corner[1] - y0) / h, width / w, height / h)
+            )
 
 
 def _box(at: Point, text: str, size: float, bold: bool, ha: str) -> Box:

@@ -1,4 +1,6 @@
-"""Tendons on paper: from the drive past a spring and the base to the joints, each in its colour and dash."""
+"""Tendons on paper: from the drive past a spring and the base to the joints, each in its colour and
+dash.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ SPRING = 0.46
 
 
 def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]:
-    """Return the circles and pins that each tendon goes past, from the base outwards [in], at a scale [in/m]."""
+    """Return the circles and pins that each tendon goes past, from the base outwards [in], at a
+    scale [in/m].
+    """
     names = [joint.name for joint in rig.joints]
     taken: dict[tuple[int, int, int], int] = {}
     past = []
@@ -36,7 +40,9 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
                 way = -stand.turn if arm >= 0 else stand.turn
                 wheel = Wheel(stand.centre, abs(arm) * scale, way)
                 if isinstance(meeting.shape, Pinned):
-                    wheel = Wheel(wheel.point(0.0 if stand.parent is None else stands[stand.parent].towards))
+                    wheel = Wheel(
+                        wheel.point(0.0 if stand.parent is None else stands[stand.parent].towards)
+                    )
                 else:
                     key = (j, way, round(wheel.radius / BESIDE))
                     rank = taken[key] = taken.get(key, -1) + 1
@@ -56,12 +62,23 @@ def tendon_lines(rig: Rig, tendon: Tendon) -> list[Line]:
     lines = [Line(sizes)]
     if tendon.path is not None:
         kind = "sheath" if tendon.path.nodes else "guides"
-        lines.append(Line(f"{kind} {written(tendon.path.wrap.value, 'rad')}, μ {rounded(tendon.path.friction.value)}"))
+        lines.append(
+            Line(
+                f"{kind} {written(tendon.path.wrap.value, 'rad')}, μ "
+                f"{rounded(tendon.path.friction.value)}"
+            )
+        )
     return [*lines, *sensor_lines(rig, tendon)]
 
 
 def draw_tendon(
-    sheet: Sheet, rig: Rig, index: int, start: Wheel, level: tuple[Point, Point], eye: Point, past: Sequence[Wheel]
+    sheet: Sheet,
+    rig: Rig,
+    index: int,
+    start: Wheel,
+    level: tuple[Point, Point],
+    eye: Point,
+    past: Sequence[Wheel],
 ) -> None:
     """Draw a tendon with its spring, its name above it and its numbers below.
 

@@ -1,4 +1,6 @@
-"""A rig of a hand from a table of its joints and motors, or from the files that a maker of hands ships."""
+"""A rig of a hand from a table of its joints and motors, or from the files that a maker of hands
+ships.
+"""
 
 from distal.rig.hand_tables.aero import from_aero
 from distal.rig.hand_tables.described import hand_of

@@ -1,4 +1,6 @@
-"""A rig of an Aero Hand from the constants of the user's own installed SDK, which is asked and not copied."""
+"""A rig of an Aero Hand from the constants of the user's own installed SDK, which is asked and not
+copied.
+"""
 
 from __future__ import annotations
 
@@ -37,14 +39,22 @@ def from_aero(folder: str | Path | None = None) -> Imported:
     joints, motors = told["_JOINT_NAMES"], told["_ACTUATIONS_NAMES"]
     module = _module(root / "joints_to_actuations.py")
     try:
-        turned: Callable[[list[float]], Sequence[float]] = module.JointsToActuationsModel().hand_actuations
+        turned: Callable[[list[float]], Sequence[float]] = (
+            module.JointsToActuationsModel().hand_actuations
+        )
         spool = 1e-3 * float(module.MOTOR_PULLEY_RADIUS)
         still = [float(place) for place in turned([0.0] * len(joints))]
         turns = [
-            [float(place) - rest for place, rest in zip(turned([float(k == j) for k in range(len(joints))]), still)]
+            [
+                float(place) - rest
+                for place, rest in zip(turned([float(k == j) for k in range(len(joints))]), still)
+            ]
             for j in range(len(joints))
         ]
-        ends = [(radians(float(str(a))), radians(float(str(b)))) for a, b in zip(told[NAMES[1]], told[NAMES[2]])]
+        ends = [
+            (radians(float(str(a))), radians(float(str(b))))
+            for a, b in zip(told[NAMES[1]], told[NAMES[2]])
+        ]
         if not len(joints) == len(ends) or any(len(row) != len(motors) for row in turns):
             raise ValueError(f"{len(joints)} joints, {len(ends)} ranges, {len(motors)} motors")
     except (AttributeError, TypeError, ValueError, IndexError) as problem:
@@ -69,7 +79,9 @@ def from_aero(folder: str | Path | None = None) -> Imported:
             )
             for j in moved
         ]
-    return hand_of(rows, "aero-hand", "SDK", ("readings are the actuations of the SDK, in degrees",))
+    return hand_of(
+        rows, "aero-hand", "SDK", ("readings are the actuations of the SDK, in degrees",)
+    )
 
 
 def _root(folder: str | Path | None) -> Path:
@@ -78,7 +90,8 @@ def _root(folder: str | Path | None) -> Path:
         spec = importlib.util.find_spec(PACKAGE)
         if spec is None or spec.origin is None:
             raise RigError(
-                f"'{PACKAGE}' is not installed: install the hand's SDK, or give the folder where it was cloned"
+                f"'{PACKAGE}' is not installed: install the hand's SDK, or give the folder where "
+                "it was cloned"
             )
         return Path(spec.origin).parent
     for inside in ("", PACKAGE, f"src/{PACKAGE}", f"sdk/src/{PACKAGE}"):
@@ -88,14 +101,20 @@ def _root(folder: str | Path | None) -> Path:
 
 
 def _constants(path: Path) -> dict[str, list[object]]:
-    """Return the lists of names and ranges that stand in a file, without running it: it would ask for a serial port."""
+    """Return the lists of names and ranges that stand in a file, without running it: it would ask
+    for a serial port.
+    """
     try:
         tree = ast.parse(read_text(path, RigError))
     except SyntaxError as problem:
         raise RigError(f"{path}: is no Python file ({problem.msg})") from None
     found = dict[str, list[object]]()
     for node in tree.body:
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in NAMES:
+        if (
+            isinstance(node, ast.Assign)
+            and isinstance(node.targets[0], ast.Name)
+            and node.targets[0].id in NAMES
+        ):
             found[node.targets[0].id] = _listed(node.value)
     missing = [name for name in NAMES if not found.get(name)]
     if missing:
@@ -107,7 +126,11 @@ def _listed(node: ast.expr) -> list[object]:
     """Return a list that is written out, or made of others by + and *."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         return _listed(node.left) + _listed(node.right)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult) and isinstance(node.right, ast.Constant):
+    if (
+        isinstance(node, ast.BinOp)
+        and isinstance(node.op, ast.Mult)
+        and isinstance(node.right, ast.Constant)
+    ):
         return _listed(node.left) * int(str(node.right.value))
     try:
         value = ast.literal_eval(node)

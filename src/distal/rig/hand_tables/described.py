@@ -16,9 +16,9 @@ Raw = dict[str, object]
 def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] = ()) -> Imported:
     """Return the rig of a hand; what its rows do not say is a guess with a std, and is listed.
 
-    Each joint hangs on the base: without links no weight of one moves another. A motor of one joint whose way back is a
-    tendon has two on its spool, which may be slack; else its one tendon crosses all its joints, and springs bring them
-    back.
+    Each joint hangs on the base: without links no weight of one moves another. A motor of one joint
+    whose way back is a tendon has two on its spool, which may be slack; else its one tendon crosses
+    all its joints, and springs bring them back.
 
     Raises:
         RigError: a joint is described twice in different words, or rows contradict each other.
@@ -33,16 +33,23 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
         raise RigError(f"{title}: no joint has a motor")
     for name, same in joints.items():
         if len({(row.low, row.high, row.range_std, row.follows) for row in same}) > 1:
-            raise RigError(f"{title}: '{name}' has several lines with different ranges, or joints that it follows")
+            raise RigError(
+                f"{title}: '{name}' has several lines with different ranges, or joints that it "
+                "follows"
+            )
     for name, same in motors.items():
         if len({(row.spool_radius, row.unit, row.counts, row.torque_constant) for row in same}) > 1:
-            raise RigError(f"{title}: motor '{name}' has several lines with different spools, units or constants")
+            raise RigError(
+                f"{title}: motor '{name}' has several lines with different spools, units or "
+                "constants"
+            )
         if len({row.joint for row in same}) < len(same):
             raise RigError(f"{title}: motor '{name}' has two lines for one joint")
         if len(same) > 1 and all(row.back == "tendon" for row in same):
             joints_of = ", ".join(row.joint for row in same)
             raise RigError(
-                f"{title}: motor '{name}' has several joints ({joints_of}): give each a motor, or 'spring' in 'back'"
+                f"{title}: motor '{name}' has several joints ({joints_of}): give each a motor, or "
+                "'spring' in 'back'"
             )
     raw: Raw = {
         "name": title,
@@ -102,7 +109,13 @@ def _drive(name: str, rows: Sequence[Row]) -> Raw:
     spool = row.spool_radius
     is_told = arm is not None and spool is not None
     radius = guess.SPOOL_RADIUS.value if spool is None else spool
-    share = row.ratio_std if row.ratio_std is not None else guess.RATIO_STD if is_told else guess.UNKNOWN_RATIO_STD
+    share = (
+        row.ratio_std
+        if row.ratio_std is not None
+        else guess.RATIO_STD
+        if is_told
+        else guess.UNKNOWN_RATIO_STD
+    )
     value: Raw = {"value": radius, "std": f"{100 * share:g} %"}
     return {
         "name": name,
@@ -116,7 +129,9 @@ def _drive(name: str, rows: Sequence[Row]) -> Raw:
 
 
 def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
-    """Return two tendons of a motor whose joint is brought back by one of them, else its one tendon over all its joints."""
+    """Return two tendons of a motor whose joint is brought back by one of them, else its one tendon
+    over all its joints.
+    """
     pair = len(rows) == 1 and rows[0].back == "tendon"
     if not pair:
         crossings = [
@@ -130,9 +145,19 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
         ]
         common: Raw = {"damping": guess.TENDON_DAMPING, "slack": guess.LOOSE, "path": guess.PATH}
         stiffness = Guess(
-            {"value": guess.STIFFNESS.value, "std": f"{100 * guess.STIFFNESS_STD:g} %"}, guess.STIFFNESS.of
+            {"value": guess.STIFFNESS.value, "std": f"{100 * guess.STIFFNESS_STD:g} %"},
+            guess.STIFFNESS.of,
         )
-        return [{"name": motor, "drive": motor, "side": 1, "crossings": crossings, "stiffness": stiffness} | common]
+        return [
+            {
+                "name": motor,
+                "drive": motor,
+                "side": 1,
+                "crossings": crossings,
+                "stiffness": stiffness,
+            }
+            | common
+        ]
     shared: Raw = {"name": f"stiffness_{motor}", "std": guess.STIFFNESS_STD}
     return [
         {
@@ -141,7 +166,9 @@ def _tendons(motor: str, rows: Sequence[Row]) -> list[Raw]:
             "drive": motor,
             "side": side,
             "insertion": {"kind": "pulley", "radius": _arm(rows[0])},
-            "stiffness": Guess({"value": guess.STIFFNESS.value, "shared": shared}, guess.STIFFNESS.of),
+            "stiffness": Guess(
+                {"value": guess.STIFFNESS.value, "shared": shared}, guess.STIFFNESS.of
+            ),
             "damping": guess.TENDON_DAMPING,
             "slack": guess.SLACK,
             "path": guess.PATH,
@@ -155,17 +182,27 @@ def _arm(row: Row) -> object:
 
 
 def _winds(rows: Sequence[Row]) -> int:
-    """Return the sign of a motor's reading: it winds a tendon over joints as it grows, unless none grows with it."""
+    """Return the sign of a motor's reading: it winds a tendon over joints as it grows, unless none
+    grows with it.
+    """
     return max(row.direction for row in rows)
 
 
 def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
     row = rows[0]
     unsaid = guess.UNKNOWN_ZERO_STD if row.zero is None else guess.TOLD_ZERO_STD
-    zero_std = Guess(in_degrees(unsaid), guess.ZERO_STD) if row.zero_std is None else in_degrees(row.zero_std)
+    zero_std = (
+        Guess(in_degrees(unsaid), guess.ZERO_STD)
+        if row.zero_std is None
+        else in_degrees(row.zero_std)
+    )
     counts = guess.COUNTS.value if row.counts is None else row.counts
     assert isinstance(counts, (int, float))
-    logged: Raw = {"unit": row.unit} if row.counts is None else {"unit": "count", "counts_per_turn": row.counts}
+    logged: Raw = (
+        {"unit": row.unit}
+        if row.counts is None
+        else {"unit": "count", "counts_per_turn": row.counts}
+    )
     step: object = f"{360 / counts:.6g} deg"
     position: Raw = {
         "name": position_of(motor),
@@ -183,7 +220,9 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "measures": "force",
         "of": motor,
         "unit": "mA",
-        "torque_constant": guess.TORQUE_CONSTANT if row.torque_constant is None else row.torque_constant,
+        "torque_constant": guess.TORQUE_CONSTANT
+        if row.torque_constant is None
+        else row.torque_constant,
         "sign": _winds(rows),
         "rate": guess.RATE,
         "noise": guess.CURRENT_NOISE,
@@ -198,5 +237,7 @@ def _encoder(joint: str) -> Raw:
         "of": joint,
         "unit": "deg",
         "rate": guess.RATE,
-        "resolution": Guess("0.1 deg", "encoders of joints, which are for learning and comparing only"),
+        "resolution": Guess(
+            "0.1 deg", "encoders of joints, which are for learning and comparing only"
+        ),
     }

@@ -1,4 +1,6 @@
-"""What a table of a hand does not say: numbers of small hands with braided lines, with wide stds."""
+"""What a table of a hand does not say: numbers of small hands with braided lines, with wide
+stds.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ UNKNOWN_RATIO_STD = 0.25
 INERTIA = Guess("1e-5 kg m^2", "inertia of joints")
 DAMPING = Guess("1e-3 N m s", "damping of joints")
 JOINT_FRICTION = Guess(
-    {"coefficient": {"value": 0.1, "std": 0.05}, "radius": "3 mm", "preload": "30 N"}, "friction of joints"
+    {"coefficient": {"value": 0.1, "std": 0.05}, "radius": "3 mm", "preload": "30 N"},
+    "friction of joints",
 )
 RANGE_STD = Guess("1 deg", "how well ranges are known")
 MOTOR_INERTIA = Guess("2e-4 kg m^2", "inertia of motors")
@@ -35,7 +38,9 @@ STIFFNESS_STD = 0.4
 TENDON_DAMPING = Guess("2 N s/m", "damping of tendons")
 SLACK = Guess({"value": "0.3 mm", "std": "0.25 mm"}, "slack of tendons")
 LOOSE = Guess({"value": "0.5 mm", "std": "1 mm"}, "slack of tendons")
-PATH = Guess({"friction": {"value": 0.1, "std": 0.05}, "wrap": "80 deg"}, "friction along the paths")
+PATH = Guess(
+    {"friction": {"value": 0.1, "std": 0.05}, "wrap": "80 deg"}, "friction along the paths"
+)
 TORQUE_CONSTANT = Guess("0.5 N m/A", "torque constants")
 CURRENT_NOISE = Guess("6 mA", "noise of currents")
 POSITION_NOISE = Guess("0.05 deg", "noise of encoders")
@@ -49,12 +54,19 @@ COUNTS = Guess(4096, "counts of encoders")
 
 
 def spring(radius: float) -> Guess:
-    """Return the stiffness of a spring at a joint of some radius [m]: of one tendon's joints all close together."""
-    return Guess({"value": f"{0.05 * radius / USUAL_RADIUS:.3g} N m/rad", "std": "60 %"}, "stiffness of springs")
+    """Return the stiffness of a spring at a joint of some radius [m]: of one tendon's joints all
+    close together.
+    """
+    return Guess(
+        {"value": f"{0.05 * radius / USUAL_RADIUS:.3g} N m/rad", "std": "60 %"},
+        "stiffness of springs",
+    )
 
 
 def rest_angle(low: float) -> Guess:
-    """Return where a spring rests that holds its joint open: some way beyond the lower end of its range [rad]."""
+    """Return where a spring rests that holds its joint open: some way beyond the lower end of its
+    range [rad].
+    """
     return Guess({"value": f"{degrees(low) - 18:.4g} deg", "std": "7 deg"}, "where springs rest")
 
 

@@ -19,7 +19,9 @@ REVISED = 21
 """Of `hardware_version`: the revision to which the keys that end in _v21 belong."""
 
 LOST = 0.92
-"""A motor's travel from stop to stop also stretches the tendons and takes up their play: the ratio is about this share."""
+"""A motor's travel from stop to stop also stretches the tendons and takes up their play: the ratio
+is about this share.
+"""
 
 LOST_STD = 0.06
 """How well that share is known."""
@@ -31,8 +33,8 @@ CALIBRATED_ZERO_STD = radians(4.0)
 def from_orca(config: str | Path, calibration: str | Path | None = None) -> Imported:
     """Return the rig of an ORCA hand from the files that its own software reads.
 
-    A config has the joints' ranges and the signed map of its motors; a calibration where the motors met the stops. Radii
-    are guesses: only their ratio follows from the motors' travel.
+    A config has the joints' ranges and the signed map of its motors; a calibration where the motors
+    met the stops. Radii are guesses: only their ratio follows from the motors' travel.
 
     Raises:
         RigError: a file cannot be read or has no such entries; says which and what is needed.
@@ -50,7 +52,10 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     rows, notes, guessed = list[Row](), list[str](), 0
     for joint, signed in motors.items():
         if not isinstance(signed, int) or signed == 0:
-            raise RigError(f"{path}: joint_to_motor_map: '{joint}' needs the number of its motor, {signed!r} came")
+            raise RigError(
+                f"{path}: joint_to_motor_map: '{joint}' needs the number of its motor, {signed!r} "
+                "came"
+            )
         low, high = (radians(end) for end in _pair(path, "joint_roms", joint, ranges.get(joint)))
         motor, direction, ratio, zero = abs(signed), 1 if signed > 0 else -1, None, None
         if motor in limits:
@@ -61,23 +66,29 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
             ratio = LOST * _number(path, key, joint, travels[joint]) / degrees(high - low)
         if ratio is not None and not 0.02 < ratio < 50.0:
             raise RigError(
-                f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to 50 is possible"
+                f"'{joint}': motor {motor} turns {ratio:.3g} times as far as it; from 0.02 to 50 "
+                "is possible"
             )
         if zero is None:
             guessed += 1
         rows.append(_row(str(joint), motor, direction, (low, high), ratio, zero))
     if not travels and not limits:
-        notes.append("no ratio of motors to joints: give calibration.yaml too, or run the power-on routine")
+        notes.append(
+            "no ratio of motors to joints: give calibration.yaml too, or run the power-on routine"
+        )
     elif not limits:
         of = "this revision" if revised else "revision 2.1, which this hand may not be"
         notes.append(f"ratios of motors to joints are from the travel of {of}")
     if guessed:
-        notes.append(f"where {guessed} motors have their zero is not known: run the power-on routine")
+        notes.append(
+            f"where {guessed} motors have their zero is not known: run the power-on routine"
+        )
     return hand_of(rows, path.resolve().parent.name or path.stem, "config", notes)
 
 
 def orca_order(config: str | Path) -> list[list[str]]:
-    """Return the joints that an ORCA hand's own calibration moves at one time, in its order: `RoutineOptions.order`.
+    """Return the joints that an ORCA hand's own calibration moves at one time, in its order:
+    `RoutineOptions.order`.
 
     Raises:
         RigError: the file has no such sequence.
@@ -94,7 +105,12 @@ def orca_order(config: str | Path) -> list[list[str]]:
 
 
 def _row(
-    joint: str, motor: int, direction: int, ends: tuple[float, float], ratio: float | None, zero: float | None
+    joint: str,
+    motor: int,
+    direction: int,
+    ends: tuple[float, float],
+    ratio: float | None,
+    zero: float | None,
 ) -> Row:
     arm = 8e-3
     return Row(

@@ -60,6 +60,10 @@ class Row:
         for name in ("spool_radius", "joint_radius"):
             radius = getattr(self, name)
             if radius is not None and not 1e-4 < radius < 0.5:
-                raise RigError(f"{name} of '{self.joint}' must be 0.1 to 500 mm, {1e3 * radius:.4g} mm came")
+                raise RigError(
+                    f"{name} of '{self.joint}' must be 0.1 to 500 mm, {1e3 * radius:.4g} mm came"
+                )
         if (self.motor is None) == (self.follows is None):
-            raise RigError(f"'{self.joint}' needs a motor, or the joint that it follows, one of both")
+            raise RigError(
+                f"'{self.joint}' needs a motor, or the joint that it follows, one of both"
+            )

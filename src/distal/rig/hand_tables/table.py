@@ -15,10 +15,22 @@ from distal.suggestions import did_you_mean
 from distal.units import to_si, unit_factor
 
 COLUMNS: dict[str, str] = {
-    "joint": "text", "motor": "text", "spool_radius": "m", "joint_radius": "m", "direction": "sign", "low": "rad",
-    "high": "rad", "back": "back", "unit": "unit", "zero": "rad", "counts": "", "torque_constant": "N m/A",
-    "follows": "text", "ratio": "", "range_std": "rad",
-}  # fmt: skip
+    "joint": "text",
+    "motor": "text",
+    "spool_radius": "m",
+    "joint_radius": "m",
+    "direction": "sign",
+    "low": "rad",
+    "high": "rad",
+    "back": "back",
+    "unit": "unit",
+    "zero": "rad",
+    "counts": "",
+    "torque_constant": "N m/A",
+    "follows": "text",
+    "ratio": "",
+    "range_std": "rad",
+}
 """Column → its SI unit, or what else stands in it."""
 
 WORDS = {"back": ("tendon", "spring"), "unit": ("rad", "deg")}
@@ -32,9 +44,10 @@ MOST_ROWS = 200
 def from_table(path: str | Path) -> Imported:
     """Return the rig of a hand whose joints and motors stand in a table.
 
-    A line is a joint that a motor moves: `joint`, `motor`, `spool_radius`, `joint_radius`, `direction` (+1 where the
-    joint's angle grows as the motor's reading grows), `low` and `high`. Units stand behind the names, ``low [deg]``, or in
-    the cells. A motor whose tendon crosses several joints has a line for each. What is left out is guessed: see `Row`.
+    A line is a joint that a motor moves: `joint`, `motor`, `spool_radius`, `joint_radius`,
+    `direction` (+1 where the joint's angle grows as the motor's reading grows), `low` and `high`.
+    Units stand behind the names, ``low [deg]``, or in the cells. A motor whose tendon crosses
+    several joints has a line for each. What is left out is guessed: see `Row`.
 
     Raises:
         RigError: the file is no such table; says which line and what is allowed.
@@ -46,7 +59,9 @@ def from_table(path: str | Path) -> Imported:
     filled = [(i, line) for i, line in enumerate(lines, 1) if any(cell.strip() for cell in line)]
     filled = [(i, line) for i, line in filled if not line[0].lstrip().startswith("#")]
     if len(filled) < 2:
-        raise RigError(f"{path}: a table has a line of names and one for each joint; {len(filled)} came")
+        raise RigError(
+            f"{path}: a table has a line of names and one for each joint; {len(filled)} came"
+        )
     if len(filled) > MOST_ROWS:
         raise RigError(f"{path}: {len(filled) - 1} lines; a hand has at most {MOST_ROWS - 1}")
     columns = _header(path, filled[0][1])
@@ -54,7 +69,10 @@ def from_table(path: str | Path) -> Imported:
     rows = [_row(path, i, of_line) for (i, _), of_line in zip(filled[1:], cells)]
     told = [of_line.get(("direction", None), "").strip() for of_line in cells]
     untold = [row.joint for row, way in zip(rows, told) if not way and row.follows is None]
-    note = f"no direction of {', '.join(untold)}: each angle is taken to grow with its motor's reading; look once"
+    note = (
+        f"no direction of {', '.join(untold)}: each angle is taken to grow with its motor's "
+        "reading; look once"
+    )
     return hand_of(rows, path.stem, "table", [note] if untold else [])
 
 
@@ -76,7 +94,9 @@ def _header(path: Path, cells: list[str]) -> list[tuple[str, str | None]]:
         names.append((name, match[2]))
     missing = [name for name in NEEDED if name not in [other for other, _ in names]]
     if missing:
-        raise RigError(f"{path}: column '{missing[0]}' is missing; a table needs {', '.join(NEEDED)}")
+        raise RigError(
+            f"{path}: column '{missing[0]}' is missing; a table needs {', '.join(NEEDED)}"
+        )
     return names
 
 

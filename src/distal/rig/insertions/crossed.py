@@ -1,4 +1,6 @@
-"""Where a tendon crosses one of several joints: which joint, on which side, and its friction there."""
+"""Where a tendon crosses one of several joints: which joint, on which side, and its friction
+there.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,9 @@ if TYPE_CHECKING:
 Size: TypeAlias = "Callable[[str], Scalar]"
 """Name of one of an insertion's numbers → its symbol or value.
 
-An insertion's `elongation` takes these, its side (+1 pulls the joint to +θ, −1 to −θ), angles [rad] and the displacement
-x [m] of the tendon's proximal end, away from the joint, and returns what they add to the tendon's free length l [m].
+An insertion's `elongation` takes these, its side (+1 pulls the joint to +θ, −1 to −θ), angles [rad]
+and the displacement x [m] of the tendon's proximal end, away from the joint, and returns what they
+add to the tendon's free length l [m].
 """
 
 
@@ -26,8 +29,12 @@ class Guide(Description):
     friction: Annotated[Parameter, In("", "nonnegative")] = Field(
         description="friction coefficient against its guide, μ"
     )
-    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(description="angle that it wraps at θ = 0, β")
-    wrap_slope: Annotated[Parameter, In("")] = Field(ZERO, description="change of β per radian of the joint")
+    wrap: Annotated[Parameter, In("rad", "nonnegative")] = Field(
+        description="angle that it wraps at θ = 0, β"
+    )
+    wrap_slope: Annotated[Parameter, In("")] = Field(
+        ZERO, description="change of β per radian of the joint"
+    )
 
 
 class Crossed(Description):

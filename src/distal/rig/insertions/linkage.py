@@ -19,25 +19,33 @@ NEWTON_STEPS = 12
 
 
 def growth(u: Scalar, slope: Scalar, curvature: Scalar) -> Scalar:
-    """Return the arm at u [rad] over that at the centre: 1 + s u + c u², with `slope` s and `curvature` c."""
+    """Return the arm at u [rad] over that at the centre: 1 + s u + c u², with `slope` s and
+    `curvature` c.
+    """
     return 1 + u * (slope + u * curvature)
 
 
 class Linkage(Description):
-    """A linkage, or a pulley that is not round: its moment arm is r (1 + s u + c u²) with u = θ − θ_c.
+    """A linkage, or a pulley that is not round: its moment arm is r (1 + s u + c u²) with u = θ −
+    θ_c.
 
-    ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with the angle.
+    ℓ = l + x ∓ r [u + s u²/2 + c u³/3], less the same at θ = 0: the transmission ratio varies with
+    the angle.
     """
 
     DRAWN: ClassVar[str] = "cam r"
     """What a drawing writes before its radius."""
 
     kind: Literal["linkage"]
-    radius: Annotated[Parameter, In("m", "positive")] = Field(description="moment arm at the centre, r")
+    radius: Annotated[Parameter, In("m", "positive")] = Field(
+        description="moment arm at the centre, r"
+    )
     centre: Annotated[Parameter, In("rad", drifts=False)] = Field(
         ZERO, description="angle about which the arm is described, θ_c"
     )
-    slope: Annotated[Parameter, In("1/rad")] = Field(ZERO, description="s, change of the arm per radian")
+    slope: Annotated[Parameter, In("1/rad")] = Field(
+        ZERO, description="s, change of the arm per radian"
+    )
     curvature: Annotated[Parameter, In("1/rad^2")] = Field(ZERO, description="c, its second order")
 
     def arm(self, angle: float) -> float:
@@ -46,7 +54,9 @@ class Linkage(Description):
         return self.radius.value * float(growth(u, self.slope.value, self.curvature.value))
 
     def excursion(self, size: Size, angle: Scalar) -> Scalar:
-        """Return how far it draws its tendon from 0 to an angle θ: r [u + s u²/2 + c u³/3], u = θ − θ_c, less that at 0."""
+        """Return how far it draws its tendon from 0 to an angle θ: r [u + s u²/2 + c u³/3], u = θ −
+        θ_c, less that at 0.
+        """
         centre, slope, curvature = size("centre"), size("slope"), size("curvature")
 
         def drawn(u: Scalar) -> Scalar:
@@ -54,12 +64,18 @@ class Linkage(Description):
 
         return size("radius") * (drawn(angle - centre) - drawn(-centre))
 
-    def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`."""
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's
+        displacement add; see `Size`.
+        """
         return displacement - side * self.excursion(size, angles[0])
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse of `elongation`."""
+        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
+        of `elongation`.
+        """
         wanted, radius = side * (displacement - elongated), size("radius")
         centre, slope, curvature = size("centre"), size("slope"), size("curvature")
         angle = centre + (wanted - self.excursion(size, centre)) / radius

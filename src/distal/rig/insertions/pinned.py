@@ -16,35 +16,50 @@ if TYPE_CHECKING:
 
 
 class Pinned(Description):
-    """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²), equations (4) and (5)."""
+    """The tendon ends at a pin on the link: ℓ = sqrt(r²(1 − cos θ)² + (l + x ∓ r sin θ)²),
+    equations (4) and (5).
+    """
 
     DRAWN: ClassVar[str] = "pin at r"
     """What a drawing writes before its radius."""
 
     kind: Literal["pinned"]
     radius: Annotated[Parameter, In("m", "positive")] = Field(description="axis to insertion, r")
-    free_length: Annotated[Parameter, In("m", "positive")] = Field(description="free length of the tendon, l")
+    free_length: Annotated[Parameter, In("m", "positive")] = Field(
+        description="free length of the tendon, l"
+    )
 
     def arm(self, angle: float) -> float:
-        """Return the moment arm [m] at an angle of 0, whatever the angle: a pin is described by its radius."""
+        """Return the moment arm [m] at an angle of 0, whatever the angle: a pin is described by its
+        radius.
+        """
         return self.radius.value
 
-    def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`.
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's
+        displacement add; see `Size`.
 
-        Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it moves the other way.
+        Mend: the paper prints "− r sin θ" for both tendons; the second insertion is opposite, so it
+        moves the other way.
         """
         (angle,), radius, free_length = angles, size("radius"), size("free_length")
-        # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has the shorter derivatives
+        # (4) and (5) multiplied out: ℓ² = A² − 2 side r A sin θ + 2 r² (1 − cos θ), A = l + x, has
+        # the shorter derivatives
         along = free_length + displacement
-        square = along * (along - 2 * side * radius * ca.sin(angle)) + 2 * radius * radius * (1 - ca.cos(angle))
+        square = along * (along - 2 * side * radius * ca.sin(angle)) + 2 * radius * radius * (
+            1 - ca.cos(angle)
+        )
         return ca.sqrt(square) - free_length
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse of `elongation`.
+        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
+        of `elongation`.
 
-        Squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted sine. Where no
-        angle fits (the drive moved further than the insertion can follow), the nearest one is returned.
+        Squaring (4) gives r cos θ + side · A sin θ = (2r² + A² − ℓ²)/(2r) with A = l + x, a shifted
+        sine. Where no angle fits (the drive moved further than the insertion can follow), the
+        nearest one is returned.
         """
         radius, free_length = size("radius"), size("free_length")
         along = free_length + displacement

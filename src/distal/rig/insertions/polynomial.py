@@ -19,16 +19,20 @@ class Term(Description):
     """One term of a polynomial: coefficient · Π θ_j^{power_j}."""
 
     powers: tuple[int, ...] = Field(min_length=1, description="power of each joint's angle [rad]")
-    coefficient: Annotated[Parameter, In("m")] = Field(description="metres, per radian to the sum of the powers")
+    coefficient: Annotated[Parameter, In("m")] = Field(
+        description="metres, per radian to the sum of the powers"
+    )
 
 
 HIGHEST_POWER = 9
 
 
 class Polynomial(Description):
-    """A crossing whose excursion is a polynomial in several angles: ℓ = l + x − scale · (e(θ) − e(0)).
+    """A crossing whose excursion is a polynomial in several angles: ℓ = l + x − scale · (e(θ) −
+    e(0)).
 
-    Outside `range` the tendon goes on in a straight line, with the arm that it has at the end of it.
+    Outside `range` the tendon goes on in a straight line, with the arm that it has at the end of
+    it.
     """
 
     kind: Literal["polynomial"]
@@ -38,7 +42,8 @@ class Polynomial(Description):
         min_length=1, description="[low, high] of each joint for which it was made"
     )
     scale: Annotated[Parameter, In("", "positive")] = Field(
-        Parameter(value=1.0), description="all moment arms are multiplied by this; its std is how well they are known"
+        Parameter(value=1.0),
+        description="all moment arms are multiplied by this; its std is how well they are known",
     )
 
     @model_validator(mode="after")
@@ -48,23 +53,34 @@ class Polynomial(Description):
                 raise ValueError(f"joints: '{name}' stands more than once")
         if len(self.range) != len(self.joints):
             raise ValueError(
-                f"range: one [low, high] for each of {len(self.joints)} joints is needed, {len(self.range)} came"
+                f"range: one [low, high] for each of {len(self.joints)} joints is needed, "
+                f"{len(self.range)} came"
             )
         for i, term in enumerate(self.terms):
             if len(term.powers) != len(self.joints):
                 raise ValueError(
-                    f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, {len(term.powers)} came"
+                    f"terms.{i}.powers: one for each of {len(self.joints)} joints is needed, "
+                    f"{len(term.powers)} came"
                 )
             if min(term.powers) < 0 or max(term.powers) > HIGHEST_POWER:
-                raise ValueError(f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came")
+                raise ValueError(
+                    f"terms.{i}.powers: must be from 0 to {HIGHEST_POWER}, {list(term.powers)} came"
+                )
         for j, name in enumerate(self.joints):
             if not any(term.powers[j] > 0 and term.coefficient.value != 0.0 for term in self.terms):
-                raise ValueError(f"joints: '{name}' has no term with a power of it; leave it out, or add one")
+                raise ValueError(
+                    f"joints: '{name}' has no term with a power of it; leave it out, or add one"
+                )
         return self
 
     def arms(self, angles: dict[str, float]) -> dict[str, float]:
-        """Return the moment arms, positive where it pulls to +θ, by joint [m]; one without an angle is at 0."""
-        at = [min(max(angles.get(name, 0.0), low), high) for name, (low, high) in zip(self.joints, self.range)]
+        """Return the moment arms, positive where it pulls to +θ, by joint [m]; one without an angle
+        is at 0.
+        """
+        at = [
+            min(max(angles.get(name, 0.0), low), high)
+            for name, (low, high) in zip(self.joints, self.range)
+        ]
         arms = dict.fromkeys(self.joints, 0.0)
         for term in self.terms:
             for j, name in enumerate(self.joints):
@@ -74,8 +90,11 @@ class Polynomial(Description):
                 arms[name] += self.scale.value * slope
         return arms
 
-    def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l = x − scale · (e(θ) − e(0)), what the angles and the drive's displacement x add; see `Size`.
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l = x − scale · (e(θ) − e(0)), what the angles and the drive's displacement x
+        add; see `Size`.
 
         The side is 1: the signs of its terms say to which side it pulls.
         """
@@ -84,18 +103,24 @@ class Polynomial(Description):
         return displacement - size("scale") * (self._excursion(coefficients, angles) - zero)
 
     def _excursion(self, coefficients: Sequence[Scalar], angles: Sequence[Scalar]) -> Scalar:
-        """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + Σ a_j (θ_j − θ_c,j), with θ_c at the end of the range.
+        """Return e(θ) = Σ c Π θ_j^{n_j}; outside its range e(θ_c) + Σ a_j (θ_j − θ_c,j), with θ_c
+        at the end of the range.
 
-        a_j is the arm at the end of θ_j's own range with the other angles in the middle of theirs: no length jumps, and no
-        arm grows beyond what it is somewhere in the range.
+        a_j is the arm at the end of θ_j's own range with the other angles in the middle of theirs:
+        no length jumps, and no arm grows beyond what it is somewhere in the range.
         """
-        clipped = [ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)]
+        clipped = [
+            ca.fmin(ca.fmax(angle, low), high) for angle, (low, high) in zip(angles, self.range)
+        ]
         total = ca.SX(0)
         for term, coefficient in zip(self.terms, coefficients):
             total += coefficient * _product(clipped, term.powers)
         middle = [(low + high) / 2 for low, high in self.range]
         for j, (low, high) in enumerate(self.range):
-            ends = [self._slope(coefficients, [*middle[:j], end, *middle[j + 1 :]], j) for end in (low, high)]
+            ends = [
+                self._slope(coefficients, [*middle[:j], end, *middle[j + 1 :]], j)
+                for end in (low, high)
+            ]
             total += ends[0] * ca.fmin(angles[j] - low, 0) + ends[1] * ca.fmax(angles[j] - high, 0)
         return total
 

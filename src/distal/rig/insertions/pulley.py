@@ -27,12 +27,18 @@ class Pulley(Description):
         """Return the moment arm at any angle [m]."""
         return self.radius.value
 
-    def elongation(self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar) -> Scalar:
-        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's displacement add; see `Size`."""
+    def elongation(
+        self, size: Size, side: int, angles: Sequence[Scalar], displacement: Scalar
+    ) -> Scalar:
+        """Return ℓ − l, what the joint's angle, the only one of `angles`, and the drive's
+        displacement add; see `Size`.
+        """
         return displacement - side * size("radius") * angles[0]
 
     def angle_at(self, size: Size, side: int, elongated: Scalar, displacement: Scalar) -> Scalar:
-        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse of `elongation`."""
+        """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
+        of `elongation`.
+        """
         return side * (displacement - elongated) / size("radius")
 
 

@@ -17,7 +17,9 @@ Shape = Pinned | Pulley | Linkage | Polynomial
 Insertion = Annotated[Pinned | Pulley | Linkage, Field(discriminator="kind")]
 """How it meets the only joint that it crosses."""
 
-Crossing = Annotated[CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")]
+Crossing = Annotated[
+    CrossedPinned | CrossedPulley | CrossedLinkage | Polynomial, Field(discriminator="kind")
+]
 """How it meets one joint (a polynomial: several), where it crosses more than one."""
 
 KINDS = tuple(get_args(shape.model_fields["kind"].annotation)[0] for shape in get_args(Shape))

@@ -1,4 +1,6 @@
-"""A rig from a MuJoCo model: joints and links as they are there, tendons by what MuJoCo says of their lengths."""
+"""A rig from a MuJoCo model: joints and links as they are there, tendons by what MuJoCo says of
+their lengths.
+"""
 
 from distal.rig.mjcf.bodies import joint_name, tendon_name
 from distal.rig.mjcf.importer import from_mujoco

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     """Return names of the tendons that an actuator pulls, by index, and what is left out, in words.
 
-    In a model without actuators all tendons that are no springs are pulled. None, or a muscle, is a `RigError`.
+    In a model without actuators all tendons that are no springs are pulled. None, or a muscle, is a
+    `RigError`.
     """
     mujoco = mujoco_module()
     if not model.ntendon:
@@ -29,11 +30,18 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
             elsewhere.append(name)
             continue
         kinds = int(model.actuator_dyntype[a]), int(model.actuator_gaintype[a])
-        if kinds[0] == int(mujoco.mjtDyn.mjDYN_MUSCLE) or kinds[1] == int(mujoco.mjtGain.mjGAIN_MUSCLE):
-            raise RigError(f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls")
+        if kinds[0] == int(mujoco.mjtDyn.mjDYN_MUSCLE) or kinds[1] == int(
+            mujoco.mjtGain.mjGAIN_MUSCLE
+        ):
+            raise RigError(
+                f"actuator '{name}' is a muscle; distal knows tendons that a motor pulls"
+            )
         tendon = int(model.actuator_trnid[a][0])
         if tendon in driven:
-            left.append(f"actuator '{name}' pulls tendon '{driven[tendon]}', which another pulls too: left out")
+            left.append(
+                f"actuator '{name}' pulls tendon '{driven[tendon]}', which another pulls too: "
+                "left out"
+            )
             continue
         driven[tendon] = tendon_name(model, tendon)
     if not model.nu:
@@ -42,7 +50,8 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
         left.append("the model has no actuator: each tendon that is no spring has a drive")
     if not driven:
         raise RigError(
-            f"no actuator pulls a tendon: the model has {model.ntendon}, and its {model.nu} actuators are on joints"
+            f"no actuator pulls a tendon: the model has {model.ntendon}, and its {model.nu} "
+            "actuators are on joints"
         )
     if elsewhere:
         left.append(f"actuators that pull no tendon: {', '.join(elsewhere)}")

@@ -1,4 +1,6 @@
-"""Joints and links of a model, as a chain in which all frames are parallel where all angles are zero."""
+"""Joints and links of a model, as a chain in which all frames are parallel where all angles are
+zero.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,16 @@ SMALLEST_INERTIA = 1e-9
 """Of a joint to which the model gives no armature [kg m²]: its link's inertia is what counts."""
 
 FRICTION_RADIUS = 1e-3
-"""`frictionloss` does not grow with the tensions: as friction of an axle it is nearly all preload [m]."""
+"""`frictionloss` does not grow with the tensions: as friction of an axle it is nearly all preload
+[m].
+"""
 
 
 @dataclass(frozen=True)
 class Units:
-    """What a unit of the model is, its length in metres; mass and time are kilograms and seconds."""
+    """What a unit of the model is, its length in metres; mass and time are kilograms and
+    seconds.
+    """
 
     length: float = 1.0
 
@@ -52,7 +58,9 @@ def tendon_name(model: mujoco.MjModel, tendon: int) -> str:
 
 
 def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
-    """Return for each body the joint that moves it last, of those that are kept, −1 where none does."""
+    """Return for each body the joint that moves it last, of those that are kept, −1 where none
+    does.
+    """
     carrier = [-1] * model.nbody
     for body in range(1, model.nbody):
         above = carrier[int(model.body_parentid[body])]
@@ -60,8 +68,12 @@ def carried_by(model: mujoco.MjModel, joints: Sequence[int]) -> list[int]:
     return carrier
 
 
-def parent_of(model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]) -> int:
-    """Return the joint on whose link another sits, of those that are kept, −1 for none; `carrier` is by `carried_by`."""
+def parent_of(
+    model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier: Sequence[int]
+) -> int:
+    """Return the joint on whose link another sits, of those that are kept, −1 for none; `carrier`
+    is by `carried_by`.
+    """
     body = int(model.jnt_bodyid[joint])
     above = carrier[int(model.body_parentid[body])]
     return max((j for j in joints if model.jnt_bodyid[j] == body and j < joint), default=above)
@@ -70,7 +82,9 @@ def parent_of(model: mujoco.MjModel, joint: int, joints: Sequence[int], carrier:
 def described_joints(
     model: mujoco.MjModel, joints: Sequence[int], units: Units
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
-    """Return the raw base and joints, in the model's order: axes, places, links, armature, damping, friction, stops."""
+    """Return the raw base and joints, in the model's order: axes, places, links, armature, damping,
+    friction, stops.
+    """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
     data.qpos[[int(model.jnt_qposadr[j]) for j in joints]] = 0.0
@@ -100,8 +114,11 @@ def described_joints(
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
             load = loss / (FRICTION_COEFFICIENT * FRICTION_RADIUS)
-            raw["friction"] = {"coefficient": JOINT_FRICTION, "radius": FRICTION_RADIUS,
-                               "preload": load}  # fmt: skip
+            raw["friction"] = {
+                "coefficient": JOINT_FRICTION,
+                "radius": FRICTION_RADIUS,
+                "preload": load,
+            }
         if model.jnt_limited[j]:
             raw["stops"] = [float(end) for end in model.jnt_range[j]]
         described.append(raw)
@@ -110,9 +127,16 @@ def described_joints(
 
 
 def _link(
-    model: mujoco.MjModel, data: mujoco.MjData, bodies: Sequence[int], origin: Floats, frame: Floats, units: Units
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    bodies: Sequence[int],
+    origin: Floats,
+    frame: Floats,
+    units: Units,
 ) -> dict[str, object] | None:
-    """Return mass, centre and moments of inertia of bodies that move together, in the joint's frame; None if massless."""
+    """Return mass, centre and moments of inertia of bodies that move together, in the joint's
+    frame; None if massless.
+    """
     masses = np.array([float(model.body_mass[b]) for b in bodies])
     if masses.sum() <= 0.0:
         return None
@@ -140,4 +164,6 @@ def _roll_pitch_yaw(matrix: Floats) -> Floats:
     pitch = np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))
     if abs(matrix[2, 0]) > 1.0 - 1e-12:
         return np.array([0.0, pitch, np.arctan2(-matrix[0, 1], matrix[1, 1])])
-    return np.array([np.arctan2(matrix[2, 1], matrix[2, 2]), pitch, np.arctan2(matrix[1, 0], matrix[0, 0])])
+    return np.array(
+        [np.arctan2(matrix[2, 1], matrix[2, 2]), pitch, np.arctan2(matrix[1, 0], matrix[0, 0])]
+    )

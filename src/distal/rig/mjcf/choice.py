@@ -1,4 +1,6 @@
-"""Which joints of a model are the rig's: those that turn, that are asked for, and that driven tendons move."""
+"""Which joints of a model are the rig's: those that turn, that are asked for, and that driven
+tendons move.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +20,16 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[str] | None) -> list[int]:
-    """Return the indices of the joints that turn about one axis, of those that are asked for; see `from_mujoco`."""
+def turning_joints(
+    model: mujoco.MjModel, chain: str | None, joints: Sequence[str] | None
+) -> list[int]:
+    """Return the indices of the joints that turn about one axis, of those that are asked for; see
+    `from_mujoco`.
+    """
     mujoco = mujoco_module()
-    turning = [j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)]
+    turning = [
+        j for j in range(model.njnt) if int(model.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+    ]
     if chain is not None:
         bodies = [model.body(b).name for b in range(model.nbody)]
         if chain not in bodies:
@@ -32,23 +40,32 @@ def turning_joints(model: mujoco.MjModel, chain: str | None, joints: Sequence[st
                 inside.add(b)
         turning = [j for j in turning if int(model.jnt_bodyid[j]) in inside]
     if joints is not None:
-        names = {joint_name(model, j): j for j in turning} | {model.joint(j).name: j for j in turning}
+        names = {joint_name(model, j): j for j in turning} | {
+            model.joint(j).name: j for j in turning
+        }
         for name in joints:
             if name not in names:
-                raise RigError(f"no joint that turns is called '{name}'{did_you_mean(name, sorted(names))}")
+                raise RigError(
+                    f"no joint that turns is called '{name}'{did_you_mean(name, sorted(names))}"
+                )
         turning = sorted({names[name] for name in joints})
     if not turning:
         others = ", ".join(joint_name(model, j) for j in range(model.njnt))
         raise RigError(
-            "no joint turns about one axis" + (f" in '{chain}'" if chain else f" ({others or 'none at all'})")
+            "no joint turns about one axis"
+            + (f" in '{chain}'" if chain else f" ({others or 'none at all'})")
         )
     return turning
 
 
 def other_joints(
-    model: mujoco.MjModel, hinges: Sequence[int], driven: Mapping[int, str], turned: Mapping[int, Sequence[int]]
+    model: mujoco.MjModel,
+    hinges: Sequence[int],
+    driven: Mapping[int, str],
+    turned: Mapping[int, Sequence[int]],
 ) -> list[str]:
-    """Return, in words, which joints outside the choice, `hinges`, a driven tendon moves too; they must be hinges as well.
+    """Return, in words, which joints outside the choice, `hinges`, a driven tendon moves too; they
+    must be hinges as well.
 
     Of those in the choice each driven tendon turns the ones in `turned`.
     """
@@ -69,30 +86,39 @@ def other_joints(
                 continue
             if kind is not None:
                 raise RigError(
-                    f"tendon '{name}' moves joint '{joint_name(model, j)}', which {kind}; distal's joints turn"
+                    f"tendon '{name}' moves joint '{joint_name(model, j)}', which {kind}; "
+                    "distal's joints turn"
                 )
             if turned[t]:
                 notes.append(
-                    f"tendon '{name}' also turns '{joint_name(model, j)}', which is held where the model has it"
+                    f"tendon '{name}' also turns '{joint_name(model, j)}', which is held where "
+                    "the model has it"
                 )
     return notes
 
 
 def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
-    """Raise a `RigError` where the base of a chain floats, below the first joint that is kept, unless it is asked for."""
+    """Raise a `RigError` where the base of a chain floats, below the first joint that is kept,
+    unless it is asked for.
+    """
     body, free = int(model.jnt_bodyid[first]), int(mujoco_module().mjtJoint.mjJNT_FREE)
     while body > 0 and chain is None:
         for j in range(model.njnt):
             if int(model.jnt_bodyid[j]) == body and int(model.jnt_type[j]) == free:
                 raise RigError(
-                    f"the base floats: joint '{joint_name(model, j)}' is free; with --chain BODY it is held where the "
+                    f"the base floats: joint '{joint_name(model, j)}' is free; with --chain BODY "
+                    "it is held where the "
                     "model has it"
                 )
         body = int(model.body_parentid[body])
 
 
-def kept_joints(hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coupled: Sequence[Coupled]) -> list[int]:
-    """Return those of the `hinges` that tendons turn (see `other_joints`), and those coupled to one of these."""
+def kept_joints(
+    hinges: Sequence[int], turned: Mapping[int, Sequence[int]], coupled: Sequence[Coupled]
+) -> list[int]:
+    """Return those of the `hinges` that tendons turn (see `other_joints`), and those coupled to one
+    of these.
+    """
     kept = {hinges[k] for joints in turned.values() for k in joints}
     for coupling in coupled:
         pair = {coupling.leader, coupling.follower}

@@ -1,4 +1,6 @@
-"""How stiff limits and couplings of a model's joints are: MuJoCo's give way, those of light joints by degrees."""
+"""How stiff limits and couplings of a model's joints are: MuJoCo's give way, those of light joints
+by degrees.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +15,20 @@ if TYPE_CHECKING:
     import mujoco
 
 RETURN_TIME = 1e-3
-"""In this time a joint leaves a stop that a correction of a filter has put it into [s]; MuJoCo takes twice solref's."""
+"""In this time a joint leaves a stop that a correction of a filter has put it into [s]; MuJoCo
+takes twice solref's.
+"""
 
 
-def stiffness_at_rest(model: mujoco.MjModel, solref: Floats, solimp: Floats, inverse_inertia: float) -> float:
-    """Return the stiffness of a constraint in the model's units, at rest and beyond the width of `solimp`.
+def stiffness_at_rest(
+    model: mujoco.MjModel, solref: Floats, solimp: Floats, inverse_inertia: float
+) -> float:
+    """Return the stiffness of a constraint in the model's units, at rest and beyond the width of
+    `solimp`.
 
-    K = k/((1 − d) A), k = 1/(T ζ)² or −solref[0], d = d_max, A the inverse inertia: MuJoCo's documentation,
-    "Computation", where a force f = (a_ref − a)/R, R = A (1 − d)/d, a_ref = −(d/d_max²) k r at rest.
-    `inverse_inertia` is A.
+    K = k/((1 − d) A), k = 1/(T ζ)² or −solref[0], d = d_max, A the inverse inertia: MuJoCo's
+    documentation, "Computation", where a force f = (a_ref − a)/R, R = A (1 − d)/d, a_ref =
+    −(d/d_max²) k r at rest. `inverse_inertia` is A.
     """
     time, ratio, d = float(solref[0]), float(solref[1]), float(np.clip(solimp[1], 1e-4, 0.9999))
     # MuJoCo takes no time constant below two steps
@@ -32,5 +39,11 @@ def stiffness_at_rest(model: mujoco.MjModel, solref: Floats, solimp: Floats, inv
 def described_stop(model: mujoco.MjModel, joint: int, units: Units) -> dict[str, float]:
     """Return the raw stiffness and damping of a joint's stops, those of its limits in MuJoCo."""
     inverse = float(model.dof_invweight0[int(model.jnt_dofadr[joint])])
-    stiffness = stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse) * units.torque
-    return {"stop_stiffness": float(f"{stiffness:.6g}"), "stop_damping": float(f"{RETURN_TIME * stiffness:.6g}")}
+    stiffness = (
+        stiffness_at_rest(model, model.jnt_solref[joint], model.jnt_solimp[joint], inverse)
+        * units.torque
+    )
+    return {
+        "stop_stiffness": float(f"{stiffness:.6g}"),
+        "stop_damping": float(f"{RETURN_TIME * stiffness:.6g}"),
+    }

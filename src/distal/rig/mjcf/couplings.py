@@ -34,7 +34,8 @@ class Coupled:
 def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
     """Return the couplings of joints, and what of the model's equalities is left out, in words.
 
-    MuJoCo: q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; a bent one is replaced by the nearest straight line over the range.
+    MuJoCo: q₁ − q₁₀ = Σ a_k (q₂ − q₂₀)^k; a bent one is replaced by the nearest straight line over
+    the range.
     """
     mujoco = mujoco_module()
     coupled, left = list[Coupled](), list[str]()
@@ -58,9 +59,12 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
             continue
         if off > 1e-6:
             left.append(
-                f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at '{joint_name(model, first)}'"
+                f"equality '{name}': a straight line, up to {np.rad2deg(off):.1f}° off at "
+                f"'{joint_name(model, first)}'"
             )
-        inverse = sum(float(model.dof_invweight0[int(model.jnt_dofadr[j])]) for j in (first, second))
+        inverse = sum(
+            float(model.dof_invweight0[int(model.jnt_dofadr[j])]) for j in (first, second)
+        )
         stiffness = stiffness_at_rest(model, model.eq_solref[i], model.eq_solimp[i], inverse)
         if first < second:
             stiffness *= ratio**2
@@ -69,23 +73,36 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
     return coupled, left
 
 
-def softened(coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], units: Units) -> list[Coupled]:
-    """Return the couplings as their followers' springs leave them: K (ρ θ_l + o − θ_f) = k (θ_f − θ₀) at rest."""
+def softened(
+    coupled: Sequence[Coupled], springs: Mapping[int, Mapping[str, float]], units: Units
+) -> list[Coupled]:
+    """Return the couplings as their followers' springs leave them: K (ρ θ_l + o − θ_f) = k (θ_f −
+    θ₀) at rest.
+    """
     soft = list[Coupled]()
     for pair in coupled:
         spring = springs.get(pair.follower, {})
         held, pulled = pair.stiffness * units.torque, spring.get("stiffness", 0.0)
         share, rest = held / (held + pulled), spring.get("rest_angle", 0.0)
         offset = share * pair.offset + (1.0 - share) * rest
-        soft.append(replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0))
+        soft.append(
+            replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0)
+        )
     return soft
 
 
-def kept_range(model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]) -> tuple[float, float] | None:
-    """Return the range that a joint and those that follow it leave one another, None where there is none."""
+def kept_range(
+    model: mujoco.MjModel, leader: int, coupled: Sequence[Coupled]
+) -> tuple[float, float] | None:
+    """Return the range that a joint and those that follow it leave one another, None where there is
+    none.
+    """
     ends = [range_of(model, leader)] if model.jnt_limited[leader] else []
     for coupling in coupled:
         if coupling.leader == leader and model.jnt_limited[coupling.follower]:
-            low, high = sorted((end - coupling.offset) / coupling.ratio for end in range_of(model, coupling.follower))
+            low, high = sorted(
+                (end - coupling.offset) / coupling.ratio
+                for end in range_of(model, coupling.follower)
+            )
             ends.append((low, high))
     return (max(low for low, _ in ends), min(high for _, high in ends)) if ends else None

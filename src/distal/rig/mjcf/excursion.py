@@ -12,15 +12,21 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 
 ENOUGH = 0.01
-"""A polynomial is taken where it leaves less of each moment arm than this, as RMS over poses that it was not made with."""
+"""A polynomial is taken where it leaves less of each moment arm than this, as RMS over poses that
+it was not made with.
+"""
 
 HIGHEST_DEGREE = 5
 
 NEARLY = 1.25
-"""A higher degree that leaves no less than the lower one's error divided by this is not worth its terms."""
+"""A higher degree that leaves no less than the lower one's error divided by this is not worth its
+terms.
+"""
 
 SHORTER = 1.02
-"""A shorter polynomial may leave so much more than the whole one where that does not reach `ENOUGH`."""
+"""A shorter polynomial may leave so much more than the whole one where that does not reach
+`ENOUGH`.
+"""
 
 KEPT_OUT = 3
 """One pose in so many is kept to judge by."""
@@ -35,7 +41,8 @@ class Excursion:
         coefficients: c of each term.
         length_rms: what it leaves of the length, RMS over poses that it was not made with.
         arm_rms: what it leaves of each joint's moment arm, as a share of the largest, RMS.
-        arm_most: the same, but what 92 % of the poses stay below, of the worst joint: on others it is then 90 %.
+        arm_most: the same, but what 92 % of the poses stay below, of the worst joint: on others it
+            is then 90 %.
     """
 
     powers: NDArray[np.int64]
@@ -51,11 +58,13 @@ class Excursion:
 
 
 def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
-    """Return the lowest polynomial that reaches `ENOUGH`; where none does, the lowest that is nearly the best.
+    """Return the lowest polynomial that reaches `ENOUGH`; where none does, the lowest that is
+    nearly the best.
 
-    Lengths and moment arms are fitted together, each as a share of its size, by least squares. Of the terms of a degree,
-    those are taken that are needed for this: each time the one that explains most of what is left (orthogonal matching
-    pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar 1993).
+    Lengths and moment arms are fitted together, each as a share of its size, by least squares. Of
+    the terms of a degree, those are taken that are needed for this: each time the one that explains
+    most of what is left (orthogonal matching pursuit: Pati, Rezaiifar, Krishnaprasad, Asilomar
+    1993).
 
     Args:
         angles: of the joints that the tendon crosses [rad], (k, n_joints).
@@ -72,7 +81,9 @@ def fit_excursion(angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
     return _shortened(lowest, SHORTER * lowest.arm_rms.max(), angles, lengths, arms)
 
 
-def _shortened(full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
+def _shortened(
+    full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats
+) -> Excursion:
     """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
     rows, wanted = _equations(full.powers, angles, lengths, arms)
     directions = rows / np.linalg.norm(rows, axis=0)
@@ -91,7 +102,11 @@ def _shortened(full: Excursion, enough: float, angles: Floats, lengths: Floats, 
 
 
 def _powers(joints: int, degree: int) -> NDArray[np.int64]:
-    products = [chosen for d in range(1, degree + 1) for chosen in combinations_with_replacement(range(joints), d)]
+    products = [
+        chosen
+        for d in range(1, degree + 1)
+        for chosen in combinations_with_replacement(range(joints), d)
+    ]
     return np.array([np.bincount(chosen, minlength=joints) for chosen in products])
 
 
@@ -101,7 +116,9 @@ def _terms(angles: Floats, powers: NDArray[np.int64]) -> tuple[Floats, Floats]:
     slopes = []
     for j in range(angles.shape[1]):
         cofactors = np.prod(np.delete(raised, j, axis=2), axis=2)
-        slopes.append(cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0))
+        slopes.append(
+            cofactors * powers[:, j] * angles[:, j, None] ** np.maximum(powers[:, j] - 1, 0)
+        )
     return np.prod(raised, axis=2), np.stack(slopes, axis=1)
 
 
@@ -111,12 +128,22 @@ def _judged(angles: Floats) -> Bools:
     return judged
 
 
-def _equations(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> tuple[Floats, Floats]:
-    """Return rows and right sides of the least squares: lengths and moment arms of the poses that are not kept."""
-    used, size, span = ~_judged(angles), np.abs(arms).max(axis=0), max(float(np.ptp(lengths)), 1e-12)
+def _equations(
+    powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats
+) -> tuple[Floats, Floats]:
+    """Return rows and right sides of the least squares: lengths and moment arms of the poses that
+    are not kept.
+    """
+    used, size, span = (
+        ~_judged(angles),
+        np.abs(arms).max(axis=0),
+        max(float(np.ptp(lengths)), 1e-12),
+    )
     values, slopes = _terms(angles[used], powers)
     rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
-    return rows, np.concatenate([lengths[used] / span, *(arms[used, j] / size[j] for j in range(len(size)))])
+    return rows, np.concatenate(
+        [lengths[used] / span, *(arms[used, j] / size[j] for j in range(len(size)))]
+    )
 
 
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
@@ -124,7 +151,9 @@ def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Fl
     coefficients: Floats = np.linalg.lstsq(rows, wanted, rcond=None)[0].astype(np.float64)
     judged = _judged(angles)
     values, slopes = _terms(angles[judged], powers)
-    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[judged]) / np.abs(arms).max(axis=0)
+    left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[judged]) / np.abs(
+        arms
+    ).max(axis=0)
     off = values @ coefficients - lengths[judged]
     return Excursion(
         powers,

@@ -1,4 +1,6 @@
-"""Numbers that a model does not have: what is written instead, with a wide std, and what it is in words."""
+"""Numbers that a model does not have: what is written instead, with a wide std, and what it is in
+words.
+"""
 
 from __future__ import annotations
 
@@ -27,21 +29,29 @@ PLACE_NOISE = 2e-5
 """Of a position [m]."""
 
 LASTING = 6.0
-"""√ of the samples in which what a polynomial leaves of a length stays the same: 0.36 s; noise is new in each [1]."""
+"""√ of the samples in which what a polynomial leaves of a length stays the same: 0.36 s; noise is
+new in each [1].
+"""
 
 
 def place_noise(left: float) -> Guess:
-    """Return the noise of a tendon's position, of whose length a polynomial leaves so much [m, RMS]."""
+    """Return the noise of a tendon's position, of whose length a polynomial leaves so much [m,
+    RMS].
+    """
     return Guess(float(f"{hypot(PLACE_NOISE, LASTING * left):.2g}"), "noise of a position")
 
 
 def series_stiffness(drives: int, joints: int) -> Guess:
-    """Return the series stiffness of tendons, for so many drives and joints that turn by themselves.
+    """Return the series stiffness of tendons, for so many drives and joints that turn by
+    themselves.
 
-    Any from a third of the value to no stretch at all is likely. Where drives pull against each other, their forces say
-    where the joints are, and are not to be explained by stiffness: docs/results/hands.md.
+    Any from a third of the value to no stretch at all is likely. Where drives pull against each
+    other, their forces say where the joints are, and are not to be explained by stiffness:
+    docs/results/hands.md.
     """
-    return Guess({"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness")
+    return Guess(
+        {"value": "20 N/mm", "std": "60 %" if drives > joints else "100 %"}, "series stiffness"
+    )
 
 
 def initial_angle(angle: float) -> Guess:

@@ -38,9 +38,10 @@ def from_mujoco(
 ) -> Imported:
     """Return a rig with the joints, links, springs and tendons of a MuJoCo model.
 
-    Only joints that a driven tendon turns, or that are coupled to one of these, are kept; all others are held where the
-    model has them. What MuJoCo says of a tendon's length becomes pulleys, or the lowest polynomial that leaves less than
-    1 % of each moment arm. Angles are those of the model.
+    Only joints that a driven tendon turns, or that are coupled to one of these, are kept; all
+    others are held where the model has them. What MuJoCo says of a tendon's length becomes pulleys,
+    or the lowest polynomial that leaves less than 1 % of each moment arm. Angles are those of the
+    model.
 
     Args:
         model: the model, or the path of its file.
@@ -53,7 +54,10 @@ def from_mujoco(
     """
     package = mujoco_module()
     if not isinstance(model, (str, Path, package.MjModel)):
-        raise RigError(f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} came")
+        raise RigError(
+            f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} "
+            "came"
+        )
     title, units = "model", Units(length_unit)
     if isinstance(model, (str, Path)):
         title, model = Path(model).stem, load_model(model)
@@ -89,10 +93,15 @@ def from_mujoco(
     tendons, off = [], dict[str, float]()
     stiffness = series_stiffness(len(pulling), sum("coupled" not in joint for joint in described))
     for t, name in pulling.items():
-        tendon, off[name], left = described_tendon(model, t, name, [hinges[k] for k in turned[t]], stiffness, units)
+        tendon, off[name], left = described_tendon(
+            model, t, name, [hinges[k] for k in turned[t]], stiffness, units
+        )
         tendons.append(tendon)
         notes += left
-    raw |= {"tendons": tendons, "sensors": described_sensors(off, [joint_name(model, j) for j in kept])}
+    raw |= {
+        "tendons": tendons,
+        "sensors": described_sensors(off, [joint_name(model, j) for j in kept]),
+    }
     imported = Imported.of(raw, title, "model", tuple(notes))
     _check_size(imported.rig)
     return imported
@@ -111,7 +120,9 @@ def _complete(
     units: Units,
     coupled: Sequence[Coupled],
 ) -> None:
-    """Add springs and couplings to the joints; stops of a joint that follows become those of its leader."""
+    """Add springs and couplings to the joints; stops of a joint that follows become those of its
+    leader.
+    """
     for j, raw in zip(kept, described):
         if j in springs:
             raw["spring"] = dict(springs[j])
@@ -120,7 +131,11 @@ def _complete(
             raw |= {"stops": [float(end) for end in ends], **described_stop(model, j, units)}
         for pair in coupled:
             if pair.follower == j:
-                raw["coupled"] = {"joint": joint_name(model, pair.leader), "ratio": pair.ratio, "offset": pair.offset}
+                raw["coupled"] = {
+                    "joint": joint_name(model, pair.leader),
+                    "ratio": pair.ratio,
+                    "offset": pair.offset,
+                }
                 for key in ("stops", "stop_stiffness", "stop_damping", "initial"):
                     raw.pop(key, None)
 
@@ -130,6 +145,7 @@ def _check_size(rig: Rig) -> None:
         for joint, arm in tendon.arms().items():
             if abs(arm) > LARGEST_ARM:
                 raise RigError(
-                    f"tendon '{tendon.name}' has a moment arm of {abs(arm):.3g} m at '{joint}': if the model is in "
+                    f"tendon '{tendon.name}' has a moment arm of {abs(arm):.3g} m at '{joint}': "
+                    "if the model is in "
                     "millimetres, give --length-unit mm"
                 )

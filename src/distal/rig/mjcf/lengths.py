@@ -21,7 +21,8 @@ MOST_ANGLE = 7.0
 
 @dataclass(frozen=True)
 class Disagreement:
-    """How a tendon's moment arm at a joint, mean over a table and positive where it pulls to +θ, differs from the table's.
+    """How a tendon's moment arm at a joint, mean over a table and positive where it pulls to +θ,
+    differs from the table's.
 
     The `other` arm is the table's, by least squares; `rms` is that of the length's difference [m].
     """
@@ -39,10 +40,11 @@ class Disagreement:
 
 
 def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreement, ...]:
-    """Return how lengths in a table differ from the rig's, by tendon and joint; how the table counts lengths is free.
+    """Return how lengths in a table differ from the rig's, by tendon and joint; how the table
+    counts lengths is free.
 
-    It has the angle of each joint [rad] and the length of some tendons [m], by name, (k,) each. Joints without a column
-    are at zero; a joint and a tendon must be there.
+    It has the angle of each joint [rad] and the length of some tendons [m], by name, (k,) each.
+    Joints without a column are at zero; a joint and a tendon must be there.
     """
     columns = {name: np.asarray(values, dtype=float) for name, values in table.items()}
     joints = [joint.name for joint in rig.joints if joint.name in columns]
@@ -56,24 +58,31 @@ def compare_lengths(rig: Rig, table: Mapping[str, ArrayLike]) -> tuple[Disagreem
     angles = np.column_stack([columns[name] for name in joints])
     if np.abs(angles).max() > MOST_ANGLE:
         raise RigError(
-            f"an angle of {np.abs(angles).max():.4g} came; the table's angles are radians, its lengths metres"
+            f"an angle of {np.abs(angles).max():.4g} came; the table's angles are radians, its "
+            "lengths metres"
         )
     poses = [dict(zip(joints, row)) for row in angles]
     disagreements = list[Disagreement]()
     for tendon in tendons:
-        arms = np.array([[tendon.arms(pose).get(name, 0.0) for name in joints] for pose in poses]).mean(axis=0)
+        arms = np.array(
+            [[tendon.arms(pose).get(name, 0.0) for name in joints] for pose in poses]
+        ).mean(axis=0)
         sloped = np.column_stack([np.ones(len(angles)), angles])
         length = columns[tendon.name]
         slopes = np.linalg.lstsq(sloped, length, rcond=None)[0][1:]
         rms = float(np.std(length + np.array([_drawn(tendon, pose) for pose in poses])))
         for name, arm, slope in zip(joints, arms, slopes):
             if name in tendon.joints or abs(slope) > 1e-6:
-                disagreements.append(Disagreement(tendon.name, name, rms, float(arm), float(-slope)))
+                disagreements.append(
+                    Disagreement(tendon.name, name, rms, float(arm), float(-slope))
+                )
     return tuple(disagreements)
 
 
 def _drawn(tendon: Tendon, angles: dict[str, float]) -> float:
-    """Return how far a tendon is drawn in from zero to given angles: ∫ Σ arm_j(s θ) θ_j ds, exact up to degree 11."""
+    """Return how far a tendon is drawn in from zero to given angles: ∫ Σ arm_j(s θ) θ_j ds, exact
+    up to degree 11.
+    """
     places, weights = np.polynomial.legendre.leggauss(6)
     total = 0.0
     for place, weight in zip((places + 1) / 2, weights / 2):

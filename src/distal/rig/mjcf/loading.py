@@ -19,11 +19,15 @@ def mujoco_module() -> ModuleType:
     try:
         return importlib.import_module("mujoco")
     except ImportError:
-        raise RigError("models of MuJoCo need the package 'mujoco': pip install '.[mujoco]'") from None
+        raise RigError(
+            "models of MuJoCo need the package 'mujoco': pip install '.[mujoco]'"
+        ) from None
 
 
 def load_model(path: str | Path) -> mujoco.MjModel:
-    """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only draw it."""
+    """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only
+    draw it.
+    """
     package, path = mujoco_module(), Path(path)
     if not path.is_file():
         raise RigError(f"{path}: there is no such file")
@@ -35,7 +39,11 @@ def load_model(path: str | Path) -> mujoco.MjModel:
     try:
         spec = package.MjSpec.from_file(str(path))
         for geom in list(spec.geoms):
-            if geom.type in (package.mjtGeom.mjGEOM_MESH, package.mjtGeom.mjGEOM_SDF, package.mjtGeom.mjGEOM_HFIELD):
+            if geom.type in (
+                package.mjtGeom.mjGEOM_MESH,
+                package.mjtGeom.mjGEOM_SDF,
+                package.mjtGeom.mjGEOM_HFIELD,
+            ):
                 spec.delete(geom)
         for kind in ("materials", "textures", "meshes", "hfields", "skins"):
             for asset in list(getattr(spec, kind)):

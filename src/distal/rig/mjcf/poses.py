@@ -20,15 +20,18 @@ UNLIMITED = (-np.pi / 2, np.pi / 2)
 """Range of a joint to which the model gives none [rad]."""
 
 CROSSED = 1e-3
-"""A tendon crosses a joint if it turns it by more than this share of what it does to the joint it turns most."""
+"""A tendon crosses a joint if it turns it by more than this share of what it does to the joint it
+turns most.
+"""
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Lengths, (k, n_tendons), and moment arms ∂length/∂angle, (k, n_tendons, n_joints), at poses, in the model's units.
+    """Lengths, (k, n_tendons), and moment arms ∂length/∂angle, (k, n_tendons, n_joints), at poses,
+    in the model's units.
 
-    The angles of the joints are (k, n_joints). Where a tendon touches a surface or leaves it, the number of points of its
-    path, `wraps`, (k, n_tendons), changes.
+    The angles of the joints are (k, n_joints). Where a tendon touches a surface or leaves it, the
+    number of points of its path, `wraps`, (k, n_tendons), changes.
     """
 
     angles: Floats
@@ -46,7 +49,9 @@ def range_of(model: mujoco.MjModel, joint: int) -> tuple[float, float]:
 
 
 def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
-    """Return ∂length/∂q of all tendons by data with their lengths, (n_tendons, n_v); MuJoCo keeps it dense or sparse."""
+    """Return ∂length/∂q of all tendons by data with their lengths, (n_tendons, n_v); MuJoCo keeps
+    it dense or sparse.
+    """
     flat = np.asarray(data.ten_J).ravel()
     owner = model if hasattr(model, "ten_J_rownnz") else data
     if owner is data and not mujoco_module().mj_isSparse(model):
@@ -59,7 +64,9 @@ def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
 
 
 def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Poses:
-    """Return lengths and moment arms of all tendons at angles [rad], (k, n_joints); other joints stay where they are."""
+    """Return lengths and moment arms of all tendons at angles [rad], (k, n_joints); other joints
+    stay where they are.
+    """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
     places = [int(model.jnt_qposadr[j]) for j in joints]
@@ -77,7 +84,9 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
 
 
 def rest_lengths(model: mujoco.MjModel, joints: Sequence[int]) -> Floats:
-    """Return all tendons' lengths with some joints at zero, from where a drive's displacement counts, (n_tendons,)."""
+    """Return all tendons' lengths with some joints at zero, from where a drive's displacement
+    counts, (n_tendons,).
+    """
     lengths: Floats = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0]
     return lengths
 

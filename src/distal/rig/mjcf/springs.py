@@ -1,4 +1,6 @@
-"""Springs of a model, its joints' own and those that are tendons, as the return spring of a joint."""
+"""Springs of a model, its joints' own and those that are tendons, as the return spring of a
+joint.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ def joint_springs(
 ) -> tuple[dict[int, dict[str, float]], list[str]]:
     """Return the raw return spring of each joint that has one, and what is left out, in words.
 
-    The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q x² + c x³), x = θ − θ₀.
+    The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q
+    x² + c x³), x = θ − θ₀.
     """
     springs, left = dict[int, dict[str, float]](), list[str]()
     poses = over_ranges(model, joints, 50)
@@ -40,7 +43,9 @@ def joint_springs(
     for t, crossed in crossing.items():
         if len(crossed) > 1:
             names = ", ".join(joint_name(model, j) for j in crossed)
-            left.append(f"spring '{tendon_name(model, t)}' pulls at several joints ({names}): left out")
+            left.append(
+                f"spring '{tendon_name(model, t)}' pulls at several joints ({names}): left out"
+            )
     for j in joints:
         low, high = range_of(model, j)
         angles = np.linspace(low, high, POINTS)
@@ -48,7 +53,9 @@ def joint_springs(
         torque = -float(np.ravel(model.jnt_stiffness[j])[0]) * (angles - relaxed)
         for t in (t for t, crossed in crossing.items() if crossed == [j]):
             along = at_poses(model, [j], angles[:, None])
-            low_length, high_length = (float(end) for end in np.ravel(model.tendon_lengthspring[t])[:2])
+            low_length, high_length = (
+                float(end) for end in np.ravel(model.tendon_lengthspring[t])[:2]
+            )
             length, stiffness = along.lengths[:, t], float(np.ravel(model.tendon_stiffness[t])[0])
             stretched = np.maximum(length - high_length, 0.0) - np.maximum(low_length - length, 0.0)
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
@@ -57,25 +64,45 @@ def joint_springs(
             springs[j] = _as_spring(angles, torque)
             rms = _left(springs[j], angles, torque)
             if rms > 0.05 * np.abs(torque).max():
-                left.append(f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)")
+                left.append(
+                    f"springs of joint '{joint_name(model, j)}': a cubic leaves {rms:.2g} N m (RMS)"
+                )
     return springs, left
 
 
 def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
-    """Return the spring whose torque over the range is nearest; its stiffness where it is relaxed is not negative."""
+    """Return the spring whose torque over the range is nearest; its stiffness where it is relaxed
+    is not negative.
+    """
     span = float(angles[-1] - angles[0])
     for degree in (3, 1):
         fitted = np.polynomial.Polynomial.fit(angles, torque, degree).convert()
         slope = fitted.deriv()
         middle = (angles[0] + angles[-1]) / 2
-        relaxed = [float(root.real) for root in fitted.roots() if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0]
+        relaxed = [
+            float(root.real)
+            for root in fitted.roots()
+            if abs(root.imag) < 1e-9 and -slope(root.real) > 0.0
+        ]
         # further away it is rounding that bends the curve
         roots = [root for root in relaxed if abs(root - middle) <= FARTHEST * span]
         if roots:
             zero = min(roots, key=lambda root: abs(root - middle))
-            second, third = fitted.deriv(2)(zero) / 2, fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0
-            spring = {"stiffness": -slope(zero), "rest_angle": zero, "quadratic": -second, "cubic": -third}
-            return {name: float(f"{size:.6g}") for name, size in spring.items() if size or name == "stiffness"}
+            second, third = (
+                fitted.deriv(2)(zero) / 2,
+                fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0,
+            )
+            spring = {
+                "stiffness": -slope(zero),
+                "rest_angle": zero,
+                "quadratic": -second,
+                "cubic": -third,
+            }
+            return {
+                name: float(f"{size:.6g}")
+                for name, size in spring.items()
+                if size or name == "stiffness"
+            }
     # pulled the same all over the range: a weak spring far away
     mean = float(np.mean(torque))
     weak = abs(mean) / (FARTHEST * span)
@@ -84,5 +111,8 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
 
 def _left(spring: dict[str, float], angles: Floats, torque: Floats) -> float:
     x = angles - spring.get("rest_angle", 0.0)
-    fitted = -(x * (spring["stiffness"] + x * (spring.get("quadratic", 0.0) + x * spring.get("cubic", 0.0))))
+    fitted = -(
+        x
+        * (spring["stiffness"] + x * (spring.get("quadratic", 0.0) + x * spring.get("cubic", 0.0)))
+    )
     return float(np.sqrt(np.mean((fitted - torque) ** 2)))

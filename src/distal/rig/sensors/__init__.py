@@ -1,4 +1,6 @@
-"""Sensors: what is measured, with which errors, and where a log holds it; a kind of sensor is a file."""
+"""Sensors: what is measured, with which errors, and where a log holds it; a kind of sensor is a
+file.
+"""
 
 from distal.rig.sensors.conversion import gain_of, log_factor, log_unit, step_of
 from distal.rig.sensors.counts import COUNTS

@@ -15,7 +15,9 @@ class Angle(Measurand):
     name, of, role = "angle", "joints", Role.REFERENCE
     si, badge = "rad", "θ"
 
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return the angle."""
         return motion.angle(part)
 

@@ -12,25 +12,35 @@ from distal.rig.sensors.counts import COUNTS, errors_in_si
 
 
 class SensorBase(Description):
-    """What every sensor has; the unit of its errors follows from what it measures (`si`, filled in by `Rig`)."""
+    """What every sensor has; the unit of its errors follows from what it measures (`si`, filled in
+    by `Rig`).
+    """
 
     name: Name
     measures: str = Field(
-        description="position or force of a drive, tension of a tendon, angle of a joint or torque on it, or another kind "
-        "of `distal.rig.sensors` (imu); command: a position that was asked for, not measured, which the "
+        description="position or force of a drive, tension of a tendon, angle of a joint or "
+        "torque on it, or another kind "
+        "of `distal.rig.sensors` (imu); command: a position that was asked for, not measured, "
+        "which the "
         "drive follows with `lag`"
     )
     of: str = Field(description="name of the drive, tendon or joint")
     column: str | None = Field(
-        None, min_length=1, description="column of the log, or /topic.field of a recording; default: the sensor's name"
+        None,
+        min_length=1,
+        description="column of the log, or /topic.field of a recording; default: the sensor's name",
     )
     unit: str | None = Field(None, min_length=1, description="unit in the log; default: SI")
     sign: Literal[1, -1] = Field(1, description="-1 where the log counts the other way")
     rate: Annotated[float, In("Hz", "positive")] = Field(100.0, description="samples per second")
-    delay: Annotated[float, In("s", "nonnegative")] = Field(0.0, description="age of a value when it is stamped")
+    delay: Annotated[float, In("s", "nonnegative")] = Field(
+        0.0, description="age of a value when it is stamped"
+    )
 
     lag: Annotated[float, In("s", "nonnegative")] = Field(
-        0.0, description="time constant with which a drive follows a command; 0 for a place that is measured"
+        0.0,
+        description="time constant with which a drive follows a command; 0 for a place that is "
+        "measured",
     )
 
     @model_validator(mode="before")
@@ -41,14 +51,17 @@ class SensorBase(Description):
 
     @classmethod
     def _counting(cls, raw: Mapping[str, object]) -> tuple[str, float] | None:
-        """Return the unit in which a log may count instead of SI, and what one of it is, None where there is none."""
+        """Return the unit in which a log may count instead of SI, and what one of it is, None where
+        there is none.
+        """
         return None
 
     @model_validator(mode="after")
     def _unit(self) -> Self:
         if self.unit in COUNTS and getattr(self, "counts_per_turn", None) is None:
             raise ValueError(
-                "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for others give the unit of "
+                "unit: 'count' needs 'counts_per_turn' of an encoder that measures an angle; for "
+                "others give the unit of "
                 "the number in the log"
             )
         return self
@@ -56,7 +69,9 @@ class SensorBase(Description):
     @model_validator(mode="after")
     def _lagging(self) -> Self:
         if self.lag > 0.0 and self.measures != "position":
-            raise ValueError("lag: is of a drive that follows a command; a sensor that is late has a delay")
+            raise ValueError(
+                "lag: is of a drive that follows a command; a sensor that is late has a delay"
+            )
         return self
 
     @model_validator(mode="after")

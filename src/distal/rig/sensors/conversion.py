@@ -12,12 +12,16 @@ from distal.units import unit_factor
 
 
 def gain_of(sensor: Sensor) -> Parameter:
-    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and angles."""
+    """Return what a sensor reads for one unit of what it measures; exactly 1 for displacements and
+    angles.
+    """
     return sensor.gain if isinstance(sensor, (ForceSensor, TorqueSensor)) else Parameter(value=1.0)
 
 
 def step_of(sensor: Sensor) -> float:
-    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is that before it."""
+    """Return the quantisation step of what a sensor measures, behind its gear: its `resolution` is
+    that before it.
+    """
     return sensor.resolution / (sensor.gear if isinstance(sensor, AngleSensor) else 1.0)
 
 
@@ -32,7 +36,11 @@ def log_factor(sensor: Sensor) -> float:
         try:
             return torque * unit_factor(sensor.unit or unit, unit)
         except UnitError as problem:
-            needs = "; a load cell in N needs its lever, a current a torque_constant" if unit == sensor.si else ""
+            needs = (
+                "; a load cell in N needs its lever, a current a torque_constant"
+                if unit == sensor.si
+                else ""
+            )
             raise UnitError(f"{problem}{needs}") from None
     gear = sensor.gear if isinstance(sensor, AngleSensor) else 1.0
     if isinstance(sensor, AngleSensor) and sensor.counts_per_turn is not None:

@@ -1,4 +1,6 @@
-"""Errors that are written as the log counts, in counts of an encoder or amperes of a motor, and what they are in SI."""
+"""Errors that are written as the log counts, in counts of an encoder or amperes of a motor, and
+what they are in SI.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ ERRORS = ("noise", "linearity", "resolution", "bias")
 def errors_in_si(
     raw: Mapping[str, object], counting: Callable[[Mapping[str, object]], tuple[str, float] | None]
 ) -> object:
-    """Return a raw sensor with its errors in SI, as far as they are written in what its log counts (`counting`)."""
+    """Return a raw sensor with its errors in SI, as far as they are written in what its log counts
+    (`counting`).
+    """
     try:
         scale = counting(raw)
         gear = to_si(raw.get("gear", 1.0), "") if scale is not None and scale[0] == "count" else 1.0
@@ -33,7 +37,10 @@ def errors_in_si(
     def converted(error: object, size: float) -> object:
         if isinstance(error, Mapping):
             spreads = ("value", "std", "drift")
-            return {key: converted(part, size) if key in spreads else part for key, part in error.items()}
+            return {
+                key: converted(part, size) if key in spreads else part
+                for key, part in error.items()
+            }
         return _of_text(error, unit, size) if isinstance(error, str) else error
 
     sizes = {key: unit_size * (gear if key == "resolution" else 1.0) for key in ERRORS}
@@ -41,7 +48,9 @@ def errors_in_si(
 
 
 def _of_text(text: str, unit: str, size: float) -> object:
-    """Return what a text such as ``2 count`` or ``20 mA`` stands for; a text in another unit as it is."""
+    """Return what a text such as ``2 count`` or ``20 mA`` stands for; a text in another unit as it
+    is.
+    """
     number, _, suffix = text.strip().rpartition(" ")
     try:
         if unit == "count":

@@ -23,7 +23,9 @@ class Force(Measurand):
         """Return τ of a capstan, else U."""
         return "τ" if isinstance(part, Capstan) else "U"
 
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return what the drive exerts."""
         return motion.effort(part)
 
@@ -34,7 +36,8 @@ class Force(Measurand):
 
 
 def largest_effort(rig: Parts, drive: int) -> float:
-    """Return the largest effort that a drive is likely to exert: its limit, else twice what stretches its tendons at rest.
+    """Return the largest effort that a drive is likely to exert: its limit, else twice what
+    stretches its tendons at rest.
 
     At least `LEAST`: a sensor's range is never empty.
     """

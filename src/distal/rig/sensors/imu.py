@@ -1,7 +1,9 @@
-"""An inertial measurement unit on a link: how the link turns, and which way gravity pulls, three numbers each.
+"""An inertial measurement unit on a link: how the link turns, and which way gravity pulls, three
+numbers each.
 
-Its frame is that of the joint whose link carries it, turned by `mounting` about that joint's axis. The accelerometer is
-taken to be at rest: it reads −g in its own frame, and what the link's own acceleration adds is part of its noise.
+Its frame is that of the joint whose link carries it, turned by `mounting` about that joint's axis.
+The accelerometer is taken to be at rest: it reads −g in its own frame, and what the link's own
+acceleration adds is part of its noise.
 """
 
 from __future__ import annotations
@@ -17,21 +19,29 @@ from distal.rig.quantities import In, Parameter
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role, Unknown
 
-NUMBERS = {f"{kind}_{axis}": unit for kind, unit in (("rate", "rad/s"), ("force", "m/s^2")) for axis in "xyz"}
+NUMBERS = {
+    f"{kind}_{axis}": unit
+    for kind, unit in (("rate", "rad/s"), ("force", "m/s^2"))
+    for axis in "xyz"
+}
 """What it gives, and the unit of each."""
 
 RANGES = {"rate": 35.0, "force": 20.0}
 """How far its numbers go either way, as those of common ones: 2000 °/s, 2 g."""
 
 GROUP = ("name", "column", "noise", "bias", "numbers")
-"""Keys of a table that each of its numbers has for itself: `noise` and `bias` are tables by `rate` and `force`."""
+"""Keys of a table that each of its numbers has for itself: `noise` and `bias` are tables by `rate`
+and `force`.
+"""
 
 
 class ImuSensor(SensorBase):
     """One number of an inertial measurement unit."""
 
     unit_name: str = Field(description="name of the whole unit")
-    number: Literal["rate_x", "rate_y", "rate_z", "force_x", "force_y", "force_z"] = Field(description="which one")
+    number: Literal["rate_x", "rate_y", "rate_z", "force_x", "force_y", "force_z"] = Field(
+        description="which one"
+    )
     mounting: Annotated[Parameter, In("rad", drifts=False)] = Field(
         Parameter(value=0.0), description="how it is turned on its link, about the joint's axis"
     )
@@ -41,20 +51,36 @@ class Gyroscope(ImuSensor):
     """An angular rate about an axis of the unit [rad/s]."""
 
     si: Literal["rad/s"]
-    noise: Annotated[float, In("rad/s", "nonnegative")] = Field(0.0, description="standard deviation, random error")
-    linearity: Annotated[float, In("rad/s", "nonnegative")] = Field(0.0, description="largest systematic deviation")
-    resolution: Annotated[float, In("rad/s", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
-    bias: Annotated[Parameter, In("rad/s")] = Field(Parameter(value=0.0), description="offset; with a drift it walks")
+    noise: Annotated[float, In("rad/s", "nonnegative")] = Field(
+        0.0, description="standard deviation, random error"
+    )
+    linearity: Annotated[float, In("rad/s", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation"
+    )
+    resolution: Annotated[float, In("rad/s", "nonnegative")] = Field(
+        0.0, description="quantisation step; 0 = none"
+    )
+    bias: Annotated[Parameter, In("rad/s")] = Field(
+        Parameter(value=0.0), description="offset; with a drift it walks"
+    )
 
 
 class Accelerometer(ImuSensor):
     """A specific force along an axis of the unit [m/s²]: −g of a link at rest."""
 
     si: Literal["m/s^2"]
-    noise: Annotated[float, In("m/s^2", "nonnegative")] = Field(0.0, description="standard deviation, random error")
-    linearity: Annotated[float, In("m/s^2", "nonnegative")] = Field(0.0, description="largest systematic deviation")
-    resolution: Annotated[float, In("m/s^2", "nonnegative")] = Field(0.0, description="quantisation step; 0 = none")
-    bias: Annotated[Parameter, In("m/s^2")] = Field(Parameter(value=0.0), description="offset; with a drift it walks")
+    noise: Annotated[float, In("m/s^2", "nonnegative")] = Field(
+        0.0, description="standard deviation, random error"
+    )
+    linearity: Annotated[float, In("m/s^2", "nonnegative")] = Field(
+        0.0, description="largest systematic deviation"
+    )
+    resolution: Annotated[float, In("m/s^2", "nonnegative")] = Field(
+        0.0, description="quantisation step; 0 = none"
+    )
+    bias: Annotated[Parameter, In("m/s^2")] = Field(
+        Parameter(value=0.0), description="offset; with a drift it walks"
+    )
 
 
 class Imu(Measurand):
@@ -77,12 +103,22 @@ class Imu(Measurand):
         common = {key: part for key, part in raw.items() if key not in GROUP}
         sensors: list[Mapping[str, object]] = []
         for number in wanted:
-            sensor = {**common, "name": f"{raw.get('name')}_{number}", "unit_name": raw.get("name"), "number": number}
-            sensor |= {"column": f"{raw.get('column', raw.get('name'))}_{number}", "si": NUMBERS[number]}
+            sensor = {
+                **common,
+                "name": f"{raw.get('name')}_{number}",
+                "unit_name": raw.get("name"),
+                "number": number,
+            }
+            sensor |= {
+                "column": f"{raw.get('column', raw.get('name'))}_{number}",
+                "si": NUMBERS[number],
+            }
             for key in ("noise", "bias"):
                 by_kind = raw.get(key, {})
                 if not isinstance(by_kind, Mapping):
-                    raise ValueError(f"{key}: must be a table with rate and force, {by_kind!r} came")
+                    raise ValueError(
+                        f"{key}: must be a table with rate and force, {by_kind!r} came"
+                    )
                 if number.split("_")[0] in by_kind:
                     sensor[key] = by_kind[number.split("_")[0]]
             sensors.append(sensor)
@@ -93,7 +129,9 @@ class Imu(Measurand):
         assert isinstance(sensor, ImuSensor)
         return (Unknown(f"mounting_{sensor.unit_name}", sensor.mounting),)
 
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return the number in the unit's frame."""
         assert isinstance(sensor, ImuSensor)
         kind, axis = sensor.number.split("_")
@@ -115,4 +153,8 @@ def turned(vector: Vector, axis: Sequence[float], angle: Scalar) -> Vector:
     """
     a = ca.DM(list(axis))
     across = ca.cross(ca.SX(a), vector)
-    return vector * ca.cos(angle) + across * ca.sin(angle) + a * ca.dot(ca.SX(a), vector) * (1 - ca.cos(angle))
+    return (
+        vector * ca.cos(angle)
+        + across * ca.sin(angle)
+        + a * ca.dot(ca.SX(a), vector) * (1 - ca.cos(angle))
+    )

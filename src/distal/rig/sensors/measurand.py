@@ -1,4 +1,5 @@
-"""A kind of measurement: of which part it is, in which unit, what it reads of a motion, and who uses it.
+"""A kind of measurement: of which part it is, in which unit, what it reads of a motion, and who
+uses it.
 
 A sensor of a new kind is one file beside this one, and a line in `registry`.
 """
@@ -124,7 +125,9 @@ class Measurand(ABC):
         return self.badge
 
     @abstractmethod
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return what a sensor without errors reads [SI].
 
         Args:
@@ -136,9 +139,13 @@ class Measurand(ABC):
         """Return the ends of what it measures [SI], over which its linearity is defined."""
 
     def unknowns(self, sensor: SensorBase) -> tuple[Unknown, ...]:
-        """Return the numbers beside bias and gain that its reading depends on and that are not known for certain."""
+        """Return the numbers beside bias and gain that its reading depends on and that are not
+        known for certain.
+        """
         return ()
 
     def numbers(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
-        """Return the sensors of one number each that a table of a rig file stands for, still unchecked."""
+        """Return the sensors of one number each that a table of a rig file stands for, still
+        unchecked.
+        """
         return [raw]

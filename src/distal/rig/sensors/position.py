@@ -12,7 +12,9 @@ from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
 
 
 class Position(Measurand):
-    """s of a slider [m], φ of a capstan [rad]; of a command s + lag ṡ, since it is ahead of where the drive is."""
+    """s of a slider [m], φ of a capstan [rad]; of a command s + lag ṡ, since it is ahead of where
+    the drive is.
+    """
 
     name, of, role = "position", "drives", Role.PLACE
 
@@ -24,7 +26,9 @@ class Position(Measurand):
         """Return φ of a capstan, else x."""
         return "φ" if isinstance(part, Capstan) else "x"
 
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return the place of the drive, or of what commands it."""
         place = motion.place(part)
         return place + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else place
@@ -37,8 +41,8 @@ class Position(Measurand):
 def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     """Return the ends of a drive's travel: its stops, or what it can use [m, rad].
 
-    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon to; of a tendon over
-    several joints what their own stops allow.
+    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon
+    to; of a tendon over several joints what their own stops allow.
     """
     part = rig.drives[drive]
     if part.stops is not None:

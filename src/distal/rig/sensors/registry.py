@@ -1,4 +1,6 @@
-"""All kinds of sensors: another one is a file beside this one and a line in `MEASURANDS`, with its class in `Sensor`."""
+"""All kinds of sensors: another one is a file beside this one and a line in `MEASURANDS`, with its
+class in `Sensor`.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ MEASURANDS: dict[str, Measurand] = {
 """What can be measured, by the name in a rig file."""
 
 Sensor = Annotated[
-    LengthSensor | AngleSensor | ForceSensor | TorqueSensor | Gyroscope | Accelerometer, Field(discriminator="si")
+    LengthSensor | AngleSensor | ForceSensor | TorqueSensor | Gyroscope | Accelerometer,
+    Field(discriminator="si"),
 ]
 """A sensor of one number."""
 
@@ -31,13 +34,20 @@ UNITS = ("m", "rad", "N", "N m", *dict.fromkeys(NUMBERS.values()))
 """By which pydantic tells the classes of sensors apart."""
 
 REFERENCES = frozenset(name for name, kind in MEASURANDS.items() if kind.role is Role.REFERENCE)
-"""What is measured at a joint: references, which estimators compare with or home by, and do not need."""
+"""What is measured at a joint: references, which estimators compare with or home by, and do not
+need.
+"""
 
-MEASURED = {of: tuple(n for n, kind in MEASURANDS.items() if kind.of == of) for of in ("drives", "tendons", "joints")}
+MEASURED = {
+    of: tuple(n for n, kind in MEASURANDS.items() if kind.of == of)
+    for of in ("drives", "tendons", "joints")
+}
 """What can be measured of each kind of part."""
 
 
-def checked_parts(raw: object, index: int, parts: Mapping[str, Sequence[Part]]) -> list[Mapping[str, object]]:
+def checked_parts(
+    raw: object, index: int, parts: Mapping[str, Sequence[Part]]
+) -> list[Mapping[str, object]]:
     """Return a raw table as sensors of one number each, with the SI unit of each.
 
     Raises:
@@ -48,7 +58,8 @@ def checked_parts(raw: object, index: int, parts: Mapping[str, Sequence[Part]]) 
     if raw.get("measures") == "command":
         if "lag" not in raw:
             raise ValueError(
-                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo (\"50 ms\")"
+                f"{index}: measures = 'command' needs lag, the time constant of the drive's servo "
+                '("50 ms")'
             )
         raw = {**raw, "measures": "position"}
     measures, of = raw.get("measures"), raw.get("of")
@@ -57,10 +68,15 @@ def checked_parts(raw: object, index: int, parts: Mapping[str, Sequence[Part]]) 
     kind = MEASURANDS.get(str(measures))
     if kind is None:
         *names, last = (f"'{name}'" for name in MEASURANDS)
-        raise ValueError(f"{index}.measures: must be {', '.join(names)} or {last}, {measures!r} came")
+        raise ValueError(
+            f"{index}.measures: must be {', '.join(names)} or {last}, {measures!r} came"
+        )
     names_of_parts = [part.name for part in parts[kind.of]]
     if of not in names_of_parts:
-        raise ValueError(f"{index}.of: no {kind.of[:-1]} is called '{of}'{_elsewhere(of, kind, parts, names_of_parts)}")
+        raise ValueError(
+            f"{index}.of: no {kind.of[:-1]} is called "
+            f"'{of}'{_elsewhere(of, kind, parts, names_of_parts)}"
+        )
     raw = {**raw, "si": kind.unit(parts[kind.of][names_of_parts.index(of)])}
     try:
         return kind.numbers(raw)
@@ -69,18 +85,24 @@ def checked_parts(raw: object, index: int, parts: Mapping[str, Sequence[Part]]) 
 
 
 def one_number_each(tables: Sequence[object]) -> list[object]:
-    """Return raw tables of sensors with those of several numbers written out, as far as they can be understood."""
+    """Return raw tables of sensors with those of several numbers written out, as far as they can be
+    understood.
+    """
     sensors = list[object]()
     for table in tables:
         kind = MEASURANDS.get(str(table.get("measures"))) if isinstance(table, Mapping) else None
         try:
-            sensors += [table] if kind is None or not isinstance(table, Mapping) else kind.numbers(table)
+            sensors += (
+                [table] if kind is None or not isinstance(table, Mapping) else kind.numbers(table)
+            )
         except ValueError:
             sensors.append(table)  # what is wrong in it is said when it is checked
     return sensors
 
 
-def _elsewhere(of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]) -> str:
+def _elsewhere(
+    of: object, kind: Measurand, parts: Mapping[str, Sequence[Part]], names: list[str]
+) -> str:
     """Return a hint where a sensor's part is of another kind, else names that may be meant."""
     for kind_of_part, measurands in MEASURED.items():
         if of in [part.name for part in parts[kind_of_part]]:

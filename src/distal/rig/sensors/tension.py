@@ -16,12 +16,18 @@ class Tension(Measurand):
     name, of, role = "tension", "tendons", Role.TENSION
     si, badge = "N", "T"
 
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return the tension."""
         return motion.tension(part)
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
         """Return from slack to what the tendon's drive is likely to pull."""
-        drive = next(i for i, drive in enumerate(rig.drives) if drive.name == rig.tendons[part].drive)
+        drive = next(
+            i for i, drive in enumerate(rig.drives) if drive.name == rig.tendons[part].drive
+        )
         moved = rig.drives[drive]
-        return 0.0, largest_effort(rig, drive) / (moved.radius.value if moved.kind == "capstan" else 1.0)
+        return 0.0, largest_effort(rig, drive) / (
+            moved.radius.value if moved.kind == "capstan" else 1.0
+        )

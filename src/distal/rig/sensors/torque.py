@@ -21,7 +21,9 @@ class Torque(Measurand):
     name, of, role = "torque", "joints", Role.REFERENCE
     si, badge = "N m", "τ"
 
-    def read(self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]) -> Scalar:
+    def read(
+        self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
+    ) -> Scalar:
         """Return the torque."""
         return motion.torque(part)
 

@@ -19,10 +19,12 @@ from distal.sensor_errors import systematic_variance
 
 @dataclass(frozen=True)
 class SensorBias(OfSensor):
-    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks within its std.
+    """b, which stays, or walks by the bias's `drift`; that of a reference of a joint's angle walks
+    within its std.
 
-    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt, T = 2 σ²/drift².
-    It is what the model's angle and the joint's differ by, so that a moment's reference tells less than a long one.
+    A reference's bias that walks is a first-order Gauss–Markov process: e^{−dt/T} of it is left
+    after dt, T = 2 σ²/drift². It is what the model's angle and the joint's differ by, so that a
+    moment's reference tells less than a long one.
     """
 
     quantity: ClassVar[str] = "bias"
@@ -41,7 +43,11 @@ class SensorBias(OfSensor):
     @property
     def walk(self) -> float:
         """The bias's `drift` per √s; 0 for a reference's, which fades instead."""
-        return 0.0 if self._wanders or self.sensor.bias.drift is None else float(self.sensor.bias.drift)
+        return (
+            0.0
+            if self._wanders or self.sensor.bias.drift is None
+            else float(self.sensor.bias.drift)
+        )
 
     def fading(self, dt: Scalar) -> Fading | None:
         """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others."""
@@ -59,7 +65,9 @@ class SensorBias(OfSensor):
 
 @dataclass(frozen=True)
 class SensorGain(OfSensor):
-    """γ, by which share a sensor of force or tension reads too much; it stays. A force tells little of it."""
+    """γ, by which share a sensor of force or tension reads too much; it stays. A force tells little
+    of it.
+    """
 
     quantity: ClassVar[str] = "gain"
     kind: ClassVar[StateKind] = StateKind.SENSOR_GAIN
@@ -76,6 +84,12 @@ class SensorGain(OfSensor):
 
 
 def sensor_biases(context: FilterContext) -> list[State]:
-    """Return a block for the offset and one for the gain of each compared sensor that errs systematically in them."""
-    blocks = [error(context, sensor) for error in (SensorBias, SensorGain) for sensor in context.channels.compared]
+    """Return a block for the offset and one for the gain of each compared sensor that errs
+    systematically in them.
+    """
+    blocks = [
+        error(context, sensor)
+        for error in (SensorBias, SensorGain)
+        for sensor in context.channels.compared
+    ]
     return [block for block in blocks if block.stds[0] > 0.0]

@@ -16,7 +16,9 @@ from distal.expressions import Scalar, Vector
 from distal.rig import drive_travel
 
 PLACE_WALK = 1.0
-"""Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it within a second."""
+"""Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it
+within a second.
+"""
 
 
 @dataclass(frozen=True)
@@ -54,4 +56,8 @@ class UnmeasuredPlace(OfDrive):
 
 def unmeasured_places(context: FilterContext) -> list[State]:
     """Return a block for each drive without a position sensor."""
-    return [UnmeasuredPlace(context, i) for i in range(context.n_drives) if context.position_sensor(i) is None]
+    return [
+        UnmeasuredPlace(context, i)
+        for i in range(context.n_drives)
+        if context.position_sensor(i) is None
+    ]

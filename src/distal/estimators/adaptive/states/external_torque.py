@@ -33,7 +33,9 @@ class ExternalTorque(ZeroMean):
     @property
     def names(self) -> tuple[str, ...]:
         """``external_torque``, with the joint's name where there are several."""
-        return (torque_names([joint.name for joint in self.context.mechanism.rig.joints])[self.joint],)
+        return (
+            torque_names([joint.name for joint in self.context.mechanism.rig.joints])[self.joint],
+        )
 
     @property
     def stds(self) -> Floats:
@@ -60,7 +62,9 @@ class ExternalTorque(ZeroMean):
 
 @dataclass(frozen=True)
 class UndeclaredTorque(ExternalTorque):
-    """τ_ext on a joint for which the rig declares none: zero until forces stay unexplained, (13b)."""
+    """τ_ext on a joint for which the rig declares none: zero until forces stay unexplained,
+    (13b).
+    """
 
     kind: ClassVar[StateKind] = StateKind.UNDECLARED_TORQUE
 
@@ -71,7 +75,9 @@ class UndeclaredTorque(ExternalTorque):
 
 
 def external_torques(context: FilterContext) -> list[State]:
-    """Return a block for each joint on which a torque can act: one that is declared, or that forces may tell of."""
+    """Return a block for each joint on which a torque can act: one that is declared, or that forces
+    may tell of.
+    """
     joints, blocks = context.mechanism.rig.joints, list[State]()
     for j, joint in enumerate(joints):
         if joint.external_torque.std > 0.0:

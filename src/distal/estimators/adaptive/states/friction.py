@@ -18,9 +18,11 @@ from distal.sensor_errors import variance
 
 @dataclass(frozen=True)
 class UnknownFriction(OfDrive, ZeroMean):
-    """What is added to the friction limit of a drive that declares none; its size follows its force sensor's noise σ.
+    """What is added to the friction limit of a drive that declares none; its size follows its force
+    sensor's noise σ.
 
-    It is not smoothed: friction at one time says little of another time (docs/explanation/adaptive-guards.md).
+    It is not smoothed: friction at one time says little of another time
+    (docs/explanation/adaptive-guards.md).
     """
 
     quantity: ClassVar[str] = "friction"
@@ -32,7 +34,9 @@ class UnknownFriction(OfDrive, ZeroMean):
     @property
     def stds(self) -> Floats:
         """`Robustness.unknown_friction` σ [N, N m]."""
-        return np.array([self.context.robustness.unknown_friction * float(np.sqrt(variance(self.sensor)))])
+        return np.array(
+            [self.context.robustness.unknown_friction * float(np.sqrt(variance(self.sensor)))]
+        )
 
     @property
     def walk(self) -> float:

@@ -1,4 +1,6 @@
-"""What moves inside a rig, unseen: the far side of a backlash, points of a cable in its sheath, the creep of a tendon."""
+"""What moves inside a rig, unseen: the far side of a backlash, points of a cable in its sheath, the
+creep of a tendon.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from distal.model import Mechanism
 from distal.rig import Creep
 
 LEAST_TENSION = 1.0
-"""A tendon is taken to carry this at the start where it reads less [N]: it only says how unsure the start is."""
+"""A tendon is taken to carry this at the start where it reads less [N]: it only says how unsure the
+start is.
+"""
 
 UNKNOWN_TENSION = 10.0
 """The same for one whose tension nobody tells, neither sensor nor pretension."""
@@ -27,14 +31,18 @@ UNKNOWN_TENSION = 10.0
 
 @dataclass(frozen=True)
 class Inside(ZeroMean):
-    """One number of the model's `inside`: it is a parameter that moves (`following`) from the first reading on."""
+    """One number of the model's `inside`: it is a parameter that moves (`following`) from the first
+    reading on.
+    """
 
     context: FilterContext
     name: str
 
     @property
     def _keys(self) -> tuple[str, int, str, str]:
-        """Its name by keys: drives or tendons, the index among them, the part of that, and the last key."""
+        """Its name by keys: drives or tendons, the index among them, the part of that, and the last
+        key.
+        """
         kind, index, part, *keys = self.name.split(".")
         return kind, int(index), part, keys[-1]
 
@@ -64,7 +72,9 @@ class Inside(ZeroMean):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The path, with the names of its parts: ``backlash_DRIVE``, ``sheath_TENDON_k``, ``creep_TENDON``."""
+        """The path, with the names of its parts: ``backlash_DRIVE``, ``sheath_TENDON_k``,
+        ``creep_TENDON``.
+        """
         if self.kind is StateKind.SHEATH:
             return (f"sheath_{self.part}_{self.point}",)
         return (f"{self._keys[2]}_{self.part}",)
@@ -117,7 +127,9 @@ class BacklashOrSheathState(Inside):
         assert sheath is not None  # it has points
         position, joints = still.place(q).inside[self.which], mechanism.rig.joints
         slopes = ca.jacobian(position, q)
-        turned = sum(((slopes[0, j] * joints[j].initial.std) ** 2 for j in still.joints_of[index]), ca.SX(0))
+        turned = sum(
+            ((slopes[0, j] * joints[j].initial.std) ** 2 for j in still.joints_of[index]), ca.SX(0)
+        )
         friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
         share = (2 * point + 1) / (2 * sheath.count)
         spread = ca.sqrt(turned + (share * friction) ** 2)
@@ -143,7 +155,9 @@ class Strained(Inside):
         (_, index, part, _), path = self._keys, self.name.rpartition(".")[0]
         creep: Creep = getattr(self.context.mechanism.rig.tendons[index], part)
         share, share_std = self._value(f"{path}.share"), self._std(f"{path}.share")
-        stretch = _tension(self.context.mechanism, index, begin) / self._value(f"tendons.{index}.stiffness")
+        stretch = _tension(self.context.mechanism, index, begin) / self._value(
+            f"tendons.{index}.stiffness"
+        )
         settled = self.context.number(f"{path}.settled", creep.settled.value)
         spread = ca.sqrt((share * creep.settled.std) ** 2 + (share_std * settled) ** 2)
         return settled * share * stretch, spread * stretch
@@ -152,7 +166,11 @@ class Strained(Inside):
 def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Scalar:
     """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
     part, index = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
-    tension, effort, drive = begin.tensions[tendon], begin.efforts[index], mechanism.rig.drives[index]
+    tension, effort, drive = (
+        begin.tensions[tendon],
+        begin.efforts[index],
+        mechanism.rig.drives[index],
+    )
     if tension is None and effort is not None:
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
         count = sum(neighbour.drive == part.drive for neighbour in mechanism.rig.tendons)

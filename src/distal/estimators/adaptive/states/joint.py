@@ -15,7 +15,9 @@ from distal.estimators.state_kinds import StateKind
 from distal.rig import Joint, angle_names, speed_names
 
 START_SPEED = 0.3
-"""Standard deviation of a joint's speed at the first sample [rad/s]: a log may begin within a motion."""
+"""Standard deviation of a joint's speed at the first sample [rad/s]: a log may begin within a
+motion.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,21 @@ class JointMotion(State):
     @property
     def means(self) -> Floats:
         """Each joint's `initial` angle [rad], at rest."""
-        return np.array([*(joint.initial.value for joint in self._joints), *(0.0 for _ in self._joints)])
+        return np.array(
+            [*(joint.initial.value for joint in self._joints), *(0.0 for _ in self._joints)]
+        )
 
     @property
     def stds(self) -> Floats:
         """The std of `initial` [rad], and `START_SPEED` [rad/s]."""
-        return np.array([*(joint.initial.std for joint in self._joints), *(START_SPEED for _ in self._joints)])
+        return np.array(
+            [*(joint.initial.std for joint in self._joints), *(START_SPEED for _ in self._joints)]
+        )
 
     def prior(self) -> tuple[Prior, Prior]:
         """Return the same with each `initial` as a fit varies it."""
         initial = [joint.initial.value for joint in self._joints]
-        angles = [self.context.number(f"joints.{j}.initial", angle) for j, angle in enumerate(initial)]
+        angles = [
+            self.context.number(f"joints.{j}.initial", angle) for j, angle in enumerate(initial)
+        ]
         return ca.vertcat(*angles, *(0.0 for _ in angles)), self.stds

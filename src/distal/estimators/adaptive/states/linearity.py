@@ -1,4 +1,6 @@
-"""The systematic error of a position sensor: a smooth curve over the drive's travel, the same whenever it comes back."""
+"""The systematic error of a position sensor: a smooth curve over the drive's travel, the same
+whenever it comes back.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +20,24 @@ from distal.rig import Sensor, drive_travel
 from distal.sensor_errors import LINEARITY_STD
 
 BASIS = 6
-"""Basis functions of a sensor's linearity over its travel: more changed no error on the logs of `make accuracy`."""
+"""Basis functions of a sensor's linearity over its travel: more changed no error on the logs of
+`make accuracy`.
+"""
 
 SMOOTHNESS = 3.0
-"""Order at which the prior of the basis falls off: half waves over the travel; `distal.sensor_errors` draws curves so."""
+"""Order at which the prior of the basis falls off: half waves over the travel;
+`distal.sensor_errors` draws curves so.
+"""
 
 
 @dataclass(frozen=True)
 class Linearity(State):
     """Weights w_j of the error Σ w_j cos(π j ξ), ξ = 0 … 1 over the travel.
 
-    A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off as exp(−(j/j₀)²/2),
-    scaled so that the mean variance over the travel is that of the linearity. A bias with a std adds to the constant.
-    A posture that lasts is one place of the curve: references teach it slowly.
+    A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off
+    as exp(−(j/j₀)²/2), scaled so that the mean variance over the travel is that of the linearity. A
+    bias with a std adds to the constant. A posture that lasts is one place of the curve: references
+    teach it slowly.
     """
 
     kind: ClassVar[StateKind] = StateKind.LINEARITY
@@ -60,7 +67,9 @@ class Linearity(State):
 
     @cached_property
     def stds(self) -> Floats:
-        """Prior standard deviations of the weights [m, rad]; none where the sensor has no systematic error."""
+        """Prior standard deviations of the weights [m, rad]; none where the sensor has no
+        systematic error.
+        """
         sensor, bias = self.sensor, self.context.bias_std(self.sensor)
         if sensor.linearity == 0.0:
             return np.array([bias]) if bias > 0.0 else np.zeros(0)
@@ -77,7 +86,8 @@ class Linearity(State):
     def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
-        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all (Chebyshev).
+        By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all
+        (Chebyshev).
         """
         count = len(self.stds)
         if drive != self.drive or count == 0:

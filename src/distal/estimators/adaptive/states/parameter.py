@@ -1,4 +1,6 @@
-"""Parameters of the model that are not known for certain: every one with a std that shows in the sensors."""
+"""Parameters of the model that are not known for certain: every one with a std that shows in the
+sensors.
+"""
 
 from __future__ import annotations
 
@@ -29,17 +31,19 @@ UNSEEN = 0.03
 
 
 Acts = Literal["value", "factor", "deviation"]
-"""How a state enters the parameters: it is one's value, it multiplies the values of all, or it is added to one's value."""
+"""How a state enters the parameters: it is one's value, it multiplies the values of all, or it is
+added to one's value.
+"""
 
 
 @dataclass(frozen=True)
 class UncertainParameter(State):
     """One parameter, or what several err by together: value times factor, plus deviation.
 
-    A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "… factor", and the
-    deviation, where there is both, one "… deviation". The path is by names of parts, with ".factor" or ".deviation"
-    behind it where the state is that; the indices are those of the parameters in the model's vector, which it enters as
-    `acts` says.
+    A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "…
+    factor", and the deviation, where there is both, one "… deviation". The path is by names of
+    parts, with ".factor" or ".deviation" behind it where the state is that; the indices are those
+    of the parameters in the model's vector, which it enters as `acts` says.
     """
 
     kind: ClassVar[StateKind] = StateKind.PARAMETER
@@ -85,30 +89,53 @@ class UncertainParameter(State):
 
 
 def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
-    """Return the uncertain parameters as blocks, those without effect on a displacement-driven joint left out.
+    """Return the uncertain parameters as blocks, those without effect on a displacement-driven
+    joint left out.
 
-    What several share comes after what is one's alone, and what one that shares errs by on top comes last: a deviation
-    is added to what the factor has made. A parameter that cannot be negative has its prior cut at zero: mean and variance
-    are those of the cut normal, but one that is known to a factor only (a std up to the value) keeps its mean, or is
-    multiplied by a state of mean 1, whose std is that of its logarithm.
+    What several share comes after what is one's alone, and what one that shares errs by on top
+    comes last: a deviation is added to what the factor has made. A parameter that cannot be
+    negative has its prior cut at zero: mean and variance are those of the cut normal, but one that
+    is known to a factor only (a std up to the value) keeps its mean, or is multiplied by a state of
+    mean 1, whose std is that of its logarithm.
     """
     p, rig = context.mechanism.parameters, context.mechanism.rig
     values, factors, deviations = (list[UncertainParameter]() for _ in range(3))
-    seen = [i for i, name in enumerate(p.names) if p.stds[i] > 0.0 and not _without_effect(context, name, p.stds[i])]
+    seen = [
+        i
+        for i, name in enumerate(p.names)
+        if p.stds[i] > 0.0 and not _without_effect(context, name, p.stds[i])
+    ]
     sharing = {i for _, indices in p.shared.values() for i in indices}
 
     def walk(i: int, std: float, scale: float = 1.0) -> float:
-        return context.robustness.parameter_walk * std if np.isnan(p.drifts[i]) else float(p.drifts[i]) / scale
+        return (
+            context.robustness.parameter_walk * std
+            if np.isnan(p.drifts[i])
+            else float(p.drifts[i]) / scale
+        )
 
-    def factor(name: str, indices: Sequence[int], relative: float, walked: float) -> UncertainParameter:
+    def factor(
+        name: str, indices: Sequence[int], relative: float, walked: float
+    ) -> UncertainParameter:
         first, path = p.names[indices[0]], f"{name}.factor"
         words = f"common factor of {name}" if name in p.shared else in_words(rig, path)
         rough = known_to_a_factor(first, 1.0, relative)
         logarithmic = rough and number(rig, first).quantity.bound == "positive"
-        mean, spread = (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
-        # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that are hardly known")
+        mean, spread = (
+            (1.0, float(np.log1p(relative))) if logarithmic else cut_normal(1.0, relative)
+        )
+        # physics that the rig lacks would teach it wrongly (docs/results/other-rigs.md, "Rigs that
+        # are hardly known")
         return UncertainParameter(
-            words, named(rig, path), tuple(indices), "factor", mean, spread, walked, SMALLEST_FACTOR, rough
+            words,
+            named(rig, path),
+            tuple(indices),
+            "factor",
+            mean,
+            spread,
+            walked,
+            SMALLEST_FACTOR,
+            rough,
         )
 
     for i in seen:
@@ -119,7 +146,9 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
                 lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
                 walked = walk(i, std)
                 words, path = in_words(rig, f"{name}.deviation"), named(rig, f"{name}.deviation")
-                deviations.append(UncertainParameter(words, path, (i,), "deviation", 0.0, std, walked, lowest))
+                deviations.append(
+                    UncertainParameter(words, path, (i,), "deviation", 0.0, std, walked, lowest)
+                )
             continue
         of_tendon = name.startswith("tendons.") and kind in ("stiffness", "damping") and value > 0.0
         if of_tendon or number(rig, name).is_rough:
@@ -128,20 +157,28 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         mean, spread, lowest = value, std, -np.inf
         if _bounded(context, name):
             cut, spread = cut_normal(value, std)
-            # a number that is known to a factor is as likely above as below what is stated, unless it may well be zero
+            # a number that is known to a factor is as likely above as below what is stated, unless
+            # it may well be zero
             mean = value if known_to_a_factor(name, value, std) and std <= value else cut
             lowest = SMALLEST_VALUE * spread
-        # where no drive pulls against another, forces are those of friction and say little of all else
+        # where no drive pulls against another, forces are those of friction and say little of all
+        # else
         alone = context.n_drives <= context.n_joints
         untold = alone and lowest > 0.0 and known_to_a_factor(name, value, std)
         words, path, walked = in_words(rig, name), named(rig, name), walk(i, spread)
-        values.append(UncertainParameter(words, path, (i,), "value", mean, spread, walked, lowest, untold))
+        values.append(
+            UncertainParameter(words, path, (i,), "value", mean, spread, walked, lowest, untold)
+        )
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]
         if together:
             # where one has a std of its own, its drift is that one's
             walks = [walk(i, std, p.values[i]) for i in together if p.independent_stds[i] == 0.0]
-            factors.append(factor(name, together, std, max(walks, default=context.robustness.parameter_walk * std)))
+            factors.append(
+                factor(
+                    name, together, std, max(walks, default=context.robustness.parameter_walk * std)
+                )
+            )
     return values + factors + deviations
 
 
@@ -151,7 +188,9 @@ def _bounded(context: FilterContext, name: str) -> bool:
 
 
 def _without_effect(context: FilterContext, name: str, std: float) -> bool:
-    """Return whether a parameter's std cannot be seen: a drive's inertia and stops, friction far below the noise."""
+    """Return whether a parameter's std cannot be seen: a drive's inertia and stops, friction far
+    below the noise.
+    """
     if not name.startswith("drives."):
         return False
     index = int(name.split(".")[1])
@@ -160,7 +199,9 @@ def _without_effect(context: FilterContext, name: str, std: float) -> bool:
         noise = np.sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.std
         force = std * max(abs(drive.nominal_force.value), 1.0) if name.endswith("load") else std
         return bool(force < UNSEEN * noise)
-    return not (name.endswith((".damping", ".radius")) or ".backlash." in name or ".cogging." in name)
+    return not (
+        name.endswith((".damping", ".radius")) or ".backlash." in name or ".cogging." in name
+    )
 
 
 def cut_normal(mean: float, std: float) -> tuple[float, float]:

@@ -1,4 +1,6 @@
-"""What a reading depends on and nobody knows for certain, such as the angle at which an IMU is mounted."""
+"""What a reading depends on and nobody knows for certain, such as the angle at which an IMU is
+mounted.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,11 @@ class UnknownOfReading(State):
 
 
 def unknowns_of_readings(context: FilterContext) -> list[State]:
-    """Return a block for each number that readings depend on and whose std is not zero; sensors share those of one name."""
+    """Return a block for each number that readings depend on and whose std is not zero; sensors
+    share those of one name.
+    """
     unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
-    numbers = {unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0}
+    numbers = {
+        unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0
+    }
     return [UnknownOfReading(name, number) for name, number in numbers.items()]

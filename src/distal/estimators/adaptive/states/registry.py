@@ -1,4 +1,6 @@
-"""The kinds of states beside the joints': a new kind is a file beside this one, and an entry here."""
+"""The kinds of states beside the joints': a new kind is a file beside this one, and an entry
+here.
+"""
 
 from __future__ import annotations
 

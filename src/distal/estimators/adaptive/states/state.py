@@ -1,8 +1,9 @@
 """What a kind of state is: a block of numbers that the filter does not know, and what they do.
 
-A block says its names, its prior, how it fades and walks, and what it adds: to the model's parameters, to the torque on
-a joint, to the place of a drive, to friction, to what a sensor reads. Each of these has the default "nothing".
-`StateVector` puts blocks side by side and adds up what they do.
+A block says its names, its prior, how it fades and walks, and what it adds: to the model's
+parameters, to the torque on a joint, to the place of a drive, to friction, to what a sensor reads.
+Each of these has the default "nothing". `StateVector` puts blocks side by side and adds up what
+they do.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 
 Prior: TypeAlias = Vector | Floats | float
-"""Numbers of a block, (k,): plain, or expressions where a fit varies them; one number stands for all."""
+"""Numbers of a block, (k,): plain, or expressions where a fit varies them; one number stands for
+all.
+"""
 
 
 class Learning(Enum):
@@ -32,7 +35,9 @@ class Learning(Enum):
     """All of it."""
 
     SLOWLY = "slowly"
-    """A share from forces and tensions, by `Robustness.learning_time`, and from references, by `reference_time`."""
+    """A share from forces and tensions, by `Robustness.learning_time`, and from references, by
+    `reference_time`.
+    """
 
     FROM_REFERENCES_SLOWLY = "from references slowly"
     """A share from references only: a joint that rests shows one posture for a long time."""
@@ -43,7 +48,8 @@ class Learning(Enum):
 
 @dataclass(frozen=True)
 class Fading:
-    """How a state fades towards zero over an interval: x_i⁺ = f_i x_i + noise of variance σ_i² (1 − f_i²).
+    """How a state fades towards zero over an interval: x_i⁺ = f_i x_i + noise of variance σ_i² (1 −
+    f_i²).
 
     Args:
         factor: what is left of it, f.
@@ -58,8 +64,8 @@ class Fading:
 class Begin:
     """What is read at a log's first sample.
 
-    It is the places of the drives [m, rad], 0 where nothing is read, their efforts [N, N m], and the tensions of the
-    tendons [N]; None where no sensor is.
+    It is the places of the drives [m, rad], 0 where nothing is read, their efforts [N, N m], and
+    the tensions of the tendons [N]; None where no sensor is.
     """
 
     places: Sequence[Scalar]
@@ -77,7 +83,9 @@ class State(ABC):
     learning: ClassVar[Learning] = Learning.AT_ONCE
     """How much of the gain it takes."""
     smoothed: ClassVar[bool] = True
-    """Whether a smoother may change it by what came later; a guard's state stays as the filter had it."""
+    """Whether a smoother may change it by what came later; a guard's state stays as the filter had
+    it.
+    """
 
     @property
     @abstractmethod
@@ -91,7 +99,9 @@ class State(ABC):
 
     @property
     def part(self) -> str:
-        """The part of the rig that it is of: a joint, drive, tendon or sensor by its name, a number by its path."""
+        """The part of the rig that it is of: a joint, drive, tendon or sensor by its name, a number
+        by its path.
+        """
         return ""
 
     @property
@@ -115,7 +125,9 @@ class State(ABC):
         """Prior standard deviations, (k,), SI."""
 
     def prior(self) -> tuple[Prior, Prior]:
-        """Return prior means and standard deviations, (k,) each, where they depend on inputs of the filter (a fit)."""
+        """Return prior means and standard deviations, (k,) each, where they depend on inputs of the
+        filter (a fit).
+        """
         return self.means, self.stds
 
     @property
@@ -134,7 +146,9 @@ class State(ABC):
         return False
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar] | None:
-        """Return mean and standard deviation at the first sample, where its readings tell them; None where they do not."""
+        """Return mean and standard deviation at the first sample, where its readings tell them;
+        None where they do not.
+        """
         return None
 
     def fading(self, dt: Scalar) -> Fading | None:
@@ -142,7 +156,9 @@ class State(ABC):
         return None
 
     def parameters(self, numbers: Vector, p: Vector) -> Vector:
-        """Return the model's parameters, `p` so far, (n_p,), with what this block's `numbers` say, linearly."""
+        """Return the model's parameters, `p` so far, (n_p,), with what this block's `numbers` say,
+        linearly.
+        """
         return p
 
     def torque(self, joint: int, numbers: Vector) -> Scalar:
@@ -150,7 +166,9 @@ class State(ABC):
         return 0
 
     def place(self, drive: int, numbers: Vector) -> Scalar | None:
-        """Return the place of a drive that nothing measures by its `numbers` [m, rad], None where it does not say."""
+        """Return the place of a drive that nothing measures by its `numbers` [m, rad], None where
+        it does not say.
+        """
         return None
 
     def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:

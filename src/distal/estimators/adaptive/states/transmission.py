@@ -35,7 +35,9 @@ class Transmitted(OfDrive):
     @property
     def stds(self) -> Floats:
         """Anywhere within the limits h of the play, h/√3, and the sensor's noise [N, N m]."""
-        return np.array([float(np.hypot(self.limit / np.sqrt(3.0), np.sqrt(variance(self.sensor))))])
+        return np.array(
+            [float(np.hypot(self.limit / np.sqrt(3.0), np.sqrt(variance(self.sensor))))]
+        )
 
     def prior(self) -> tuple[Prior, Prior]:
         """Return the same with the sensor's noise as a fit varies it [N, N m]."""
@@ -47,14 +49,18 @@ class Transmitted(OfDrive):
         mechanism = self.context.mechanism
         tensions = ca.DM([tendon.pretension.value for tendon in mechanism.rig.tendons])
         angles = [joint.initial.value for joint in mechanism.rig.joints]
-        limit = mechanism.hysteresis_limit(self.drive, ca.vertcat(*angles, ca.DM.zeros(mechanism.n_drives)), tensions)
+        limit = mechanism.hysteresis_limit(
+            self.drive, ca.vertcat(*angles, ca.DM.zeros(mechanism.n_drives)), tensions
+        )
         p = mechanism.parameters
         return float(ca.Function("limit", [p.symbols], [limit])(p.values))
 
 
 @dataclass(frozen=True)
 class TransmissionError(OfDrive, ZeroMean):
-    """What one play leaves out of a transmission: considered, since no state of the model is behind it."""
+    """What one play leaves out of a transmission: considered, since no state of the model is behind
+    it.
+    """
 
     quantity: ClassVar[str] = "transmission_error"
     kind: ClassVar[StateKind] = StateKind.TRANSMISSION_ERROR
@@ -77,11 +83,15 @@ class TransmissionError(OfDrive, ZeroMean):
 
     def fading(self, dt: Scalar) -> Fading:
         """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m]."""
-        time = self.context.number(f"drives.{self.drive}.hysteresis.error_time", self.hysteresis.error_time)
+        time = self.context.number(
+            f"drives.{self.drive}.hysteresis.error_time", self.hysteresis.error_time
+        )
         return Fading(ca.exp(-dt / time), self._error)
 
     def force(self, drive: int, numbers: Vector) -> Scalar:
-        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N m]."""
+        """Return minus the error where it is this drive's: what is transmitted lacks it [N, N
+        m].
+        """
         return -numbers[0] if drive == self.drive else 0
 
 

@@ -30,7 +30,9 @@ class StateVector:
             blocks += kind(context)
         self.blocks = tuple(blocks)
         ends = np.cumsum([len(block.names) for block in blocks])
-        self._slices = {id(block): slice(int(e) - len(block.names), int(e)) for block, e in zip(blocks, ends)}
+        self._slices = {
+            id(block): slice(int(e) - len(block.names), int(e)) for block, e in zip(blocks, ends)
+        }
         self.names = tuple(name for block in blocks for name in block.names)
         self.state_kinds = tuple(kind for block in blocks for kind in block.kinds)
         self.state_parts = tuple(part for block in blocks for part in block.parts)
@@ -41,7 +43,9 @@ class StateVector:
         self.lowest = np.array([block.lowest for block in block_of], dtype=np.float64)
         self.unsmoothed = tuple(i for i, block in enumerate(block_of) if not block.smoothed)
         self.lasting = np.array([block.lasting for block in block_of], dtype=np.bool_)
-        torques = ((i, block) for i, block in enumerate(block_of) if isinstance(block, ExternalTorque))
+        torques = (
+            (i, block) for i, block in enumerate(block_of) if isinstance(block, ExternalTorque)
+        )
         self.torque_states = {i: block.joint for i, block in torques}
         self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
         self._untold = {i: 0.0 for i, block in enumerate(block_of) if block.untold}
@@ -54,20 +58,24 @@ class StateVector:
         return len(self.names)
 
     def prior(self) -> tuple[Vector, Vector]:
-        """Return prior means and standard deviations, (n,) each, as expressions of the filter's inputs."""
+        """Return prior means and standard deviations, (n,) each, as expressions of the filter's
+        inputs.
+        """
         means, stds = zip(*(block.prior() for block in self.blocks))
         return ca.vertcat(*map(ca.SX, means)), ca.vertcat(*map(ca.SX, stds))
 
     def gain_shares(self, drive: int | None, reference: bool) -> dict[int, float]:
         """Return index → share of the gain of the states that do not take all of it (24).
 
-        What is compared is the force of a drive, or none's; or a reference, a joint's own angle, which tells of
-        parameters what forces do not.
+        What is compared is the force of a drive, or none's; or a reference, a joint's own angle,
+        which tells of parameters what forces do not.
         """
         guards = self.context.robustness
         declared = drive is None or self.context.declares_friction(drive)
         time = guards.learning_time if declared else guards.learning_time_guarded
-        share = min(1.0, self.context.channels.interval / time) if time > 0.0 and not reference else 1.0
+        share = (
+            min(1.0, self.context.channels.interval / time) if time > 0.0 and not reference else 1.0
+        )
         slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
         if reference and guards.reference_time > 0.0:
             # a joint that rests shows one posture for a long time
@@ -84,7 +92,10 @@ class StateVector:
         guards = self.context.robustness
         longest = max(guards.learning_time, guards.learning_time_guarded)
         parameters = self._parameters if longest > self.context.channels.interval else []
-        return (*parameters, *(self._strains if guards.creep_learning_time > self.context.channels.interval else []))
+        return (
+            *parameters,
+            *(self._strains if guards.creep_learning_time > self.context.channels.interval else []),
+        )
 
     def indices(self, block: State) -> range:
         """Return where a block's numbers stand."""
@@ -96,9 +107,16 @@ class StateVector:
         return ((block, state[self._slices[id(block)]]) for block in self.blocks)
 
     def fadings(self, dt: Scalar) -> list[tuple[int, Fading]]:
-        """Return index and fading of every number that fades over an interval of length `dt` [s]."""
+        """Return index and fading of every number that fades over an interval of length `dt`
+        [s].
+        """
         every = ((block, block.fading(dt)) for block in self.blocks)
-        return [(i, fading) for block, fading in every if fading is not None for i in self.indices(block)]
+        return [
+            (i, fading)
+            for block, fading in every
+            if fading is not None
+            for i in self.indices(block)
+        ]
 
     def parameters(self, state: Vector) -> Vector:
         """Return the model's parameters at a state, (n_p,)."""
@@ -111,35 +129,50 @@ class StateVector:
         """Return the external torque on each joint, (n_joints,) [N m]."""
         joints = range(self.context.n_joints)
         return ca.vertcat(
-            *(sum((block.torque(j, numbers) for block, numbers in self._numbers(state)), ca.SX(0)) for j in joints)
+            *(
+                sum((block.torque(j, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
+                for j in joints
+            )
         )
 
     def place(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
-        """Return the place of a drive [m, rad]: its `reading` less what its sensor errs by, or the state for it."""
+        """Return the place of a drive [m, rad]: its `reading` less what its sensor errs by, or the
+        state for it.
+        """
         for block, numbers in self._numbers(state):
             place = block.place(drive, numbers)
             if place is not None:
                 return place
-        errors = (block.place_error(drive, reading, numbers) for block, numbers in self._numbers(state))
+        errors = (
+            block.place_error(drive, reading, numbers) for block, numbers in self._numbers(state)
+        )
         return reading - sum(errors, ca.SX(0))
 
     def friction(self, drive: int, state: Vector) -> Scalar:
         """Return what a `state` adds to the friction limit of a drive [N, N m]."""
-        return sum((block.friction(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
+        return sum(
+            (block.friction(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0)
+        )
 
     def force(self, drive: int, state: Vector) -> Scalar:
         """Return what a `state` adds to the force that is expected at a drive [N, N m]."""
-        return sum((block.force(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
+        return sum(
+            (block.force(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0)
+        )
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
         """Return what a `state` adds to the `reading` of a sensor of force, tension or angle."""
-        errors = (block.sensor_error(sensor, reading, numbers) for block, numbers in self._numbers(state))
+        errors = (
+            block.sensor_error(sensor, reading, numbers) for block, numbers in self._numbers(state)
+        )
         return sum(errors, ca.SX(0))
 
     def unknowns(self, state: Vector) -> dict[str, Scalar]:
         """Return the numbers that readings depend on, by name."""
         return {
-            name: number for block, numbers in self._numbers(state) for name, number in block.unknowns(numbers).items()
+            name: number
+            for block, numbers in self._numbers(state)
+            for name, number in block.unknowns(numbers).items()
         }
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
