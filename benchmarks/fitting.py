@@ -20,6 +20,7 @@ from benchmarks.cases import WINDOW, scenario
 from benchmarks.report import table
 from distal import Log, Rig, estimate, fit, load_rig, simulate
 from distal.errors import DistalError
+from distal.fitting import ALONE, WRITTEN
 
 FREE = ("tendons.*.stiffness", "joints.0.friction.coefficient", "joints.0.damping")
 KINDS = ("ramps", "weights", "servo")
@@ -211,14 +212,15 @@ def instrument() -> None:
     rows, point = [], []
     for fold in whole.folds:
         for one in fold.compared:
-            assert one.fitted is not None
-            assert one.before is not None
+            fitted, before = one.scores[WRITTEN], one.scores[ALONE]
+            assert fitted is not None
+            assert before is not None
             near = estimate(
                 next(log for log in logs if log.source == one.log), fold.learned.rig, homing=0.2
             )
             point.append(near)
-            errors = (one.before.rms, one.fitted.rms, near.rms_error())
-            shares = (one.fitted.inside, near.inside_band())
+            errors = (before.rms, fitted.rms, near.rms_error())
+            shares = (fitted.inside, near.inside_band())
             rows.append(
                 [
                     Path(one.log).stem,
@@ -226,11 +228,8 @@ def instrument() -> None:
                     *(f"{100 * s:.0f} %" for s in shares),
                 ]
             )
-    said = [
-        (one.before.rms, one.fitted.rms, one.fitted.inside)
-        for one in whole.compared
-        if one.before and one.fitted
-    ]
+    pairs = [(one.scores[ALONE], one.scores[WRITTEN]) for one in whole.compared]
+    said = [(alone.rms, fitted.rms, fitted.inside) for alone, fitted in pairs if alone and fitted]
     before, after, inside = (np.array(column) for column in zip(*said))
     nears, shares = (
         np.array([one.rms_error() for one in point]),

@@ -192,7 +192,7 @@ def run(case: str, longer: bool) -> dict[str, Any]:
             "first answer": first[0] if first else np.nan,
             "gradients": passes,
             "converged": found.converged,
-            "chosen": found.candidates[0][0],
+            "chosen": found.candidates[0].name,
             "far": max(
                 (abs(p.value - p.start) / p.prior_std for p in numbers if p.prior_std > 0),
                 default=0.0,

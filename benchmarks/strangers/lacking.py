@@ -133,9 +133,11 @@ class Cables:
         return angles, k * springs[0] * np.maximum(drive - m[:, :, 0], 0.0)
 
 
-def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, Any]]:
+def logs_of(
+    rig: Drawn, seed: int, fitted: int = FITTED, judged_by: int = JUDGED
+) -> tuple[list[Log], dict[str, Any]]:
     """Return the logs of a rig, those to fit first, and what its plant has beside the rig."""
-    rng, count = np.random.default_rng([seed, 73]), FITTED + JUDGED
+    rng, count = np.random.default_rng([seed, 73]), fitted + judged_by
     has, moves, rate = extras(rig, rng), [], PARTS * RATE
     rngs = [np.random.default_rng([seed, log, 74]) for log in range(count)]
     for log, own in enumerate(rngs):
@@ -177,8 +179,8 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, Any]]:
             column = exact[sensor["measures"]][:, len(mine)]
             column = column + sensor["noise"] * own.normal(size=len(column))
             mine[sensor["name"]] = step * np.round(column / step) if step else column
-        true = channels["angle"].values() if log < FITTED else np.array(turned)[:, log].T
-        said = "calibration" if log < FITTED else "outside" if log == count - 1 else "motion"
+        true = channels["angle"].values() if log < fitted else np.array(turned)[:, log].T
+        said = "calibration" if log < fitted else "outside" if log == count - 1 else "motion"
         made = {**channels["position"], **channels["force"]}
         source = f"lacking {seed}, {said} {log}"
         time_ = np.arange(len(turned)) / RATE
@@ -188,7 +190,7 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, Any]]:
                 made,
                 dict(zip(names, true)),
                 source,
-                FROM_SENSOR if log < FITTED else "the plant",
+                FROM_SENSOR if log < fitted else "the plant",
             )
         )
     return logs, has
@@ -205,7 +207,7 @@ def run_rig(seed: int) -> Raw:
     said: Raw = {"seed": seed, "kind": rig.kind, "has": list(has), "part": found.part or None}
     said |= {"fit_s": time.process_time() - began, "converged": bool(found.converged)}
     said["candidates"] = [
-        (name, *map(float, np.rad2deg(errors))) for name, *errors in found.candidates
+        (each.name, *map(float, np.rad2deg((each.error, each.beyond)))) for each in found.candidates
     ]
     parts = [
         part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0

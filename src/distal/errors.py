@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 
 class DistalError(ValueError):
     """Base of every error that a user can cause and mend; its message is one line that a terminal
@@ -57,7 +60,17 @@ class ExportError(DistalError):
 
 
 class OutputError(DistalError):
-    """A file could not be written; whatever stood there before is unchanged."""
+    """A file could not be written; whatever stood there before is unchanged.
+
+    Args:
+        unsaved: what was to be written, by its path, so that a caller can keep it elsewhere.
+    """
+
+    def __init__(
+        self, message: object = "", unsaved: Mapping[Path, bytes | str] | None = None
+    ) -> None:
+        super().__init__(message)
+        self.unsaved = dict(unsaved or {})
 
 
 class DistalWarning(UserWarning):

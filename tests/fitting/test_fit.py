@@ -13,7 +13,7 @@ import pytest
 
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
-from distal.fitting import Doing, groups_of, observability
+from distal.fitting import ALONE, WRITTEN, Doing, groups_of, observability
 from distal.fitting.choice_of_numbers import choose
 from tests.fitting.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 
@@ -357,7 +357,7 @@ def test_each_log_left_out_is_better_than_the_rig_as_it_came(rig: Rig) -> None:
         assert fold.learned.rig.affine is not None
         assert fold.learned.rig.affine.logs == 2
     errors = {name: rms for name, rms, _ in found.scores()}
-    assert errors["adaptive"] < errors["the rig as it came"]
+    assert errors[WRITTEN] < errors[ALONE]
 
 
 def test_a_joint_is_seen_where_forces_tell_of_it(rig: Rig) -> None:

@@ -10,6 +10,7 @@ from benchmarks.strangers.foreign_plants import finger_log, finger_rig, hand_log
 
 from distal import Log, estimate, fit, learn_discrepancy
 from distal.errors import FitError
+from distal.fitting.leave_out import AFFINE, ALONE, WRITTEN
 from distal.regression import conformal_factor
 from distal.regression.band import LARGEST_FACTOR, SMALLEST_FACTOR
 
@@ -26,7 +27,9 @@ def test_a_rig_with_other_physics(log_of: object, rig_of: object) -> None:
     logs = [log_of(seed) for seed in range(5)]  # type: ignore[operator]
     found = fit(logs[:3], rig_of(), noise=True)  # type: ignore[operator]
     assert len(found.compared) == 3
-    assert [name for name, _, _ in found.scores()] == ["adaptive", "the rig as it came", "affine"]
+    names = [name for name, _, _ in found.scores()]
+    assert names[0] == WRITTEN
+    assert {ALONE, AFFINE, "least squares with plays"} <= set(names)
     ours, theirs = (
         [estimate(log, found.rig, name) for log in logs[3:]] for name in ("adaptive", "affine")
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+import time
 from contextlib import suppress
 from typing import Any
 
@@ -30,7 +31,7 @@ from distal.cli import (
     view,
 )
 from distal.cli.console import show_warnings
-from distal.errors import LONGEST_LINE, DistalError, one_line
+from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line
 
 # typer raises the errors of the click that it uses, its own or the package; BadParameter leads to
 # both
@@ -129,7 +130,7 @@ def ended_by(problem: BaseException) -> object:
         problem.show()  # type: ignore[attr-defined]
         return WRONG
     if isinstance(problem, DistalError):
-        text, code = str(problem), WRONG
+        text, code = f"{problem}{_kept(problem)}", WRONG
     elif isinstance(problem, _ClickError):
         text, code = problem.format_message(), WRONG
     elif isinstance(problem, OSError):
@@ -148,6 +149,25 @@ def ended_by(problem: BaseException) -> object:
         )
     _say(f"error: {one_line(text, LONGEST_LINE - len('error: '))}")
     return code
+
+
+WORTH_KEEPING = 1.0
+"""What took longer than this is kept elsewhere when it cannot be written [s of processor time]."""
+
+
+def _kept(problem: DistalError) -> str:
+    """Keep what could not be written, and say where."""
+    if not isinstance(problem, OutputError) or not problem.unsaved:
+        return ""
+    if time.process_time() < WORTH_KEEPING:
+        return ""
+    from distal.logs import keep_elsewhere
+
+    folder = keep_elsewhere(problem.unsaved)
+    if folder is None:
+        return ""
+    names = ", ".join(path.name for path in problem.unsaved)
+    return f"; what was computed stands in {folder}: {names}"
 
 
 def _say(text: str) -> None:

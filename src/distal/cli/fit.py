@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import degrees, inf
+from math import degrees, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,7 +18,7 @@ from typer import Argument, Option
 
 from distal.cli.console import err, say, table
 from distal.cli.options import MemoryOption, RepeatedOption, RigOption, SetOption, seconds, settings
-from distal.cli.paths import check_outputs, to_file, to_folder
+from distal.cli.paths import check_outputs, to_file, to_folder, write_each
 from distal.errors import FitError, OutputError
 
 if TYPE_CHECKING:
@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 
 EVERY = 3.0
 """Where progress goes to a file or a pipe, a line is written so often [s]."""
+
+PROVISIONAL = (
+    "the fit that writes this file has not ended: it has the affine map of the logs, all other "
+    "parameters are as they came"
+)
+"""What a file says of itself until the fit replaces it."""
 
 MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
 """So many numbers, names and doubts are printed; all are on the page."""
@@ -125,10 +131,12 @@ def fit_command(
         signal.SIGTERM, signal.default_int_handler
     )  # a job that is ended keeps the best so far, as by Ctrl-C
 
+    text = edited_text(rig, changes)
+
     def early(line: MapFit) -> None:
         say(f"at once, {line.text}")
         if out is not None:
-            line.save(out, edited_text(rig, changes))
+            line.save(out, text, provisional=PROVISIONAL)
             say(f"wrote {out} with it (--estimator affine); the fit replaces it")
 
     with _progress() as show:
@@ -148,11 +156,17 @@ def fit_command(
             early=early,
         )
     _say(result)
-    if out is not None:
-        result.save(out, edited_text(rig, changes))
-        say(f"wrote {out}")
-    if report is not None:
-        say(f"wrote {fit_report(result, read, report)}")
+
+    def save() -> None:
+        if out is not None:
+            result.save(out, text)
+            say(f"wrote {out}")
+
+    def save_report() -> None:
+        if report is not None:
+            say(f"wrote {fit_report(result, read, report)}")
+
+    write_each(save, save_report)
     if result.interrupted:
         raise typer.Exit(130)
 
@@ -216,23 +230,24 @@ def _say(result: Fit) -> None:
             f" and {len(undetermined) - MOST_NAMES} more" if len(undetermined) > MOST_NAMES else ""
         )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
-    if any(error < inf for _, error, _ in result.candidates):
-
-        def shown(error: float) -> str:
-            return f"{degrees(error):.3f}" if error < inf else "–"
-
-        judged = [(name, shown(error), shown(beyond)) for name, error, beyond in result.candidates]
-        columns = ["candidate", "RMS error [°]", "beyond what it has seen [°]"]
-        table("what describes the angle on logs left out; the first is written", columns, judged)
-    scores = result.scores()
-    if scores:
-        errors = ", ".join(
-            f"{name} {degrees(rms):.3f}° ({100 * inside:.0f} %)" for name, rms, inside in scores
-        )
-        done, asked = len(result.folds), result.folds_asked
-        which = "each log left out once" if done == asked else f"{done} of {asked} logs left out"
-        say(f"{which}, RMS error (inside the 95 % band): {errors}")
+    _say_scores(result)
     for line in result.advice()[:MOST_DOUBTS]:
         say(line)
     if result.interrupted:
         say("interrupted: these are the best values so far")
+
+
+def _say_scores(result: Fit) -> None:
+    """Print the one table by which what is written can be compared with all else."""
+    scores = result.scores()
+    if not scores:
+        return
+    rows = [
+        (name, f"{degrees(rms):.3f}", "–" if isnan(inside) else f"{100 * inside:.0f} %")
+        for name, rms, inside in scores
+    ]
+    done, asked = len(result.folds), result.folds_asked
+    held_out = "each log held out once" if done == asked else f"{done} of {asked} logs held out"
+    if not result.folds:
+        held_out = "held-out logs, by candidate; the first is written"
+    table(held_out, ["what gives the angle", "RMS error [°]", "inside the 95 % band"], rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,22 @@ if TYPE_CHECKING:
 
 BAG = (".db3", ".mcap", ".bag", ".zstd", ".yaml")
 """Endings of the files that a ROS bag is made of."""
+
+
+def write_each(*writes: Callable[[], object]) -> None:
+    """Do each write, also after one that failed, and then raise the first failure, which has all
+    that is unsaved.
+    """
+    failures = []
+    for write in writes:
+        try:
+            write()
+        except OutputError as problem:
+            failures.append(problem)
+    if failures:
+        for other in failures[1:]:
+            failures[0].unsaved |= other.unsaved
+        raise failures[0]
 
 
 def to_file(option: str, path: Path | None) -> list[Output]:

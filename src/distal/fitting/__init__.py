@@ -10,13 +10,15 @@ from distal.fitting.learned_maps import (
     learn_contact,
     learn_discrepancy,
 )
-from distal.fitting.leave_out import Compared, Fold, Score
+from distal.fitting.leave_out import ALONE, WRITTEN, Compared, Fold, Score
 from distal.fitting.options import Options
 from distal.fitting.progress import Doing
 from distal.fitting.result import Fit
 from distal.regression import groups_of
 
 __all__ = [
+    "ALONE",
+    "WRITTEN",
     "Compared",
     "Doing",
     "Fit",

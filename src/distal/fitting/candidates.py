@@ -38,10 +38,12 @@ from distal.regression import (
 )
 from distal.rig import LearnedMap, Rig
 
-AS_IT_CAME, LINE = "the rig as it came", "a straight line"
-BY_EQUATIONS, BY_FILTER = "numbers by its equations", "numbers by its filter"
-"""Names of the candidates; of each but the line with what the angle then lacks (`discrepancy`) on
-top.
+AS_GIVEN = "the rig as given"
+AFFINE_MAP = "affine map"
+BY_EQUATIONS = "parameters by its equations"
+BY_FILTER = "parameters by its filter"
+"""Names of the candidates. Each but the affine map has a correction map (`discrepancy`) of what its
+angle lacks.
 """
 
 SURER = 0.85
@@ -50,12 +52,6 @@ SURER = 0.85
 
 FAR = 1.5
 """A filter whose angle errs by so many times that of another is no base for a map."""
-
-
-CORRECTED_COSTS = 1.25
-"""Errors of the rig as it came count so many times where a map corrects it: the map bends elsewhere
-too.
-"""
 
 
 def groups_among(logs: Sequence[Log], options: Options) -> tuple[str, ...]:
@@ -282,7 +278,7 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
     note = f"discrepancy: {where}the angle is that of affine: {line.notes[0].partition(': ')[2]}"
     map_fit = replace(frame.with_map(learned), notes=(note, *frame.notes[1:]), terms=line.terms)
     maps = {map_fit.table: map_fit}
-    return replace(base, name=LINE, rig=map_fit.rig, maps=maps, error=error, beyond=beyond)
+    return replace(base, name=AFFINE_MAP, rig=map_fit.rig, maps=maps, error=error, beyond=beyond)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate:
@@ -293,15 +289,7 @@ def best_of(candidates: Sequence[Candidate]) -> Candidate:
     equals the first is taken.
     """
 
-    def cost(candidate: Candidate) -> float:
-        bends = candidate.name == AS_IT_CAME and any(
-            map_fit.terms.corrects for map_fit in candidate.maps.values()
-        )
-        return (CORRECTED_COSTS if bends else 1.0) * float(
-            np.sqrt(candidate.error * candidate.beyond)
-        )
-
-    return min(candidates, key=cost)
+    return min(candidates, key=lambda candidate: np.sqrt(candidate.error * candidate.beyond))
 
 
 def _at_times_of(samples: Samples, straight: Samples) -> Samples:

@@ -104,10 +104,11 @@ def fit(
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
 
-    tried = [] if learned.part is None else [learned.part]
+    with_term = (candidate.part for candidate in learned.candidates)
+    terms = {term.name: term for term in with_term if term is not None}
 
     def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
-        return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
+        return learn(remaining, rig, options, of_part(progress, fold, parts), list(terms.values()))
 
     done, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:

@@ -4,42 +4,86 @@ head.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
+from pathlib import Path
 
-from distal.errors import RigError
+from distal.errors import DistalWarning, OutputError, RigError
 from distal.rig import Rig, build_rig, parse_toml, set_value
 
 MARK = "# Fitted by `distal "
 """How the head of a fitted file begins, by which that of an earlier fit is found and replaced."""
 
 
+LEARNED = ("affine", "discrepancy", "contact", "provisional")
+"""Tables and keys that a fit writes; one that it did not learn belongs to an earlier fit."""
+
+
 def fitted_text(
     rig: Rig, start: Rig, values: Mapping[str, object], head: str, text: str | None
 ) -> str:
-    """Return the TOML of a fitted rig, with the `values` by path that changed from the `start` as
-    it came.
+    """Return the TOML of a fitted rig, which reads as exactly this rig.
 
-    They are put into a `text`, None for the description written anew; first stands a comment
-    `head`, which begins with `MARK`.
+    The `values` by path that changed from the `start` as it came are put into a `text`, so that
+    its comments stay; None writes the description anew. First stands a comment `head`, which begins
+    with `MARK`. Where the text with the values in it reads as another rig, the description is
+    written anew with a warning: no result is lost for a comment.
 
     Raises:
-        RigError: the text is not the rig that was fitted.
+        RigError: the text is not that of the rig that was fitted.
+        OutputError: the rig cannot be written.
+    """
+    if text is None:
+        return head + _anew(rig)
+    if _read(text).bare() != start.bare():
+        raise RigError("the text is not that of the rig that was fitted; save without it")
+    try:
+        written = head + _put_into(text, rig, values)
+        agrees = _read(written) == rig
+    except RigError:
+        agrees = False
+    if agrees:
+        return written
+    warnings.warn(
+        "the fitted values do not fit into the text of the rig file: the file is written anew, "
+        "without its comments",
+        DistalWarning,
+        stacklevel=2,
+    )
+    return head + _anew(rig)
+
+
+def _put_into(text: str, rig: Rig, values: Mapping[str, object]) -> str:
+    import tomlkit
+
+    document = tomlkit.parse(_without_old_head(text))
+    for learned in LEARNED:
+        if not getattr(rig, learned) and learned in document:
+            del document[learned]
+    for path, value in values.items():
+        set_value(document, path, value, RigError)
+    return tomlkit.dumps(document)
+
+
+def _anew(rig: Rig) -> str:
+    """Return the TOML of a rig as it is.
+
+    Raises:
+        OutputError: it does not read as this rig.
     """
     import tomlkit
 
-    source = (
-        text if text is not None else tomlkit.dumps(plain(start.model_dump(exclude_defaults=True)))
-    )
-    document = tomlkit.parse(_without_old_head(source))
-    for learned in ("affine", "discrepancy", "contact"):
-        if getattr(rig, learned) is None and learned in document:
-            del document[learned]  # it was learned with other numbers
-    for path, value in values.items():
-        set_value(document, path, value, RigError)
-    written = head + tomlkit.dumps(document)
-    if build_rig(parse_toml(written, "fitted rig", RigError), "fitted rig") != rig:
-        raise RigError("the text is not that of the rig that was fitted; save without it")
+    written = tomlkit.dumps(plain(rig.model_dump(exclude_defaults=True)))
+    if _read(written) != rig:
+        raise OutputError(
+            f"{rig.name}: the fitted rig cannot be written so that it reads as the same",
+            {Path("fitted.toml"): written},
+        )
     return written
+
+
+def _read(text: str) -> Rig:
+    return build_rig(parse_toml(text, "fitted rig", RigError), "fitted rig")
 
 
 def plain(raw: Mapping[str, object]) -> dict[str, object]:

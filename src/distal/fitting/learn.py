@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from distal.fitting.candidates import (
-    AS_IT_CAME,
+    AFFINE_MAP,
+    AS_GIVEN,
     BY_EQUATIONS,
     BY_FILTER,
-    LINE,
     Candidate,
     Training,
     best_of,
@@ -45,8 +45,7 @@ class Learned:
         maps: what was learned beside the numbers, by the name of its table: ``affine``,
             ``discrepancy``, ``contact``.
         part: physics that the rig lacked and the description has now, if any.
-        candidates: name, and error on logs left out and in their outer part [rad], of each tried,
-            the chosen one first.
+        candidates: that were judged, the chosen one first.
         doubts: sentences with the reasons not to trust the fit.
     """
 
@@ -57,7 +56,7 @@ class Learned:
     curves: Mapping[str, object]
     maps: Mapping[str, MapFit]
     part: Part | None
-    candidates: tuple[tuple[str, float, float], ...]
+    candidates: tuple[Candidate, ...]
     doubts: tuple[str, ...]
 
     @property
@@ -102,6 +101,19 @@ def learn(
     solutions = numbers_of(problem, options, progress)
     chosen, candidates, models = _chosen(logs, training, line, solutions, parts, progress)
     numbers = among_models(solutions[-1] if chosen.numbers is None else chosen.numbers, models)
+    return learned_by(chosen, candidates, numbers, training, line, logs)
+
+
+def learned_by(
+    chosen: Candidate,
+    candidates: Sequence[Candidate],
+    numbers: Numbers,
+    training: Training,
+    line: MapFit | None,
+    logs: Sequence[Log],
+) -> Learned:
+    """Return what a candidate teaches, with what was learned beside it from the same logs."""
+    options = training.options
     bends = dict(curves(numbers.problem.of_filter, numbers.optimum.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
     maps = [
@@ -118,14 +130,12 @@ def learn(
         curves=bends,
         maps={map_fit.table: map_fit for map_fit in maps},
         part=chosen.part,
-        candidates=tuple(
-            (candidate.name, candidate.error, candidate.beyond) for candidate in ranked
-        ),
+        candidates=tuple(replace(candidate, data={}) for candidate in ranked),
         doubts=(
             *numbers.doubts,
             *_unknown(training.unknown),
             *chosen.refused,
-            *_as_it_came(chosen, candidates),
+            *_as_given(chosen, candidates),
         ),
     )
 
@@ -177,7 +187,7 @@ def _judged(
     for part, numbers in more:
         described_as = replace(training, rig=training.rig.with_values(part.values), part=part)
         ways.append((f"{BY_EQUATIONS}, with {part.name}", described_as, numbers))
-    ways.append((AS_IT_CAME, training, None))
+    ways.append((AS_GIVEN, training, None))
     filters = list[Candidate]()
     for name, described_as, way_numbers in ways:
         judging(progress, f"judging {name}", len(filters), len(ways))
@@ -202,27 +212,26 @@ def _alone(numbers: Numbers, rig: Rig) -> Candidate:
 
 
 def _unknown(joints: Sequence[str]) -> list[str]:
+    if not joints:
+        return []
     return [
-        f"the angle of {', '.join(joints)} is known in no log: numbers of the rig are fitted, but "
-        "no straight line "
-        "(affine) and no correction (discrepancy), which are of all joints"
-        for _ in joints[:1]
+        f"the angle of {', '.join(joints)} is known in no log: parameters of the rig are fitted, "
+        "but no affine map and no correction (discrepancy), which are of all joints"
     ]
 
 
-def _as_it_came(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
-    """Return a sentence where the rig as it came errs least on logs left out."""
+def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
+    """Return a sentence where the rig as given errs least on held-out logs."""
     fitted = [
         candidate.error
         for candidate in candidates
-        if candidate.numbers is not None and candidate.name != LINE
+        if candidate.numbers is not None and candidate.name != AFFINE_MAP
     ]
+    if not fitted or chosen.numbers is not None:
+        return []
     return [
-        f"the rig as it came errs less on logs left out ({np.rad2deg(chosen.error):.2f}°) than "
-        "the fitted one "
-        f"({np.rad2deg(min(fitted)):.2f}°): its numbers are kept"
-        for _ in fitted[:1]
-        if chosen.numbers is None
+        f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the fitted "
+        f"one ({np.rad2deg(min(fitted)):.2f}°): its parameters are kept"
     ]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from distal.confidence import BAND
 from distal.errors import FitError
 from distal.estimators import affine_of, affine_samples
-from distal.fitting.fitted_file import fitted_text, plain
+from distal.fitting.fitted_file import MARK, fitted_text, plain
 from distal.fitting.map_samples import (
     contact_of,
     discrepancy_of,
@@ -104,18 +104,22 @@ class MapFit:
         """Return the same with another map of the kind."""
         return replace(self, rig=self.rig.model_copy(update={self.table: learned}))
 
-    def save(self, path: str | Path, text: str | None = None) -> None:
+    def save(self, path: str | Path, text: str | None = None, provisional: str = "") -> None:
         """Write the rig file with the map; what stood there survives a failure.
 
         The map is put into a `text`, TOML of the rig, so that its comments stay; by default it is
-        written anew.
+        written anew. What is `provisional` stands in the file and at its head.
 
         Raises:
             OutputError: it cannot be written.
         """
-        write_whole(
-            path, fitted_text(self.rig, self.start, {self.table: self.as_table()}, "", text)
-        )
+        values: dict[str, object] = {self.table: self.as_table()}
+        rig, head = self.rig, ""
+        if provisional:
+            values["provisional"] = provisional
+            rig = rig.model_copy(update={"provisional": provisional})
+            head = f"{MARK}fit`: {provisional}\n\n"
+        write_whole(path, fitted_text(rig, self.start, values, head, text))
 
 
 @one_blas_thread()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from distal.errors import DistalError
+from distal.estimators import affine_samples
 from distal.fitting.learn import Learned
 from distal.logs import Log, shown, true_angles
-from distal.regression import splits
+from distal.regression import YARDSTICKS, splits, yardstick_error
 from distal.rig import Rig
 from distal.run import estimate
 
@@ -24,18 +25,21 @@ class Score:
     half: float
 
 
+WRITTEN = "as written, chosen anew without each log"
+ALONE = "the rig as given, nothing learned"
+AFFINE = "affine map, as the file has it"
+"""What is scored on each held-out log beside the candidates and the yardsticks."""
+
+
 @dataclass(frozen=True)
 class Compared:
-    """One log that was left out: scores of `adaptive` and `affine` learned from the other logs, and
-    of the rig `before`.
+    """A held-out log, and the scores of all that the other logs teach, by name.
 
-    A score is None where the estimator cannot run, or has no map.
+    A score is None where an estimator cannot run.
     """
 
     log: str
-    fitted: Score | None
-    before: Score | None
-    affine: Score | None
+    scores: Mapping[str, Score | None]
 
 
 @dataclass(frozen=True)
@@ -69,25 +73,60 @@ def leave_out(
             learned = learned_from([logs[i] for i in remaining], count)
             if learned.interrupted:
                 break  # it says nothing of a fit that ends by itself
-            done.append(_scored([logs[i] for i in out], rig, learned, homing))
+            held_out, others = [logs[i] for i in out], [logs[i] for i in remaining]
+            done.append(_scored(held_out, others, rig, learned, homing))
         except KeyboardInterrupt:
             break
     return done
 
 
-def _scored(out: Sequence[Log], rig: Rig, learned: Learned, homing: float | None) -> Fold:
-    compared, tried = [], ((learned.rig, "adaptive"), (rig, "adaptive"), (learned.rig, "affine"))
-    for log in out:
-        if true_angles(log, [joint.name for joint in rig.joints]) is None:
-            continue
-        scores = [_score(log, description, name, homing) for description, name in tried]
-        compared.append(Compared(shown(log.source), *scores))
+def _scored(
+    out: Sequence[Log],
+    remaining: Sequence[Log],
+    rig: Rig,
+    learned: Learned,
+    homing: float | None,
+) -> Fold:
+    joints = [joint.name for joint in rig.joints]
+    compared = [
+        Compared(shown(log.source), _scores(log, remaining, rig, learned, homing))
+        for log in out
+        if true_angles(log, joints) is not None
+    ]
     return Fold(tuple(log.source for log in out), learned, tuple(compared))
 
 
+def _scores(
+    log: Log, remaining: Sequence[Log], rig: Rig, learned: Learned, homing: float | None
+) -> dict[str, Score | None]:
+    """Return the scores on a held-out log of all that the remaining logs teach, by name."""
+    scores = {WRITTEN: _score(log, learned.rig, "adaptive", homing)}
+    for candidate in learned.candidates:
+        is_written = candidate is learned.candidates[0] and not learned.curves
+        scores[candidate.name] = (
+            scores[WRITTEN] if is_written else _score(log, candidate.rig, "adaptive", homing)
+        )
+    scores[ALONE] = _score(log, rig, "adaptive", homing)
+    if learned.rig.affine is not None:
+        scores[AFFINE] = _score(log, learned.rig, "affine", homing)
+        if homing is None:
+            scores |= _yardsticks(log, remaining, rig)
+    return scores
+
+
+def _yardsticks(log: Log, remaining: Sequence[Log], rig: Rig) -> dict[str, Score | None]:
+    joints = [joint.name for joint in rig.joints]
+    held_out = affine_samples(log, rig)
+    training = [
+        affine_samples(other, rig) for other in remaining if true_angles(other, joints) is not None
+    ]
+    return {
+        name: Score(yardstick_error(name, training, held_out), float("nan"), float("nan"))
+        for name in YARDSTICKS
+    }
+
+
 def _score(log: Log, rig: Rig, estimator: str, homing: float | None) -> Score | None:
-    if estimator == "affine" and rig.affine is None:
-        return None
     try:
         estimated = estimate(log, rig, estimator, compiled=False, homing=homing)
     except DistalError:

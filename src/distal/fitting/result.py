@@ -11,13 +11,13 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import DistalError
-from distal.fitting.candidates import BY_EQUATIONS
+from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_numbers import paths_of
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
-from distal.fitting.leave_out import Compared, Fold
+from distal.fitting.leave_out import WRITTEN, Compared, Fold
 from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
@@ -57,8 +57,7 @@ class Fit:
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the numbers as they are.
         added: path → what the part put into the description.
-        candidates: name, and RMS error on logs left out and in their outer part [rad], of each
-            tried, the chosen one first.
+        candidates: that were judged, the chosen one first.
     """
 
     rig: Rig
@@ -88,7 +87,7 @@ class Fit:
     doubts: tuple[str, ...] = ()
     hold: bool = False
     added: Mapping[str, object] = field(default_factory=dict)
-    candidates: tuple[tuple[str, float, float], ...] = ()
+    candidates: tuple[Candidate, ...] = ()
 
     @classmethod
     def of(
@@ -145,7 +144,7 @@ class Fit:
         count = sum(part.identified and not part.noise for part in self.fitted)
         scores = [
             f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)"
-            for name, rms, inside in self.scores()
+            for name, rms, inside in self.scores()[:2]
         ]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
         ended = "converged" if self.converged else "not converged"
@@ -174,44 +173,42 @@ class Fit:
 
     @property
     def compared(self) -> tuple[Compared, ...]:
-        """Each log that was left out, with the scores of the fitted rig, the original rig and
-        `affine`.
-        """
+        """Each held-out log, with the scores of all that the others teach."""
         return tuple(comparison for fold in self.folds for comparison in fold.compared)
 
     def scores(self) -> list[tuple[str, float, float]]:
-        """Return name, mean RMS error [rad] and mean share inside the band on logs left out, of
-        each estimator.
+        """Return name, mean RMS error [rad] and mean share inside the band on held-out logs, of all
+        that was compared.
+
+        First is what is written, with all that was chosen chosen anew without each log; then what
+        errs least. A share is NaN where there is no band. Without folds the candidates' own errors
+        are given: what they learned has not seen the log, which of them is best has.
         """
-        columns = {
-            "adaptive": [comparison.fitted for comparison in self.compared],
-            "the rig as it came": [comparison.before for comparison in self.compared],
-            "affine": [comparison.affine for comparison in self.compared],
-        }
-        ran = {
-            name: [score for score in scores if score is not None]
-            for name, scores in columns.items()
-        }
-        return [
-            (
-                name,
-                float(np.mean([score.rms for score in scores])),
-                float(np.mean([score.inside for score in scores])),
-            )
-            for name, scores in ran.items()
-            if scores
+        if not self.compared:
+            return [(c.name, c.error, float("nan")) for c in self.candidates if c.error < np.inf]
+        names = [
+            name
+            for name in self.compared[0].scores
+            if all(comparison.scores.get(name) for comparison in self.compared)
         ]
+        rows = []
+        for name in names:
+            scores = [comparison.scores[name] for comparison in self.compared]
+            ran = [score for score in scores if score is not None]
+            rms, inside = np.mean([(score.rms, score.inside) for score in ran], axis=0)
+            rows.append((name, float(rms), float(inside)))
+        return sorted(rows, key=lambda row: (row[0] != WRITTEN, row[1]))
 
     def advice(self) -> list[str]:
         """Return what to know before the rig is used, one sentence each: doubts, hidden errors,
         advice.
         """
-        errors = {name: error for name, error, _ in self.candidates}
+        errors = {candidate.name: candidate.error for candidate in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
         if self.part:
             before, after = (
                 np.rad2deg(errors.get(BY_EQUATIONS, np.inf)),
-                np.rad2deg(self.candidates[0][1]),
+                np.rad2deg(self.candidates[0].error),
             )
             lines.insert(
                 0, f"your rig lacks {self.part} ({before:.2g}° → {after:.2g}°): it is in the file"

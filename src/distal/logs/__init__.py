@@ -1,6 +1,6 @@
 """Logs: time series of sensors, read, checked and written."""
 
-from distal.logs.atomic_writes import write_together, write_whole
+from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset
 from distal.logs.formats import TABLES
@@ -53,6 +53,7 @@ __all__ = [
     "header",
     "is_dataset",
     "is_recording",
+    "keep_elsewhere",
     "open_recording",
     "open_table",
     "outputs_in",

@@ -53,13 +53,30 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
         for file in written:
             with _as_output_error(file.path):
                 file.move_in(keep=len(written) > 1)
-    except BaseException:
+    except BaseException as problem:
         for file in reversed(written):
             file.move_back()
+        if isinstance(problem, OutputError):
+            problem.unsaved = dict(files)
         raise
     finally:
         for file in written:
             file.tidy()
+
+
+def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
+    """Write files that have no place into a new folder, and return it; None where none can be had.
+
+    It stands among temporary files, else in the user's own folder.
+    """
+    for parent in (tempfile.gettempdir(), str(Path.home())):
+        with suppress(OSError, RuntimeError):
+            folder = Path(tempfile.mkdtemp(prefix="distal-", dir=parent))
+            for path, data in files.items():
+                content = data.encode(errors="replace") if isinstance(data, str) else data
+                (folder / path.name).write_bytes(content)
+            return folder
+    return None
 
 
 @contextmanager

@@ -27,9 +27,11 @@ from distal.regression.learn_map import (
     left_out_errors,
 )
 from distal.regression.random_effects import correlated_samples, independent, line
+from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 
 __all__ = [
     "EXPECTED",
+    "YARDSTICKS",
     "Errors",
     "Kind",
     "Learner",
@@ -66,4 +68,5 @@ __all__ = [
     "seen",
     "splits",
     "student",
+    "yardstick_error",
 ]

@@ -69,6 +69,8 @@ def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     for path, value in changed:
         set_value(raw, path, value, RigError)
     rig = build_rig(raw, source)
+    if rig.provisional:
+        warnings.warn(f"{source}: {rig.provisional}", DistalWarning, stacklevel=2)
     moved = [path for path, _ in changed if path.split(".")[0] in ("joints", "drives", "tendons")]
     if moved and rig.discrepancy is not None:
         is_torque = any(path.split(".")[2:3] == ["external_torque"] for path in moved)

@@ -16,6 +16,9 @@ from distal.suggestions import did_you_mean
 DEEPEST = 12
 """A path has at most this many parts."""
 
+SPREADS = {"std", "factor", "shared"}
+"""Keys of a parameter that say how far its value may be off; one table has all of them."""
+
 ALL = "*"
 """Stands for all items of a list in a path."""
 
@@ -119,14 +122,9 @@ def _merged(old: object, new: object) -> object:
     if isinstance(old, MutableMapping) and set(old) <= set(KEYS) and "value" in old:
         if isinstance(new, MutableMapping) and new:
             # a table that says how far the value may be off says all of it
-            spreads = (
-                {"std", "factor", "shared"}
-                if "factor" in new
-                else {"shared"}
-                if "std" in new
-                else set[str]()
-            )
-            return {key: part for key, part in old.items() if key not in spreads} | dict(new)
+            says_spread = "std" in new or "factor" in new
+            replaced = SPREADS if says_spread else set[str]()
+            return {key: part for key, part in old.items() if key not in replaced} | dict(new)
         old["value"] = new
         return old
     return new

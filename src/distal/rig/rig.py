@@ -73,6 +73,11 @@ class Rig(Description):
     tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
     sensors: tuple[Sensor, ...] = Field((), description="the sensors")
     stepping: Stepping = Field(Stepping(), description="time step of the model")
+    provisional: str = Field(
+        "",
+        description="what is not done yet in this file, where a fit has not ended; commands repeat "
+        "it",
+    )
     affine: Affine | None = Field(
         None, description="the obvious estimator, as learned: `distal fit` writes it"
     )
@@ -272,7 +277,8 @@ class Rig(Description):
         """Return a copy without the maps learned from logs: no `affine`, `discrepancy`,
         `contact`.
         """
-        return self.model_copy(update={"affine": None, "discrepancy": None, "contact": None})
+        nothing = {"affine": None, "discrepancy": None, "contact": None, "provisional": ""}
+        return self.model_copy(update=nothing)
 
     def sensors_of(self, measures: str) -> tuple[Sensor, ...]:
         """Return the sensors that measure `measures` (position, force, tension, angle or torque),

@@ -1,0 +1,228 @@
+"""Fits as users run them: `distal fit` in a shell, then `distal estimate` with the file it wrote.
+
+Nothing here calls a fit from Python. Each rig is a folder with a rig file and logs as CSV; the
+commands run there with the environment of whoever runs this. The rigs' plants share no code with
+`distal.model`, and most have physics that their rig files lack:
+
+* `python -m benchmarks.fit_command named`: the rigs of `benchmarks.newcomers` and, with the folder
+  of logs in `DISTAL_DATA`, the four that newcomers wrote;
+* `python -m benchmarks.fit_command lacking --rigs 60 --first-seed 400`: rigs drawn at random
+  (`benchmarks.strangers.lacking`), with 2 to 6 logs each;
+* `--candidates` also fits from Python, to score on the held-out logs every candidate that a rig
+  file can hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from benchmarks import newcomers
+from benchmarks.report import table
+from benchmarks.strangers import lacking
+from benchmarks.strangers.drawn_rigs import drawn_rig
+from distal import Log, Rig, estimate, fit, load_rig, read_log, write_log
+from distal.errors import DistalError
+from distal.fitting.fitted_file import plain
+from distal.rig import build_rig
+
+LOGS = (2, 3, 3, 4, 5, 6)
+"""Rigs drawn at random are fitted to so many logs, in turn."""
+
+HELD_OUT = 2
+"""So many logs of the same kind of motion are kept apart."""
+
+
+@dataclass
+class Outcome:
+    """What came of one rig: whether a file was written, its score, and errors on held-out logs."""
+
+    name: str
+    ended: bool
+    seconds: float
+    message: str = ""
+    score: float = float("nan")
+    errors: list[float] = field(default_factory=list)
+    inside: list[float] = field(default_factory=list)
+    best: float = float("nan")
+    chosen: str = ""
+    candidates: dict[str, tuple[float, float, list[float]]] = field(default_factory=dict)
+
+
+def write_folder(folder: Path, rig: Rig, logs: Sequence[Log], held_out: Sequence[Log]) -> None:
+    """Write what a user has: a rig file, logs to fit and logs that are kept apart."""
+    raw = plain(rig.model_dump(exclude_defaults=True))
+    (folder / "mine.toml").write_text(tomlkit.dumps(raw), encoding="utf-8")
+    for kind, kept in (("run", logs), ("held_out", held_out)):
+        for i, log in enumerate(kept):
+            write_log(log, rig, folder / f"{kind}_{i}.csv")
+
+
+def write_lacking(folder: Path, seed: int) -> None:
+    """Write the folder of a rig drawn at random whose file lacks something."""
+    count = LOGS[seed % len(LOGS)]
+    drawn = drawn_rig(2 * seed, False)
+    # the last log is of a wider motion: it is not one that the score speaks of
+    logs, _ = lacking.logs_of(drawn, seed, count, HELD_OUT + 1)
+    rig = build_rig(drawn.raw, f"lacking {seed}")
+    write_folder(folder, rig, logs[:count], logs[count : count + HELD_OUT])
+
+
+def write_named(folder: Path, name: str) -> None:
+    """Write the folder of one of the rigs of `benchmarks.newcomers`."""
+    rig, logs, others = newcomers.CASES[name](folder)
+    write_folder(folder, rig, logs, [log for kept in others.values() for log in kept][:4])
+
+
+def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run `distal` in a folder, as a shell does."""
+    return subprocess.run(
+        [sys.executable, "-m", "distal", *words], cwd=folder, capture_output=True, text=True
+    )
+
+
+def judged(folder: Path, name: str) -> Outcome:
+    """Fit the logs of a folder and judge the file that was written, all by commands."""
+    runs = sorted(path.name for path in folder.glob("run_*.csv"))
+    began = time.perf_counter()
+    done = command(folder, "fit", *runs, "--rig", "mine.toml", "--out", "fitted.toml")
+    outcome = Outcome(name, done.returncode == 0, time.perf_counter() - began)
+    if done.returncode:
+        outcome.message = done.stderr.strip().splitlines()[-1]
+        return outcome
+    outcome.score = first_score(done.stdout)
+    for held_out in sorted(folder.glob("held_out_*.csv")):
+        words = ("estimate", held_out.name, "--rig", "fitted.toml", "-e", "adaptive")
+        said = command(folder, *words, "--no-what-if")
+        row = re.search(r"^\s*adaptive\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M)
+        if row is None:
+            outcome.message = said.stderr.strip()[-300:] or "no error against the truth was printed"
+            outcome.ended = False
+            return outcome
+        outcome.errors.append(float(row[1]))
+        outcome.inside.append(float(row[2]) / 100.0)
+    return outcome
+
+
+def first_score(text: str) -> float:
+    """Return the error that `distal fit` printed first [°]; NaN where it printed none."""
+    found = re.search(r"what gives the angle.*?\n[^\n]*\n\s*\S.*?\s\s+([\d.]+)\s", text, re.S)
+    return float(found[1]) if found else float("nan")
+
+
+def with_candidates(folder: Path, outcome: Outcome) -> None:
+    """Add the errors on the held-out logs of every candidate that a rig file can hold."""
+    rig = load_rig(folder / "mine.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = fit([read_log(path, rig) for path in sorted(folder.glob("run_*.csv"))], rig)
+        held_out = [read_log(path, rig) for path in sorted(folder.glob("held_out_*.csv"))]
+        for candidate in found.candidates:
+            errors = [_rms(log, candidate.rig) for log in held_out]
+            inner = float(np.rad2deg(candidate.error)), float(np.rad2deg(candidate.beyond))
+            outcome.candidates[candidate.name] = (*inner, errors)
+    outcome.chosen = found.candidates[0].name if found.candidates else ""
+    outcome.best = min((mean(own) for *_, own in outcome.candidates.values()), default=np.nan)
+
+
+def _rms(log: Log, rig: Rig) -> float:
+    try:
+        return float(np.rad2deg(estimate(log, rig, compiled=False).rms_error()))
+    except DistalError:
+        return float("inf")
+
+
+def mean(errors: Sequence[float]) -> float:
+    """Return the mean of some errors."""
+    return float(np.mean(errors)) if len(errors) else float("nan")
+
+
+def run(case: str | int, candidates: bool) -> Outcome:
+    """Return what came of one rig, a named one or one of a seed."""
+    with tempfile.TemporaryDirectory() as kept:
+        folder = Path(kept)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if isinstance(case, int):
+                write_lacking(folder, case)
+            else:
+                write_named(folder, case)
+        outcome = judged(folder, str(case))
+        if candidates and outcome.ended:
+            with_candidates(folder, outcome)
+    return outcome
+
+
+def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
+    """Return the rows of the goals, over all rigs."""
+    ended = [outcome for outcome in outcomes if outcome.ended]
+    rows = [["fits that end with their file", f"{len(ended)} of {len(outcomes)}"]]
+    ratios = np.array([mean(one.errors) / one.score for one in ended if one.score > 0.0])
+    if len(ratios):
+        rows.append(["RMS / score printed first, geometric mean", f"{_geometric(ratios):.2f}"])
+        rows.append(["at most 2", f"{100 * np.mean(ratios <= 2.0):.0f} %"])
+    inside = [share for one in ended for share in one.inside]
+    if inside:
+        rows.append(["inside the band, pooled", f"{100 * np.mean(inside):.0f} %"])
+    against = np.array([mean(one.errors) / one.best for one in ended if one.best > 0.0])
+    if len(against):
+        rows.append(["RMS / candidate that is best there", f"{_geometric(against):.3f}"])
+    return rows
+
+
+def _geometric(ratios: Any) -> float:
+    return float(np.exp(np.mean(np.log(ratios))))
+
+
+def main() -> None:
+    """Run, print and store."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fit_command", description=__doc__)
+    parser.add_argument("which", choices=("named", "lacking"))
+    parser.add_argument("--rigs", type=int, default=60)
+    parser.add_argument("--first-seed", type=int, default=400)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--only", help="of the named rigs, those whose name has this word")
+    parser.add_argument("--candidates", action="store_true")
+    parser.add_argument("--save", type=Path, metavar="FILE.json")
+    asked = parser.parse_args()
+    cases: list[str | int] = [name for name in newcomers.CASES if (asked.only or "") in name]
+    if asked.which == "lacking":
+        cases = list(range(asked.first_seed, asked.first_seed + asked.rigs))
+    outcomes = []
+    with ProcessPoolExecutor(asked.processes) as pool:
+        jobs = [pool.submit(run, case, asked.candidates) for case in cases]
+        for job in jobs:
+            outcome = job.result()
+            outcomes.append(outcome)
+            said = f"{mean(outcome.errors):.3f}° / {outcome.score:.3f}° {outcome.chosen}"
+            print(
+                f"{outcome.name:20s} {outcome.seconds:5.0f} s  {outcome.message or said}",
+                flush=True,
+            )
+            if asked.save:
+                records = [asdict(one) for one in outcomes]
+                asked.save.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+    table(
+        f"fit-command-{asked.which}",
+        f"{len(outcomes)} rigs, by commands",
+        ["", "measured"],
+        summary(outcomes),
+    )
+
+
+if __name__ == "__main__":
+    main()

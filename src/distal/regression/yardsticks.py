@@ -1,0 +1,82 @@
+"""Yardsticks: ordinary least squares of the angles on what is read, as ten lines of NumPy would.
+
+They have no prior, no band and no limits, and no rig file holds them. What a fit writes is compared
+with them on the same logs, so that nobody has to believe that physics is worth its effort.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.regression.features import Samples, played
+
+LAGS = (0.05, 0.2, 0.8)
+"""Earlier readings that "with lags" uses too [s]."""
+
+PLAYS = (0.02, 0.05, 0.15)
+"""Half-widths of the play operators of "with plays", as shares of the range of each reading."""
+
+
+def _straight(samples: Samples, ranges: Floats) -> Floats:
+    return samples.readings
+
+
+def _with_lags(samples: Samples, ranges: Floats) -> Floats:
+    since = samples.time - samples.time[0]
+    earlier = [
+        np.column_stack([np.interp(since - lag, since, column) for column in samples.readings.T])
+        for lag in LAGS
+    ]
+    return np.column_stack([samples.readings, *earlier])
+
+
+def _with_plays(samples: Samples, ranges: Floats) -> Floats:
+    passed = [
+        played(column, share * width)
+        for share in PLAYS
+        for column, width in zip(samples.readings.T, ranges)
+    ]
+    return np.column_stack([samples.readings, *passed])
+
+
+YARDSTICKS: Mapping[str, Callable[[Samples, Floats], Floats]] = {
+    "least squares": _straight,
+    "least squares with lags": _with_lags,
+    "least squares with plays": _with_plays,
+}
+"""Name → the columns beside the constant, (k, n), of a log and the ranges of its readings."""
+
+
+def yardstick_error(name: str, training: Sequence[Samples], held_out: Samples) -> float:
+    """Return the RMS error of all joints on a held-out log of one of `YARDSTICKS` [rad].
+
+    Least squares of the angles on (1, φ(y)) over all samples of the training logs whose angle is
+    known; φ is that of the yardstick.
+    """
+    ranges = np.ptp(np.vstack([samples.readings for samples in training]), axis=0)
+    columns = YARDSTICKS[name]
+    squares = []
+    test = _design(columns, held_out, ranges)
+    designs = [_design(columns, samples, ranges) for samples in training]
+    for joint in range(held_out.targets.shape[1]):
+        targets = [samples.targets[:, joint] for samples in training]
+        rows = [np.isfinite(target) for target in targets]
+        phi = np.vstack([design[known] for design, known in zip(designs, rows)])
+        angles = np.concatenate([target[known] for target, known in zip(targets, rows)])
+        if not len(angles):
+            return float("nan")
+        # columns of one size: rounding decides nothing
+        size = np.maximum(np.sqrt(np.mean(phi**2, axis=0)), 1e-300)
+        coefficients = np.linalg.lstsq(phi / size, angles)[0] / size
+        error = test @ coefficients - held_out.targets[:, joint]
+        squares.append(error[np.isfinite(error)] ** 2)
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
+
+
+def _design(
+    columns: Callable[[Samples, Floats], Floats], samples: Samples, ranges: Floats
+) -> Floats:
+    return np.column_stack([np.ones(len(samples.time)), columns(samples, ranges)])
