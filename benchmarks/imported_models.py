@@ -93,7 +93,7 @@ def unstretched(seed: int, coupled: bool) -> tuple[Rig, Log]:
     """
     model = mujoco.MjModel.from_xml_string(own_finger(seed, coupled))
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
-    recorder = distal.from_mujoco(model, data, rig)
+    recorder = distal.mujoco_recorder(model, data, rig)
     knots, forces = wandering(np.random.default_rng([seed, 244]), model.nu, *PULL)
     while data.time < SECONDS:
         data.ctrl[:] = [np.interp(data.time, knots, column) for column in forces.T]

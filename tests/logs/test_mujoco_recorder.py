@@ -23,7 +23,7 @@ def pulled(seconds: float, text: str = FINGER) -> tuple[Rig, Log, list[float]]:
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.timestep = STEP
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
-    recorder, pulls = distal.from_mujoco(model, data, rig), list[float]()
+    recorder, pulls = distal.mujoco_recorder(model, data, rig), list[float]()
     flexor, rows = model.actuator("pull flexor").id, 0
     for _ in range(round(seconds / STEP)):
         data.ctrl[flexor] = 0.5 * data.time
@@ -66,7 +66,7 @@ def test_slower_sensors_are_read_at_their_own_rate() -> None:
     model = mujoco.MjModel.from_xml_string(FINGER)
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
     slow = replace_sensors(rig, "u_flexor", 25.0)
-    recorder = distal.from_mujoco(model, data, slow)
+    recorder = distal.mujoco_recorder(model, data, slow)
     for k in range(40):
         data.time = 0.01 * k
         recorder.record()
@@ -90,7 +90,7 @@ def test_what_the_loop_knows_and_the_model_does_not() -> None:
         bare.delete(actuator)
     model = bare.compile()
     data = mujoco.MjData(model)
-    recorder = distal.from_mujoco(model, data, rig)
+    recorder = distal.mujoco_recorder(model, data, rig)
     with pytest.raises(LogError, match="what do u_extensor, u_flexor read"):
         recorder.record()
     with pytest.raises(LogError, match="no sensor is called tension"):
@@ -111,9 +111,9 @@ def test_wrong_arguments_are_named() -> None:
     model = mujoco.MjModel.from_xml_string(FINGER)
     data, rig = mujoco.MjData(model), from_mujoco(model).rig
     with pytest.raises(LogError, match="nothing was recorded"):
-        distal.from_mujoco(model, data, rig).log()
+        distal.mujoco_recorder(model, data, rig).log()
     with pytest.raises(LogError, match=r"mujoco\.MjModel and mujoco\.MjData"):
-        distal.from_mujoco("hand.xml", data, rig)  # type: ignore[arg-type]
+        distal.mujoco_recorder("hand.xml", data, rig)  # type: ignore[arg-type]
     other = distal.load_rig("wrist-instrument")
     with pytest.raises(LogError, match="the model has no joint"):
-        distal.from_mujoco(model, data, other)
+        distal.mujoco_recorder(model, data, other)

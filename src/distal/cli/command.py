@@ -11,6 +11,7 @@ from typer import Argument, Option
 from distal.cli.console import say, warn, working
 from distal.cli.options import RigOption, SetOption
 from distal.cli.paths import check_outputs, to_file
+from distal.rounded import rounded
 
 NOTHING = 0.01
 """An angle that is missed by less is reached [°]."""
@@ -49,8 +50,11 @@ def command_command(
     from distal.confidence import BAND
     from distal.inverse import Inverse
     from distal.logs import read_angles
+    from distal.results import plot_kind
     from distal.rig import angle_names, load_rig
 
+    if plot is not None:
+        plot_kind(plot)
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig)
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=least_tension)
     joints = [joint.name for joint in inverse.rig.joints]
@@ -66,8 +70,12 @@ def command_command(
             float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2)))
         )
         band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
-        reached = "what is wanted" if away < NOTHING else f"what is wanted but for {away:.3g}° RMS"
-        say(f"{joint}: reaches {reached}, 95 % band ± {band:.2g}° in an open loop")
+        reached = (
+            "what is wanted"
+            if away < NOTHING
+            else f"what is wanted but for {rounded(away, 3)}° RMS"
+        )
+        say(f"{joint}: reaches {reached}, 95 % band ± {rounded(band)}° in an open loop")
     for note in commands.notes:
         warn(note)
     if plot is not None:

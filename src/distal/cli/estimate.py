@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -100,6 +101,12 @@ def estimate_command(
     what_if: Annotated[
         bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
     ] = True,
+    findings: Annotated[
+        bool,
+        Option(
+            "--findings", help="List each finding on the log and the rig, on a line of its own."
+        ),
+    ] = False,
     unit: UnitOption = "rad",
     every: Annotated[
         bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
@@ -128,13 +135,28 @@ def estimate_command(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
         )
     home = seconds(homing)
+    if smooth and home is not None:
+        raise EstimationError(
+            "--smooth uses the whole log and --homing its beginning; give one of them"
+        )
     if len(logs) > 1 or is_dataset(logs[0]) or scheduler is not None:
         sources = [
             source
             for path in logs
             for source in (episodes_of(path) if is_dataset(path) else [path])
         ]
-        _check_for_many(len(sources), homing_angle, plot, smooth, passes, estimator)
+        _check_for_many(
+            len(sources),
+            {
+                "--homing-angle": bool(homing_angle),
+                "--plot": plot is not None,
+                "--panel": bool(panel),
+                "--smooth": smooth,
+                "--findings": findings,
+                "--passes": passes > 1,
+                "a second --estimator": len(estimator or ()) > 1,
+            },
+        )
         from distal.cli.batch import estimate_many, estimates_of
         from distal.estimators import DEFAULT
 
@@ -171,10 +193,6 @@ def estimate_command(
         log, description, names, passes, home, comparing=estimator is None, is_known=is_known
     )
     if smooth:
-        if home is not None:
-            raise EstimationError(
-                "--smooth uses the whole log and --homing its beginning; give one of them"
-            )
         with working("smoothing"):
             results.insert(0, smoothed(log, description))
     files: dict[Path, bytes | str] = {}
@@ -198,25 +216,19 @@ def estimate_command(
     else:
         for reason in failed.values():
             failure(reason)
-    _say(results, log, description, home, what_if=what_if, written=(out, plot))
+    _say(
+        results,
+        log,
+        description,
+        home,
+        what_if=what_if,
+        findings=findings,
+        written=(out, plot),
+    )
 
 
-def _check_for_many(
-    count: int,
-    angles: list[str] | None,
-    plot: Path | None,
-    smooth: bool,
-    passes: int,
-    estimator: list[str] | None,
-) -> None:
+def _check_for_many(count: int, asked: Mapping[str, bool]) -> None:
     """Refuse options that are for one log."""
-    asked = {
-        "--homing-angle": bool(angles),
-        "--plot": plot is not None,
-        "--smooth": smooth,
-        "--passes": passes > 1,
-        "a second --estimator": len(estimator or ()) > 1,
-    }
     wrong = [option for option, is_asked in asked.items() if is_asked]
     if wrong:
         raise EstimationError(f"{', '.join(wrong)} is for one log, {count} came; give one log")
@@ -327,6 +339,7 @@ def _say(
     home: float | None,
     *,
     what_if: bool,
+    findings: bool,
     written: tuple[Path | None, ...],
 ) -> None:
     """Print the angle in words, notes, what the log says of the rig, and what was written."""
@@ -340,8 +353,10 @@ def _say(
             say(note)
     # a smoothed estimate is of the same log and rig, and its innovations are the filter's
     with working("testing what the log says of the rig"):
-        told = diagnose(final, log, rig, home, what_if=what_if).text
-    say(told)
+        diagnosis = diagnose(final, log, rig, home, what_if=what_if)
+    say(diagnosis.text)
+    for finding in diagnosis.findings if findings else ():
+        say(f"  {finding.text}")
     for path in filter(None, written):
         say(f"wrote {path}")
     if final.unseen is not None:

@@ -42,8 +42,8 @@ def fit_command(
     logs: Annotated[
         list[Path],
         Argument(
-            help="Logs (CSV, Parquet, MCAP, ROS bags); some with the joint's angle, or all, or "
-            "none."
+            help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets); some with the "
+            "joint's angle, or all, or none."
         ),
     ],
     rig: RigOption,
@@ -227,7 +227,9 @@ def _say(result: Fit) -> None:
         say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
     if undetermined:
         more = (
-            f" and {len(undetermined) - MOST_NAMES} more" if len(undetermined) > MOST_NAMES else ""
+            f" and {len(undetermined) - MOST_NAMES} more (--report shows all)"
+            if len(undetermined) > MOST_NAMES
+            else ""
         )
         say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
     _say_scores(result)

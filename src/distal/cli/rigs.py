@@ -14,6 +14,7 @@ from distal.cli.console import say, table, warn, working
 from distal.cli.options import RigArgument, SetOption
 from distal.cli.paths import check_outputs, to_file
 from distal.errors import OutputError
+from distal.rounded import rounded
 
 if TYPE_CHECKING:
     pass
@@ -78,7 +79,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         logs = description.affine.logs
         source = "a homing move" if logs == 0 else f"{logs} log{'s' if logs > 1 else ''}"
         std = max(degrees(joint.std) for joint in description.affine.joints)
-        say(f"  affine: learned from {source}, residual ±{std:.2g}° (1σ)")
+        say(f"  affine: learned from {source}, residual ±{rounded(std)}° (1σ)")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name
@@ -107,7 +108,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
 
 
 def _degrees(angle: float) -> str:
-    return f"{degrees(angle):.3g}°"
+    return f"{rounded(degrees(angle), 3)}°"
 
 
 @app.command("draw")

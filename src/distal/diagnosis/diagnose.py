@@ -92,12 +92,12 @@ def diagnose(
     if what_if and any(finding.contradicts for finding in channels.findings()):
         channels = channels_of(with_learned_numbers(result, rerun()))
     first = diagnose_estimate(result, further, channels)
+    if not what_if:
+        return first
     # of a rig that is wrong the band says nothing anyway
     if not any(finding.contradicts for finding in first.findings):
         further += overconfidence(rerun())
         first = diagnose_estimate(result, further, channels)
-    if not what_if:
-        return first
     against = [finding for finding in first.findings if finding.contradicts]
     if any(finding.kind != "overconfident" for finding in against):
         named = any(finding.contradicts for finding in truth)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from distal.diagnosis.finding import Finding
+from distal.rounded import rounded
 
 
 def all_drift(channels: Sequence[str]) -> Finding:
@@ -202,7 +203,8 @@ def outside_the_truth(joint: str, rms: float, share: float) -> Finding:
     its error `rms` [rad].
     """
     text = (
-        f"the truth contradicts: {joint} errs by {np.rad2deg(rms):.2g}° RMS, {100 * share:.0f} "
+        f"the truth contradicts: {joint} errs by {rounded(np.rad2deg(rms))}° RMS, "
+        f"{100 * share:.0f} "
         "% inside the band"
     )
     return Finding("against the truth", joint, text)
@@ -214,7 +216,7 @@ def errs_inside(joint: str, rms: float, share: float) -> Finding:
     """
     text = (
         f"the band holds the truth ({100 * share:.0f} %), but {joint} errs by "
-        f"{np.rad2deg(rms):.2g}° RMS"
+        f"{rounded(np.rad2deg(rms))}° RMS"
     )
     return Finding("errs inside", joint, text)
 
@@ -260,5 +262,5 @@ def like_a_delay(delay: float) -> str:
 
 def like_a_zero(off: float, unit: str) -> str:
     """Return what readings look like that are `off` from where they should be, in their SI unit."""
-    size = f"{np.rad2deg(off):.2g}°" if unit == "rad" else f"{1e3 * off:.2g} mm"
+    size = f"{rounded(np.rad2deg(off))}°" if unit == "rad" else f"{1e3 * off:.2g} mm"
     return f"{size} off: its zero, or the pre-tension"

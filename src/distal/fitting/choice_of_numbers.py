@@ -259,8 +259,7 @@ def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
     free = []
     for indices in groups.values():
         paths = [f"sensors.{i}.noise" for i in indices]
-        place = rig.sensors[indices[0]].measures == "position"
-        free.append(replace(_noise(rig, [number(rig, path) for path in paths]), kept_by_file=place))
+        free.append(_noise(rig, [number(rig, path) for path in paths]))
     for at, sensor in enumerate(rig.sensors):
         if sensor.name in angles and sensor.noise > 0.0:
             reference_noise = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)

@@ -21,6 +21,7 @@ from distal.fitting.leave_out import WRITTEN, Compared, Fold
 from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
+from distal.rounded import rounded
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ class Fit:
         """Return what it is in a few words."""
         count = sum(part.identified and not part.noise for part in self.fitted)
         scores = [
-            f"{name} {np.rad2deg(rms):.3g}° ({100 * inside:.0f} %)"
+            f"{name} {rounded(np.rad2deg(rms), 3)}° ({100 * inside:.0f} %)"
             for name, rms, inside in self.scores()[:2]
         ]
         left_out = f"; on logs left out: {', '.join(scores)}" if scores else ""
@@ -211,7 +212,9 @@ class Fit:
                 np.rad2deg(self.candidates[0].error),
             )
             lines.insert(
-                0, f"your rig lacks {self.part} ({before:.2g}° → {after:.2g}°): it is in the file"
+                0,
+                f"your rig lacks {self.part} ({rounded(before)}° → {rounded(after)}°): it is in "
+                "the file",
             )
         for joint in self.rig.joints:
             if joint.external_torque.std > 0.0:

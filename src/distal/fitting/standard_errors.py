@@ -152,10 +152,13 @@ def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats, count: i
 
     So many directions (`count`) are not told: with as many as there are numbers, none of these is.
     """
-    *names, last = (part.name for part in parts)
-    listed = f"{', '.join(names)} and {last}"
+    # a parameter of which each log has its own is one name
+    *names, last = dict.fromkeys(part.name for part in parts)
+    listed = f"{', '.join(names)} and {last}" if names else last
     if count >= len(parts):
         return f"nothing of {listed}, which stay near the rig file's values: {REMEDY}"
+    if not names:
+        return f"{listed} of one log only together with that of the others: {REMEDY}"
     if len(parts) > 2:
         return f"{listed} only together, none of them alone: {REMEDY}"
     changes = [

@@ -63,8 +63,10 @@ class Hand:
     """Angles of all joints with their errors, and motions to wanted angles, beside the hand's own
     SDK.
 
-    ```python hand = distal.hands.Hand(orca_hand, "hand.toml")  # an orca_core.OrcaHand or
-    aero_open_sdk.AeroHand, connected while True:
+    ```python
+    # an orca_core.OrcaHand or aero_open_sdk.AeroHand, connected
+    hand = distal.hands.Hand(orca_hand, "hand.toml")
+    while True:
         hand.update()  # read, estimate; once per period, 100 times a second
         print(hand.get_joint_positions(), hand.health().sentence)
     ```

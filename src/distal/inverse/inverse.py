@@ -23,6 +23,7 @@ from distal.inverse.readings import readings
 from distal.inverse.servo import sent
 from distal.kernels import Advanced, Feed, Kernel, advance
 from distal.rig import Rig, load_rig
+from distal.rounded import rounded
 from distal.run import LOST
 from distal.simulation.plant import inside_function
 from distal.units import to_si
@@ -287,7 +288,8 @@ class Inverse:
             if beyond.max() > NEAR:
                 low, high = np.rad2deg(joint.stops)
                 notes.append(
-                    f"{joint.name} is wanted {np.rad2deg(beyond.max()):.3g}° beyond its stops "
+                    f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its "
+                    "stops "
                     f"({low:.4g} to {high:.4g}°), "
                     f"first at {time[beyond > NEAR][0]:.4g} s"
                 )
@@ -345,7 +347,7 @@ class Inverse:
         far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
         if not far:
             return []
-        each = [f"{self.joints[k]} {np.rad2deg(away[:, k].max()):.2g}°" for k in far[:NAMED]]
+        each = [f"{self.joints[k]} {rounded(np.rad2deg(away[:, k].max()))}°" for k in far[:NAMED]]
         more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
         return [
             "fewer drives than joints, these follow their springs, off by up to: "

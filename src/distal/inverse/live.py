@@ -113,8 +113,12 @@ def gains_of(
 class LiveInverse:
     """Commands sample by sample, from wanted angles and what the sensors read.
 
-    ```python inverse = distal.LiveInverse("finger-2n") command = inverse.step(time, {"mcp": 0.5,
-    "pip": 0.3}, sample)  # sample: values of inverse.channels, SI send(command.places) ```
+    ```python
+    inverse = distal.LiveInverse("finger-2n")
+    # sample: values of inverse.channels, SI
+    command = inverse.step(time, {"mcp": 0.5, "pip": 0.3}, sample)
+    send(command.places)
+    ```
 
     What the filter learns (friction, stretch, loads) is made up for. While the estimate is not
     known, its correction stays as it was. The first command is for where the joints are; from there

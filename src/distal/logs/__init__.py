@@ -18,7 +18,7 @@ from distal.logs.log_files import (
 )
 from distal.logs.memory import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
-from distal.logs.mujoco_recorder import from_mujoco
+from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.output_targets import Output, check_outputs, outputs_in, shown
 from distal.logs.recorder import ESTIMATE_TOPIC, SAMPLE_TOPIC, Recorder, estimate_schema
 from distal.logs.recordings import is_recording, open_recording
@@ -48,12 +48,12 @@ __all__ = [
     "episodes_of",
     "estimate_schema",
     "file_of",
-    "from_mujoco",
     "frozen",
     "header",
     "is_dataset",
     "is_recording",
     "keep_elsewhere",
+    "mujoco_recorder",
     "open_recording",
     "open_table",
     "outputs_in",

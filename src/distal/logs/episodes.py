@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from distal.arrays import Floats
-from distal.errors import LogError
+from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, in_memory
 from distal.logs.reader_process import table_by_process
 from distal.logs.vectors import INFO, dataset_info
@@ -52,26 +53,34 @@ def episodes_of(folder: Path) -> list[Episode]:
     """Return the episodes of a dataset, in the order of its files.
 
     Raises:
-        LogError: it has none, is half written, or one of its files cannot be read.
+        LogError: it has none, is half written, or none of its files can be read; those that cannot
+            are left out with a warning.
     """
     dataset_info(folder)
     files = sorted((folder / "data").rglob("*.parquet"))
     if not files:
         raise LogError(f"{folder}: is a dataset without files in 'data'")
-    found = list[Episode]()
+    found = dict[int, Episode]()
+    problems = list[LogError]()
     for file in files:
-        cells = table_by_process(file, [EPISODE])
+        try:
+            cells = table_by_process(file, [EPISODE])
+        except LogError as problem:
+            problems.append(problem)  # a recording that broke off leaves a file without its end
+            continue
         cells.check([EPISODE])
         numbers = cells.numbers([EPISODE])[EPISODE]
         if not np.isfinite(numbers).all():
             raise LogError(f"{file}: '{EPISODE}' lacks values")
-        found += [Episode(file, int(number)) for number in dict.fromkeys(numbers.tolist())]
-    twice = [
-        episode for episode in found if [other.number for other in found].count(episode.number) > 1
-    ]
-    if twice:
-        raise LogError(f"{twice[0]}: is in two files")
-    return found
+        for number in map(int, dict.fromkeys(numbers.tolist())):
+            if number in found:
+                raise LogError(f"{found[number]}: is in two files")
+            found[number] = Episode(file, number)
+    if not found and problems:
+        raise problems[0]
+    for problem in problems:
+        warnings.warn(f"left out: {problem}", DistalWarning, stacklevel=2)
+    return list(found.values())
 
 
 def rows_of(episode: Episode, columns: list[str] | None) -> Cells:

@@ -27,7 +27,7 @@ Reader = Callable[[], float]
 
 
 class MujocoRecorder:
-    """What the sensors of a rig read in a simulation, a row at a time; see `from_mujoco`."""
+    """What the sensors of a rig read in a simulation, a row at a time; see `mujoco_recorder`."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float
@@ -126,7 +126,7 @@ class MujocoRecorder:
         )
 
 
-def from_mujoco(
+def mujoco_recorder(
     model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float = 1.0
 ) -> MujocoRecorder:
     """Return a recorder of what the rig's sensors read in a simulation loop of one's own, without
@@ -147,7 +147,7 @@ def from_mujoco(
     package = mujoco_module()
     if not isinstance(model, package.MjModel) or not isinstance(data, package.MjData):
         raise LogError(
-            f"from_mujoco takes mujoco.MjModel and mujoco.MjData, {type(model).__name__} and "
+            f"mujoco_recorder takes mujoco.MjModel and mujoco.MjData, {type(model).__name__} and "
             f"{type(data).__name__} came; "
             "a rig is made from a model by distal.rig.from_mujoco"
         )

@@ -185,8 +185,10 @@ def _left_out(fit: Fit) -> list[str]:
         for name, rms, inside in fit.scores()
     ]
     text = (
-        "Each log was estimated by what the others teach alone: all of the fit was done without it, "
-        "and all choices were made anew. Least squares have no prior, no band and no limits, and no "
+        "Each log was estimated by what the others teach alone: all of the fit was done without "
+        "it, "
+        "and all choices were made anew. Least squares have no prior, no band and no limits, and "
+        "no "
         "rig file can hold them: they show what physics is worth."
     )
     of_all = html_table(

@@ -20,6 +20,7 @@ from distal.logs import write_together
 from distal.reports.page import heading, html_table, page, paragraph, picture, script_with
 from distal.reports.rig_drawing import rig_svg
 from distal.results import BLACK, COLOURS, FAINT, INK, SOFT, WHITE
+from distal.rounded import rounded
 from distal.study import Axis, Plan, Space
 from distal.study.answer import Answer, Influence
 from distal.study.runs import BUILT, MEASURES
@@ -74,7 +75,7 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     lead = (
         f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in "
         f"{', '.join(plan.study.scenarios)}. "
-        f"Asked: joint {asked.joint} within ±{degrees(asked.within):.3g}° for "
+        f"Asked: joint {asked.joint} within ±{rounded(degrees(asked.within), 3)}° for "
         f"{100 * asked.time:.3g} % of the time. "
         "Every rig as built is drawn from the standard deviations of the rig file; the estimator "
         "knows the rig file only."

@@ -29,6 +29,7 @@ from distal.results.style import (
     title_above,
 )
 from distal.rig import Rig
+from distal.rounded import rounded
 from distal.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -274,11 +275,12 @@ def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half
             )
         share = 100.0 * float(np.mean(size <= limit))
         remarks.append(
-            f"{name}: {share:.1f} % of the time shown, largest error {float(size.max()):.3g}° "
+            f"{name}: {share:.1f} % of the time shown, largest error "
+            f"{rounded(float(size.max()), 3)}° "
             "(marked)"
         )
     if band > limit:
-        remarks.append(f"band ±{float(np.median(half)):.3g}° (median), beyond the axis")
+        remarks.append(f"band ±{rounded(float(np.median(half)), 3)}° (median), beyond the axis")
     if remarks:
         axes.set_title("\n".join(remarks), fontsize=7, loc="right", pad=2)
 

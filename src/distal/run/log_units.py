@@ -14,6 +14,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
+from distal.estimators import channels_of
 from distal.logs import LARGEST_READING
 from distal.rig import Rig, Sensor, load_rig, log_factor
 from distal.rig.sensors.by_unit import AngleSensor
@@ -45,8 +46,11 @@ Values = Mapping[str, object] | Sequence[object] | Floats
 class LogUnits:
     """Turns what is logged into samples of an estimator: by columns and units of the rig.
 
-    ```python units = distal.LogUnits(rig) sample = units.sample(time, {"m1_position": 2048,
-    "m1_current": 35})  # SI, in the order of `channels` ```
+    ```python
+    units = distal.LogUnits(rig)
+    # SI, in the order of `channels`, which is that of `LiveEstimator`
+    sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})
+    ```
 
     An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is
     taken. Where a motor may have gone half a turn without a value, the only turn in which its joint
@@ -55,7 +59,7 @@ class LogUnits:
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
-        channels: sensors in a sample; default all of the drives and tendons.
+        channels: sensors in a sample; default those of `LiveEstimator(rig)`, in its order.
         turns: column or sensor → the log's number of one turn at which it wraps, 0 for one that
             does not; default `counts_per_turn` of those that are logged in counts.
         temperature_slope: change of torque constants [1/K], where `sample` is told temperatures.
@@ -72,11 +76,7 @@ class LogUnits:
         temperature_slope: float = TEMPERATURE_SLOPE,
     ) -> None:
         self.rig = rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        names = (
-            [sensor.name for sensor in rig.sensors if sensor.measures != "angle"]
-            if channels is None
-            else channels
-        )
+        names = channels_of(rig, "LogUnits", others=True).names if channels is None else channels
         by_name = {sensor.name: sensor for sensor in rig.sensors}
         self._sensors = [by_name[name] for name in names]
         self.channels, self.columns = (

@@ -13,6 +13,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.errors import StudyError
+from distal.rounded import rounded
 from distal.study.description import Plan
 from distal.study.design_space import FEEDBACK, Space
 from distal.study.needs import Need, needs_in_short, needs_of
@@ -216,7 +217,9 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
             setting_in_words(words_of(plan, axis.path), task.design[axis.path], axis.unit)
             for axis in space.axes
         )
-        words = "; ".join([f"{plan.study.scenarios[task.scenario]}: RMS {rms[k]:.2g}°", *settings])
+        words = "; ".join(
+            [f"{plan.study.scenarios[task.scenario]}: RMS {rounded(rms[k])}°", *settings]
+        )
         traces = [time - time[0], *map(np.rad2deg, angles)]
         cases.append(
             Case(words, *([round(float(number), 3) for number in trace] for trace in traces))
@@ -241,7 +244,7 @@ def _sentence(
     where = f"in all {count} scenarios" if count > 1 else f"in {next(iter(scenarios))}"
     text = (
         f"{asks}: {verdict}. {overall} of {overall.rigs:,} rigs as built stay within "
-        f"±{degrees(asked.within):.3g}° for {100 * asked.time:.3g} % of the time {where}"
+        f"±{rounded(degrees(asked.within), 3)}° for {100 * asked.time:.3g} % of the time {where}"
     )
     if influences and influences[0].index > influences[0].half:
         text += f"; what matters most: {influences[0].words}"

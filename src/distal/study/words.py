@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools
 from distal.rig import in_words
+from distal.rounded import rounded
 from distal.study.description import Plan
 from distal.study.design_space import ESTIMATOR, FEEDBACK, Axis, Value
 from distal.study.runs import BUILT
@@ -39,7 +40,7 @@ def words_of(plan: Plan, name: str) -> str:
 def quantity(value: float, unit: str) -> str:
     """Return a value in its SI unit as people write it."""
     if unit == "rad":
-        return f"{degrees(value):.3g}°"
+        return f"{rounded(degrees(value), 3)}°"
     if value == 0.0 or not unit.startswith(tuple("mNsHV")):  # kg has its prefix already
         return f"{value:.3g} {unit}".strip()
     size, prefix = next((size, prefix) for least, size, prefix in PREFIXES if abs(value) >= least)

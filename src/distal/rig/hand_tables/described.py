@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, radians
 
 from distal.errors import RigError
 from distal.rig.hand_tables import guesses as guess
@@ -11,6 +11,9 @@ from distal.rig.hand_tables.row import Row
 from distal.rig.imported import Guess, Imported, name_of
 
 Raw = dict[str, object]
+
+NARROWEST = radians(7.0)
+"""Some joint of a hand turns by more [rad]; a turn in radians that is read as degrees is 6.3°."""
 
 
 def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] = ()) -> Imported:
@@ -31,6 +34,15 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
             motors.setdefault(_name(row.motor, "motor"), []).append(row)
     if not motors:
         raise RigError(f"{title}: no joint has a motor")
+    widest = max(row.high - row.low for row in rows)
+    if widest < NARROWEST:
+        raise RigError(
+            f"{title}: no joint turns by more than {degrees(widest):.3g}°; are the ranges in "
+            "radians, which were read as degrees?"
+        )
+    times = {row.time_column for row in rows if row.time_column is not None}
+    if len(times) > 1:
+        raise RigError(f"{title}: logs have one column of time, {', '.join(sorted(times))} came")
     for name, same in joints.items():
         if len({(row.low, row.high, row.range_std, row.follows) for row in same}) > 1:
             raise RigError(
@@ -53,7 +65,7 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
             )
     raw: Raw = {
         "name": title,
-        "log": {"time": {"column": "time", "unit": "s"}},
+        "log": {"time": _time(next(iter(times), "time"))},
         "joints": [_joint(name, same) for name, same in joints.items()],
         "drives": [_drive(name, same) for name, same in motors.items()],
         "tendons": [tendon for name, same in motors.items() for tendon in _tendons(name, same)],
@@ -63,6 +75,12 @@ def hand_of(rows: Sequence[Row], title: str, source: str, notes: Sequence[str] =
         ],
     }
     return Imported.of(raw, title, source, tuple(notes))
+
+
+def _time(column: str) -> Raw:
+    """Return the time of a log; its unit stands behind its name."""
+    name, _, unit = column.rstrip(" ])").partition(" [")
+    return {"column": name, "unit": unit or "s"}
 
 
 def position_of(motor: str) -> str:
@@ -215,6 +233,8 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "resolution": Guess(step, guess.COUNTS.of) if row.counts is None else step,
         "bias": {"value": in_degrees(_winds(rows) * (row.zero or 0.0)), "std": zero_std},
     }
+    if row.position_column is not None:
+        position["column"] = row.position_column
     current: Raw = {
         "name": current_of(motor),
         "measures": "force",
@@ -227,6 +247,8 @@ def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
         "rate": guess.RATE,
         "noise": guess.CURRENT_NOISE,
     }
+    if row.current_column is not None:
+        current["column"] = row.current_column
     return [position, current]
 
 

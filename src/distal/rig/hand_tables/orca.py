@@ -5,15 +5,15 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from math import degrees, radians
-from numbers import Real
 from pathlib import Path
 from types import ModuleType
 
-from distal.errors import RigError
+from distal.errors import RigError, UnitError
 from distal.rig.files import read_text
 from distal.rig.hand_tables.described import hand_of
 from distal.rig.hand_tables.row import Row
 from distal.rig.imported import Imported
+from distal.units import to_si
 
 REVISED = 21
 """Of `hardware_version`: the revision to which the keys that end in _v21 belong."""
@@ -129,7 +129,13 @@ def _row(
 
 def _limits(path: Path) -> dict[int, object]:
     """Return where each motor met its stops, without those that were not calibrated."""
-    found = _section(path, _mapping(path), "motor_limits")
+    told = _mapping(path)
+    if told.get("calibrated") is False:
+        raise RigError(
+            f"{path}: says 'calibrated: false', so that its limits are not those of this hand; "
+            "calibrate the hand, or leave this file out"
+        )
+    found = _section(path, told, "motor_limits")
     limits = dict[int, object]()
     for motor, ends in found.items():
         if not motor.isdigit():
@@ -169,9 +175,10 @@ def _pair(path: Path, key: str, name: object, ends: object) -> tuple[float, floa
 
 
 def _number(path: Path, key: str, name: object, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real) or not abs(float(value)) < 1e6:
-        raise RigError(f"{path}: {key}: '{name}' needs a number, {value!r} came")
-    return float(value)
+    try:
+        return to_si(None if isinstance(value, str) else value, "")
+    except UnitError as problem:
+        raise RigError(f"{path}: {key}: '{name}' needs a number: {problem}") from None
 
 
 def _yaml() -> ModuleType:

@@ -8,6 +8,9 @@ from typing import Literal
 
 from distal.errors import RigError
 
+MOST_COUNTS = 1e9
+"""No encoder has more counts in one turn."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
@@ -31,6 +34,9 @@ class Row:
         follows: a joint to which it is coupled rigidly.
         ratio: turns of it for one turn of that.
         range_std: how well each end of its range is known [rad].
+        position_column: what the motor's reading is called in logs.
+        current_column: what its current is called.
+        time_column: what the time is called; one for all.
     """
 
     joint: str
@@ -50,12 +56,20 @@ class Row:
     follows: str | None = None
     ratio: float = 1.0
     range_std: float | None = None
+    position_column: str | None = None
+    current_column: str | None = None
+    time_column: str | None = None
 
     def __post_init__(self) -> None:
         if not -2 * pi <= self.low < self.high <= 2 * pi:
             raise RigError(
                 f"the range of '{self.joint}' must be from a lower to a higher angle within ±360°, "
                 f"{self.low:.4g} to {self.high:.4g} rad came; is the unit right?"
+            )
+        if self.counts is not None and not 2 <= self.counts <= MOST_COUNTS:
+            raise RigError(
+                f"counts of '{self.joint}' are those of the encoder in one turn, 2 to "
+                f"{MOST_COUNTS:.0e}; {self.counts:g} came"
             )
         for name in ("spool_radius", "joint_radius"):
             radius = getattr(self, name)

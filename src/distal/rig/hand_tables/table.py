@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from math import pi
 from pathlib import Path
 
 from distal.errors import RigError, UnitError
@@ -30,11 +31,17 @@ COLUMNS: dict[str, str] = {
     "follows": "text",
     "ratio": "",
     "range_std": "rad",
+    "position_column": "text",
+    "current_column": "text",
+    "time_column": "text",
 }
 """Column → its SI unit, or what else stands in it."""
 
 WORDS = {"back": ("tendon", "spring"), "unit": ("rad", "deg")}
 """Words that may stand in a column."""
+
+COUNTED = ("count", "counts")
+"""Units of a `zero` that is the reading of an encoder, whose turn has `counts`."""
 
 NEEDED = ("joint", "low", "high")
 _HEADER = re.compile(r"^\s*([A-Za-z_ ]+?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*$")
@@ -87,7 +94,7 @@ def _header(path: Path, cells: list[str]) -> list[tuple[str, str | None]]:
         if name in [other for other, _ in names]:
             raise RigError(f"{path}: two columns are called '{name}'")
         try:
-            if match[2] is not None:
+            if match[2] is not None and not (name == "zero" and match[2] in COUNTED):
                 unit_factor(match[2], COLUMNS[name])
         except UnitError as error:
             raise RigError(f"{path}: column '{name}': {error}") from None
@@ -103,17 +110,26 @@ def _header(path: Path, cells: list[str]) -> list[tuple[str, str | None]]:
 def _row(path: Path, line: int, cells: dict[tuple[str, str | None], str]) -> Row:
     """Return a line as a row."""
     values: dict[str, object] = {}
+    in_counts: float | None = None
     for (name, unit), cell in cells.items():
         text = cell.strip()
         if not text:
             continue
         try:
+            if name == "zero" and unit in COUNTED:
+                in_counts = to_si(float(text), "")
+                continue
             values[name] = _value(COLUMNS[name], text, unit)
         except (UnitError, ValueError) as error:
             raise RigError(f"{path}: line {line}, '{name}': {error}") from None
     missing = [name for name in NEEDED if name not in values]
     if missing:
         raise RigError(f"{path}: line {line}: '{missing[0]}' is empty")
+    if in_counts is not None:
+        counts = values.get("counts")
+        if not isinstance(counts, float) or counts <= 0.0:
+            raise RigError(f"{path}: line {line}: a zero in counts needs 'counts' of one turn")
+        values["zero"] = in_counts / counts * 2 * pi
     try:
         return Row(**values)  # type: ignore[arg-type]
     except RigError as error:
