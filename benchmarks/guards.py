@@ -115,7 +115,9 @@ def strange() -> list[Case]:
         return Record(bench, case, name, estimator, 0.0, 0.0, 0.0, None)
 
     usual, scoring.score = scoring.score, collect
-    known, rigs.score_known, steps.score_known = scoring.score_known, _nothing, _nothing
+    known = scoring.score_known
+    for bench in (rigs, steps):
+        setattr(bench, "score_known", _nothing)
     try:
         for bench in (steps, glitches, series, poses):
             for job in bench.jobs(True, 100):
@@ -123,7 +125,9 @@ def strange() -> list[Case]:
         for seed in range(40):
             rigs.run(1000 + seed)
     finally:
-        scoring.score, rigs.score_known, steps.score_known = usual, known, known
+        scoring.score = usual
+        for bench in (rigs, steps):
+            setattr(bench, "score_known", known)
     return made
 
 

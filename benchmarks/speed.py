@@ -43,19 +43,17 @@ def step_times(
     kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12
 ) -> np.ndarray:
     """Return the times of single steps over a log [µs]; the first pass warms up."""
-    buffer_carry, buffer_x, following = kernel._carry, kernel._x, kernel._next
-    kernel._p[:] = p
+    loop = kernel.loop(p)
     times = []
     for repeat in range(repeats):
-        buffer_carry[:] = carry
+        loop.carry[:] = carry
         for row in rows:
-            buffer_x[:] = row
+            loop.x[:] = row
             start = time.perf_counter_ns()
-            kernel._trigger()
+            loop.step()
             end = time.perf_counter_ns()
             if repeat:
                 times.append(end - start)
-            buffer_carry[:] = following
     return np.array(times) / 1e3
 
 

@@ -198,7 +198,7 @@ def costs(mechanism: Mechanism) -> None:
     base = None
     for name, make in SCHEMES.items():
         step = make(mechanism, 15)
-        buffer, trigger = step.buffer()
+        buffer, trigger = step.buffer()  # type: ignore[attr-defined]
         arrays = [
             START,
             np.zeros(3),

@@ -16,8 +16,8 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered
 from distal.estimators.adaptive.measurement import Row, rows_of
 from distal.estimators.adaptive.states.external_torque import ExternalTorque
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
+from distal.estimators.belief import innovation
 from distal.estimators.channels import UNKNOWN_PLACE
-from distal.estimators.contract import innovation
 from distal.estimators.state_kinds import StateKind
 from distal.logs import frozen
 from distal.model import Kick, Mechanism, kick_and_drift, responses

@@ -26,7 +26,7 @@ from distal.simulation import build_scenario
 try:
     from distal import diagnose  # type: ignore[attr-defined]
 except ImportError:
-    from distal.estimators import diagnose
+    from distal.estimators import diagnose  # type: ignore[attr-defined]
 
 try:
     from distal import learn_affine

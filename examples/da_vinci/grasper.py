@@ -1,7 +1,8 @@
 # %% [markdown]
 # # The jaw of a da Vinci grasper, without its encoder
-#  Run it as a script (`python examples/da_vinci/grasper.py`), or cell by cell in an editor that
-# knows `# %%`. It needs twelve public logs, which are fetched once (`pip install 'distal[data]'`).
+#
+# Run it as a script (`python examples/da_vinci/grasper.py`), or cell by cell in an editor that knows `# %%`.
+# It needs twelve public logs, which are fetched once (`pip install 'distal[data]'`).
 
 # %%
 from __future__ import annotations
@@ -22,8 +23,9 @@ parser.add_argument("--out", type=Path, default=Path("out/da-vinci"))
 arguments = parser.parse_args()
 arguments.out.mkdir(parents=True, exist_ok=True)
 
-# %% [markdown] ## What one has before any fit A rig file with round numbers, and how far off each
-# may be. `hold = true` keeps a std for fitting only.
+# %% [markdown]
+# ## What one has before any fit
+# A rig file with round numbers, and how far off each may be. `hold = true` keeps a std for fitting only.
 
 # %%
 start = distal.load_rig(Path(__file__).with_name("start.toml"))
@@ -35,17 +37,17 @@ paths = [
 logs = [distal.read_log(path, start) for path in paths]
 print(f"{len(logs)} logs, {sum(log.time[-1] for log in logs):.0f} s")
 
-# %% [markdown] ## Homing The encoder is zeroed wherever a run starts. So the jaw's angle is known
-# for the first three seconds, and then only compared with. Without tendons that stretch, and
-# without what they keep back, the angle is off by more than a degree:
+# %% [markdown]
+# ## Homing
+# The encoder is zeroed wherever a run starts. So the jaw's angle is known for the first three seconds, and then only
+# compared with. Without tendons that stretch, and without what they keep back, the angle is off by more than a degree:
 
 # %%
 log = logs[0]
 for name in ("inextensible", "adaptive"):
     result = distal.estimate(log, start, name, homing=3.0)
     print(
-        f"{name:>14}: {np.rad2deg(result.rms_error()):.2f}°, {100 * result.inside_band():.0f} % "
-        "inside the band"
+        f"{name:>14}: {np.rad2deg(result.rms_error()):.2f}°, {100 * result.inside_band():.0f} % inside the band"
     )
 
 # %% [markdown]
@@ -57,23 +59,22 @@ classes = r"run_(.)" if len({path.stem[4] for path in paths}) > 1 else None
 found = distal.fit(logs, start, homing=3.0, units=classes)
 for part in found.fitted:
     print(
-        f"{part.name:32} {part.start:10.5g} -> {part.value:10.5g} ± {part.error:.2g} {part.si}, "
-        f"{part.origin}"
+        f"{part.name:32} {part.start:10.5g} -> {part.value:10.5g} ± {part.error:.2g} {part.si}, {part.origin}"
     )
 for line in found.combinations:
     print("these logs tell", line)
 text = Path(__file__).with_name("start.toml").read_text(encoding="utf-8")
 found.save(arguments.out / "fitted.toml", text)
 
-# %% [markdown] ## Is it right on other motions? Runs are named XY, X being the class of motion.
-# Each class was left out of the fit once, as a whole: halves of one periodic run would know each
-# other.
+# %% [markdown]
+# ## Is it right on other motions?
+# Runs are named XY, X being the class of motion. Each class was left out of the fit once, as a whole: halves of one
+# periodic run would know each other.
 
 # %%
 for one in found.compared:
     print(
-        f"{Path(one.log).stem}: {np.rad2deg(one.scores[ALONE].rms):.2f}° -> "
-        f"{np.rad2deg(one.scores[WRITTEN].rms):.2f}°"
+        f"{Path(one.log).stem}: {np.rad2deg(one.scores[ALONE].rms):.2f}° -> {np.rad2deg(one.scores[WRITTEN].rms):.2f}°"
     )
 for name, rms, inside in found.scores():
     print(f"{name}: mean {np.rad2deg(rms):.2f}°, {100 * inside:.0f} % inside the band")

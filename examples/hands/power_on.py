@@ -1,9 +1,7 @@
-"""Calibrate a hand as it is switched on, then print its joints' angles: `python power_on.py
-hand.toml calibrated.toml`.
+"""Calibrate a hand as it is switched on, then print its joints' angles: `python power_on.py hand.toml calibrated.toml`.
 
-For an ORCA hand (`pip install orca-core`); of an Aero Hand take
-`aero_open_sdk.aero_hand.AeroHand(port)` instead. Clear the fingers' way first. Ctrl-C stops the
-motors where they are.
+For an ORCA hand (`pip install orca-core`); of an Aero Hand take `aero_open_sdk.aero_hand.AeroHand(port)` instead. Clear the
+fingers' way first. Ctrl-C stops the motors where they are.
 """
 
 from __future__ import annotations

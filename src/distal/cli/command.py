@@ -49,7 +49,7 @@ def command_command(
 
     from distal.confidence import BAND
     from distal.inverse import Inverse
-    from distal.logs import read_angles
+    from distal.logs import read_angles, unit_of_angles
     from distal.results import plot_kind
     from distal.rig import angle_names, load_rig
 
@@ -64,7 +64,8 @@ def command_command(
     time, angles = read_angles(wanted, list(columns.values()))
     with working("finding the commands"):
         commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
-    commands.write(out)
+    # as the desired angles came
+    commands.write(out, unit_of_angles(wanted, list(columns.values())))
     for j, joint in enumerate(joints):
         away = degrees(
             float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2)))

@@ -104,11 +104,11 @@ def fit(
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
 
-    with_term = (candidate.part for candidate in learned.candidates)
-    terms = {term.name: term for term in with_term if term is not None}
+    # whether the term is used is chosen anew in each fold; which one it is costs too much
+    tried = [] if learned.part is None else [learned.part]
 
     def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
-        return learn(remaining, rig, options, of_part(progress, fold, parts), list(terms.values()))
+        return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
 
     done, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:

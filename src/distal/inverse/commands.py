@@ -55,9 +55,9 @@ class Commands:
             f"{self.time[-1] - self.time[0]:g} s)"
         )
 
-    def columns(self) -> dict[str, Floats]:
+    def columns(self, unit: str = "rad") -> dict[str, Floats]:
         """Return the commands as the rig's sensors would read them, then the angles that they reach
-        and their stds [rad].
+        and their stds, in a `unit`, "rad" or "deg".
 
         Columns and units are the rig's own; a position is what is sent.
 
@@ -88,19 +88,18 @@ class Commands:
                     columns[sensor.log_column] = sensor.sign * read / log_factor(sensor)
             columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
         for j, name in enumerate(angle_names([joint.name for joint in rig.joints])):
-            columns[f"{name} [rad]"], columns[f"{std_name(name)} [rad]"] = (
-                self.angles[:, j],
-                self.stds[:, j],
-            )
+            factor = unit_factor(unit, "rad")
+            columns[f"{name} [{unit}]"] = self.angles[:, j] / factor
+            columns[f"{std_name(name)} [{unit}]"] = self.stds[:, j] / factor
         return columns
 
-    def write(self, path: str | Path) -> None:
-        """Write `columns` as CSV or Parquet.
+    def write(self, path: str | Path, unit: str = "rad") -> None:
+        """Write `columns` as CSV or Parquet, angles in a `unit`, "rad" or "deg".
 
         Raises:
             OutputError: it cannot be written.
         """
-        write_columns(self.columns(), path)
+        write_columns(self.columns(unit), path)
 
     def plot(
         self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None

@@ -13,6 +13,7 @@ from distal.logs.log_files import (
     read_angles,
     read_log,
     read_truth,
+    unit_of_angles,
     write_columns,
     write_log,
 )
@@ -68,6 +69,7 @@ __all__ = [
     "table_of",
     "true_angles",
     "true_torques",
+    "unit_of_angles",
     "write_columns",
     "write_log",
     "write_together",

@@ -78,8 +78,8 @@ def episodes_of(folder: Path) -> list[Episode]:
             found[number] = Episode(file, number)
     if not found and problems:
         raise problems[0]
-    for problem in problems:
-        warnings.warn(f"left out: {problem}", DistalWarning, stacklevel=2)
+    for unread in problems:
+        warnings.warn(f"left out: {unread}", DistalWarning, stacklevel=2)
     return list(found.values())
 
 

@@ -225,6 +225,14 @@ def read_angles(
     return stamps, {name: table.in_si(name, "rad") for name in names}
 
 
+def unit_of_angles(path: str | Path, names: Sequence[str]) -> str:
+    """Return the unit that the header of a file says of its angles, "deg" or "rad"; "rad" where it
+    says none.
+    """
+    units = {table_of(open_table(path, ["t", *names]), names).units.get(name) for name in names}
+    return "deg" if units & {"deg", "°", "degrees", "degree"} else "rad"
+
+
 def _in_si(sensor: Sensor, table: Table) -> Floats:
     factor = factor_of(sensor, table.units.get(sensor.log_column), table.source)
     values: Floats = sensor.sign * factor * table.columns[sensor.log_column]

@@ -1,11 +1,9 @@
-"""A ROS 2 node: joint states of the motors in, all joints' angles out, with their standard
-deviations and health.
+"""A ROS 2 node: joint states of the motors in, all joints' angles out, with their standard deviations and health.
 
-Subscribes to the topics of the parameter `topics` (sensor_msgs/JointState): position is what the
-rig's position sensor of a drive reads, effort what its force sensor reads, in the units of the
-rig's sensors. Publishes `joint_estimate` (sensor_msgs/JointState, position [rad] of all joints) and
-`joint_health` (diagnostic_msgs/DiagnosticArray, with the same stamp: the word of `distal stream`,
-and the standard deviation of each joint's angle).
+Subscribes to the topics of the parameter `topics` (sensor_msgs/JointState): position is what the rig's position sensor of a
+drive reads, effort what its force sensor reads, in the units of the rig's sensors. Publishes `joint_estimate`
+(sensor_msgs/JointState, position [rad] of all joints) and `joint_health` (diagnostic_msgs/DiagnosticArray, with the same
+stamp: the word of `distal stream`, and the standard deviation of each joint's angle).
 """
 
 import math
@@ -62,9 +60,7 @@ class EstimateNode(Node):
         )
 
     def _take(self, message):
-        """Add a message to the sample of its stamp; estimate once all drives have come, or a later
-        stamp has.
-        """
+        """Add a message to the sample of its stamp; estimate once all drives have come, or a later stamp has."""
         values = self._values(message)
         if (
             self._stamp is not None
@@ -134,9 +130,7 @@ def seconds(stamp):
 
 
 def drives_by_name(given, drives):
-    """Return name in the messages → drive of the rig, from `name:drive` each; without these the
-    drives' own names.
-    """
+    """Return name in the messages → drive of the rig, from `name:drive` each; without these the drives' own names."""
     pairs = [text.split(":") for text in given if text]
     wrong = [":".join(pair) for pair in pairs if len(pair) != 2 or pair[1] not in drives]
     if wrong:

@@ -1,0 +1,60 @@
+"""Each benchmark can start: nothing that it names is gone, and its smallest case runs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mypy import api
+
+ROOT = Path(__file__).parents[1]
+BENCHMARKS = sorted(
+    path.stem
+    for path in (ROOT / "benchmarks").glob("*.py")
+    if "__main__" in path.read_text(encoding="utf-8")
+)
+
+GONE = ("attr-defined", "call-arg", "name-defined")
+"""Errors of mypy on what is not there."""
+
+STARTS = 8.0
+"""A benchmark without a small case has started if it still runs after so long [s]."""
+
+SMALLEST: dict[str, tuple[str, ...]] = {
+    "commands": ("--time",),
+    "events": ("--first-seed", "1", "--draws", "1"),
+    "false_alarms": ("--first-seed", "1", "--rigs", "1"),
+    "fit_command": ("lacking", "--rigs", "1", "--first-seed", "300"),
+}
+
+
+def test_nothing_that_a_benchmark_names_is_gone() -> None:
+    arguments = ["--config-file", str(ROOT / "pyproject.toml"), str(ROOT / "benchmarks")]
+    told, _, _ = api.run(arguments)
+    errors = [line for line in told.splitlines() if line.endswith(tuple(f"[{k}]" for k in GONE))]
+    assert errors == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_it_starts(name: str, tmp_path: Path) -> None:
+    """It ends well, or is still at work; one that needs data says so in a line."""
+    words = [sys.executable, "-m", f"benchmarks.{name}", *SMALLEST.get(name, ())]
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    with subprocess.Popen(
+        words,
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            _, error = process.communicate(timeout=STARTS)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            return
+        assert "Traceback" not in error, error[-2000:]
