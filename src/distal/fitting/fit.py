@@ -10,9 +10,9 @@ import numpy as np
 
 from distal.errors import DistalWarning, FitError
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.learn import Learned, learn
+from distal.fitting.learn import Learned, judge, learn, learned_by
 from distal.fitting.learned_maps import MapFit, logs_read
-from distal.fitting.leave_out import leave_out
+from distal.fitting.leave_out import candidate_by_folds, leave_out, with_written
 from distal.fitting.log_checks import check_logs
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
@@ -100,10 +100,8 @@ def fit(
     read = _read(logs, rig, truth, homing)
     folds, enough = _folds(read, rig, units)
     parts = len(set(folds)) + 1 if enough else 1
-    learned = learn(read, rig, options, of_part(progress, 0, parts), early=early)
-    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
-        warnings.warn(line, DistalWarning, stacklevel=2)
-
+    judged = judge(read, rig, options, of_part(progress, 0, parts), early=early)
+    learned = learned_by(judged, judged.chosen)
     # whether the term is used is chosen anew in each fold; which one it is costs too much
     tried = [] if learned.part is None else [learned.part]
 
@@ -113,6 +111,12 @@ def fit(
     done, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
         done, asked = leave_out(read, rig, folds, of_fold, homing), parts - 1
+        best = candidate_by_folds(done, judged.candidates) if len(done) == asked else None
+        if best is not None and best is not judged.chosen:
+            learned = learned_by(judged, best)
+        done = with_written(done)
+    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
+        warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, rig, read, options, tuple(done), asked)
 
 

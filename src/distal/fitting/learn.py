@@ -93,6 +93,43 @@ def learn(
     Raises:
         FitError: the logs cannot be fitted.
     """
+    judged = judge(logs, rig, options, progress, parts, early)
+    return learned_by(judged, judged.chosen)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The candidates for a description of some logs, and what each is written from.
+
+    Args:
+        line: the map of the estimator `affine`; None where no log has the angle of every joint.
+        solutions: the rig's parameters by its equations and by its filter, where each was asked.
+        models: those of all models of the equations.
+        chosen: the candidate that errs least by the logs' own judgement.
+    """
+
+    logs: Sequence[Log]
+    training: Training
+    line: MapFit | None
+    solutions: Sequence[Numbers]
+    models: Sequence[Numbers]
+    chosen: Candidate
+    candidates: Sequence[Candidate]
+
+
+def judge(
+    logs: Sequence[Log],
+    rig: Rig,
+    options: Options,
+    progress: Progress | None = None,
+    parts: Sequence[Part] | None = None,
+    early: Callable[[MapFit], None] | None = None,
+) -> Judged:
+    """Return the candidates for a description of some logs; see `learn`.
+
+    Raises:
+        FitError: the logs cannot be fitted.
+    """
     training = Training.of(logs, rig, options)
     line = line_map(training) if training.judges else None
     problem = problem_of(logs, rig, options)
@@ -100,27 +137,22 @@ def learn(
         early(line)
     solutions = numbers_of(problem, options, progress)
     chosen, candidates, models = _chosen(logs, training, line, solutions, parts, progress)
-    numbers = among_models(solutions[-1] if chosen.numbers is None else chosen.numbers, models)
-    return learned_by(chosen, candidates, numbers, training, line, logs)
+    return Judged(logs, training, line, solutions, models, chosen, candidates)
 
 
-def learned_by(
-    chosen: Candidate,
-    candidates: Sequence[Candidate],
-    numbers: Numbers,
-    training: Training,
-    line: MapFit | None,
-    logs: Sequence[Log],
-) -> Learned:
+def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     """Return what a candidate teaches, with what was learned beside it from the same logs."""
-    options = training.options
+    options, line = judged.training.options, judged.line
+    alone = judged.solutions[-1] if chosen.numbers is None else chosen.numbers
+    numbers = among_models(alone, judged.models)
     bends = dict(curves(numbers.problem.of_filter, numbers.optimum.z)) if options.curves else {}
     learned = described(chosen.rig.bare(), bends)
     maps = [
         *([] if line is None else [line]),
         *chosen.maps.values(),
-        *_contact_map(logs, learned, options),
+        *_contact_map(judged.logs, learned, options),
     ]
+    candidates = judged.candidates
     ranked = sorted(candidates, key=lambda candidate: (candidate is not chosen, candidate.error))
     return Learned(
         rig=learned.with_values({map_fit.table: map_fit.learned.model_dump() for map_fit in maps}),
@@ -133,7 +165,7 @@ def learned_by(
         candidates=tuple(replace(candidate, data={}) for candidate in ranked),
         doubts=(
             *numbers.doubts,
-            *_unknown(training.unknown),
+            *_unknown(judged.training.unknown),
             *chosen.refused,
             *_as_given(chosen, candidates),
         ),

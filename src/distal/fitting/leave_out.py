@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from distal.errors import DistalError
 from distal.estimators import affine_samples
+from distal.fitting.candidates import Candidate
+from distal.fitting.fitted_number import described
 from distal.fitting.learn import Learned
 from distal.logs import Log, shown, true_angles
 from distal.regression import YARDSTICKS, splits, yardstick_error
@@ -25,7 +29,7 @@ class Score:
     half: float
 
 
-WRITTEN = "as written, chosen anew without each log"
+WRITTEN = "as written, chosen without each log"
 ALONE = "the rig as given, nothing learned"
 AFFINE = "affine map, as the file has it"
 """What is scored on each held-out log beside the candidates and the yardsticks."""
@@ -80,6 +84,54 @@ def leave_out(
     return done
 
 
+def candidate_by_folds(folds: Sequence[Fold], candidates: Sequence[Candidate]) -> Candidate | None:
+    """Return the candidate that errs least on held-out logs, None where none was held out.
+
+    Least is √(RMS on held-out logs · RMS beyond what a candidate had seen), each in the mean over
+    all folds. A factor within the range of the logs weighs as much as one beyond it.
+    """
+    costs = _costs(folds)
+    known = [
+        candidate for candidate in candidates if np.isfinite(costs.get(candidate.name, np.inf))
+    ]
+    return min(known, key=lambda candidate: costs[candidate.name], default=None)
+
+
+def _costs(folds: Sequence[Fold]) -> dict[str, float]:
+    """Return the mean cost of each candidate that has a score on every held-out log."""
+    costs = dict[str, float]()
+    for name in {each.name: None for fold in folds for each in fold.learned.candidates}:
+        scores = [comparison.scores.get(name) for fold in folds for comparison in fold.compared]
+        beyond = [
+            each.beyond
+            for fold in folds
+            for each in fold.learned.candidates
+            if each.name == name and fold.compared
+        ]
+        if scores and None not in scores and np.isfinite(beyond).all():
+            rms = np.mean([score.rms for score in scores if score is not None])
+            costs[name] = float(np.sqrt(rms * np.mean(beyond)))
+    return costs
+
+
+def with_written(folds: Sequence[Fold]) -> list[Fold]:
+    """Return folds with the score of what is written: in each, of the candidate that errs least in
+    the others.
+    """
+    written = []
+    for k, fold in enumerate(folds):
+        others = [*folds[:k], *folds[k + 1 :]]
+        chosen = candidate_by_folds(others, fold.learned.candidates)
+        # in a fold alone nothing can be chosen but by its own logs
+        name = (chosen or fold.learned.candidates[0]).name
+        compared = tuple(
+            replace(each, scores={WRITTEN: each.scores.get(name), **each.scores})
+            for each in fold.compared
+        )
+        written.append(replace(fold, compared=compared))
+    return written
+
+
 def _scored(
     out: Sequence[Log],
     remaining: Sequence[Log],
@@ -100,12 +152,10 @@ def _scores(
     log: Log, remaining: Sequence[Log], rig: Rig, learned: Learned, homing: float | None
 ) -> dict[str, Score | None]:
     """Return the scores on a held-out log of all that the remaining logs teach, by name."""
-    scores = {WRITTEN: _score(log, learned.rig, "adaptive", homing)}
-    for candidate in learned.candidates:
-        is_written = candidate is learned.candidates[0] and not learned.curves
-        scores[candidate.name] = (
-            scores[WRITTEN] if is_written else _score(log, candidate.rig, "adaptive", homing)
-        )
+    scores = {
+        candidate.name: _score(log, described(candidate.rig, learned.curves), "adaptive", homing)
+        for candidate in learned.candidates
+    }
     scores[ALONE] = _score(log, rig, "adaptive", homing)
     if learned.rig.affine is not None:
         scores[AFFINE] = _score(log, learned.rig, "affine", homing)

@@ -123,8 +123,11 @@ def _merged(old: object, new: object) -> object:
         if isinstance(new, MutableMapping) and new:
             # a table that says how far the value may be off says all of it
             says_spread = "std" in new or "factor" in new
-            replaced = SPREADS if says_spread else set[str]()
-            return {key: part for key, part in old.items() if key not in replaced} | dict(new)
+            for key in SPREADS & set(old) if says_spread else ():
+                del old[key]
+            # in place: a comment that follows the table in a file stays
+            old.update(new)
+            return old
         old["value"] = new
         return old
     return new

@@ -1,0 +1,217 @@
+"""The file that a fit writes reads as the fitted rig, to the last number, whichever way it came."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomlkit
+from benchmarks.strangers.foreign_plants import finger_log, finger_rig
+
+from distal import Rig, fit, load_rig
+from distal.errors import DistalWarning, RigError
+from distal.fitting import learn as learning
+from distal.fitting.candidates import Candidate, Training, line_map
+from distal.fitting.fitted_file import MARK, plain
+from distal.fitting.learn import Judged, Learned, learned_by
+from distal.fitting.missing_physics import Part
+from distal.fitting.numbers import among_models, numbers_of, problem_of
+from distal.fitting.options import Options
+from distal.fitting.result import Fit
+from distal.rig import build_rig, parse_toml
+
+pytestmark = pytest.mark.compiled
+
+OPTIONS = Options(workers=1)
+BACKLASH = {"drives.motor.backlash.width": {"value": 0.01, "std": 0.01}}
+
+
+def text_of(rig: Rig) -> str:
+    """Return the rig as somebody types it: with comments, percentages and a factor."""
+    raw = plain(rig.model_dump(exclude_defaults=True))
+    tendon = raw["tendons"][0]  # type: ignore[index]
+    tendon["stiffness"] = {"value": "8 N/mm", "factor": 2.0}
+    raw["joints"][0]["damping"] = {  # type: ignore[index]
+        "value": "1e-3 N m s",
+        "std": "30 %",
+        "drift": "1 %",
+    }
+    return "# my finger\n" + tomlkit.dumps(raw).replace(
+        "[[tendons]]", "# bought in March\n[[tendons]]"
+    )
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    return text_of(finger_rig().bare())
+
+
+@pytest.fixture(scope="module")
+def rig(text: str) -> Rig:
+    return build_rig(parse_toml(text, "mine", RigError), "mine")
+
+
+class Found:
+    """What one search of a fit finds: every candidate, and what each would be written from."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(2)]
+        self.training = Training.of(self.logs, rig, OPTIONS)
+        self.line = line_map(self.training)
+        self.solutions = numbers_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
+        play = [Part("play", BACKLASH)]
+        _, self.candidates, self.models = learning._chosen(
+            self.logs, self.training, self.line, self.solutions, play, None
+        )
+
+    def learned(self, candidate: Candidate, *, others: bool = True) -> Learned:
+        """Return what a candidate teaches, with or without what other models make of the logs."""
+        models = self.models if others else []
+        judged = Judged(
+            self.logs,
+            self.training,
+            self.line,
+            self.solutions,
+            models,
+            candidate,
+            self.candidates,
+        )
+        return learned_by(judged, candidate)
+
+
+@pytest.fixture(scope="module")
+def found(rig: Rig) -> Found:
+    return Found(rig)
+
+
+def check(found: Found, learned: Learned, text: str | None, path: Path) -> str:
+    """Write what was learned and read it again."""
+    result = Fit.of(learned, found.rig, found.logs, OPTIONS, ())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result.save(path, text)
+    assert load_rig(path) == result.rig
+    return path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("others", [False, True], ids=["one model", "among models"])
+def test_each_candidate_is_written_as_it_was_judged(
+    which: int, others: bool, found: Found, text: str, tmp_path: Path
+) -> None:
+    """With and without what other models make of the same logs: their spread is in the report, and
+    not in the stds that the candidates were judged with.
+    """
+    candidate = found.candidates[which]
+    learned = found.learned(candidate, others=others)
+    written = check(found, learned, text, tmp_path / "fitted.toml")
+    assert "# bought in March" in written
+    assert load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
+
+
+def test_other_models_widen_the_report_alone(found: Found) -> None:
+    numbers = found.solutions[0]
+    wider = among_models(numbers, found.models)
+    assert any(a.error > b.error for a, b in zip(wider.fitted, numbers.fitted))
+    assert [a.held_error for a in wider.fitted] == pytest.approx(
+        [b.held_error for b in numbers.fitted], nan_ok=True
+    )
+
+
+def test_the_candidates_are_of_each_kind(found: Found) -> None:
+    names = [candidate.name for candidate in found.candidates]
+    assert len(set(names)) == len(names) == 4
+    assert sum("play" in name for name in names) == 1
+
+
+def test_a_file_of_its_own_is_written_anew(found: Found, tmp_path: Path) -> None:
+    candidate = found.candidates[0]
+    check(found, found.learned(candidate), None, tmp_path / "fitted.toml")
+
+
+def test_one_that_was_interrupted_is_written(found: Found, text: str, tmp_path: Path) -> None:
+    """Ctrl-C while candidates are judged leaves the best numbers so far."""
+    numbers = found.solutions[-1]
+    stopped = replace(numbers, optimum=replace(numbers.optimum, interrupted=True))
+    chosen, candidates, models = learning._chosen(
+        found.logs, found.training, found.line, [stopped], None, None
+    )
+    assert (candidates, models) == ([], [])
+    judged = Judged(found.logs, found.training, found.line, [stopped], [], chosen, [])
+    written = check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
+    assert "interrupted" in written
+
+
+def test_without_an_angle_parameters_alone_are_written(
+    found: Found, text: str, tmp_path: Path
+) -> None:
+    chosen, _, _ = learning._chosen(found.logs, found.training, None, found.solutions, None, None)
+    judged = Judged(found.logs, found.training, None, found.solutions, [], chosen, [])
+    check(found, learned_by(judged, chosen), text, tmp_path / "fitted.toml")
+
+
+def test_a_factor_gives_way_to_a_std(found: Found, text: str, tmp_path: Path) -> None:
+    assert "factor = 2.0" in text
+    candidate = next(c for c in found.candidates if c.numbers is not None)
+    assert candidate.numbers is not None
+    written = check(found, found.learned(candidate), text, tmp_path / "fitted.toml")
+    stiffness = next(p for p in candidate.numbers.fitted if "tendons.0.stiffness" in p.paths)
+    assert ("factor" in written.replace("factors", "")) == (not stiffness.identified)
+
+
+def test_the_text_of_another_rig_is_refused(found: Found, text: str, tmp_path: Path) -> None:
+    learned = found.learned(found.candidates[0])
+    result = Fit.of(learned, found.rig, found.logs, OPTIONS, ())
+    other = text.replace('name = "finger"', 'name = "thumb"').replace('"finger"', '"thumb"')
+    with pytest.raises(RigError, match="not that of the rig that was fitted"):
+        result.save(tmp_path / "fitted.toml", other)
+    assert not (tmp_path / "fitted.toml").exists()
+
+
+def test_what_does_not_fit_into_the_text_is_written_anew(
+    found: Found, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A result is not lost for the comments of a file."""
+    monkeypatch.setattr("distal.fitting.fitted_file._put_into", lambda *_: text)
+    candidate = next(c for c in found.candidates if c.numbers is not None)
+    assert candidate.numbers is not None
+    result = Fit.of(found.learned(candidate), found.rig, found.logs, OPTIONS, ())
+    with pytest.warns(DistalWarning, match="written anew"):
+        result.save(tmp_path / "fitted.toml", text)
+    assert load_rig(tmp_path / "fitted.toml") == result.rig
+
+
+def test_an_early_file_says_that_it_is_one(found: Found, text: str, tmp_path: Path) -> None:
+    path = tmp_path / "early.toml"
+    found.line.save(path, text, provisional="the fit has not ended")
+    assert path.read_text(encoding="utf-8").startswith(f"{MARK}fit`: the fit has not ended")
+    with pytest.warns(DistalWarning, match=r"early.toml: the fit has not ended"):
+        early = load_rig(path)
+    assert early.affine is not None
+    assert early.bare() == found.rig
+
+
+def test_a_fit_that_begins_with_an_early_file_ends_it(
+    found: Found, text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "early.toml"
+    found.line.save(path, text, provisional="the fit has not ended")
+    candidate = found.candidates[0]
+    written = check(found, found.learned(candidate), path.read_text(encoding="utf-8"), path)
+    assert "has not ended" not in written
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::distal.errors.DistalWarning")
+def test_a_whole_fit_ends_in_its_file(rig: Rig, text: str, tmp_path: Path) -> None:
+    logs = [replace(finger_log(seed, 4.0), source=f"log {seed}") for seed in range(3)]
+    result = fit(logs, rig, workers=1)
+    result.save(tmp_path / "fitted.toml", text)
+    assert load_rig(tmp_path / "fitted.toml") == result.rig
+    rows = result.scores()
+    assert rows[0][0].startswith("as written")
+    assert np.isfinite([rms for _, rms, _ in rows]).all()
