@@ -17,6 +17,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ class Step:
     channel: str = ""
     factor: float = 1.0
     added: float = 0.0
+    swapped: tuple[str, str] | None = None
 
 
 def steps(rig: Rig) -> Iterator[Step]:
@@ -101,6 +103,8 @@ def steps(rig: Rig) -> Iterator[Step]:
                 joint = tendon.joints[int(path.split(".")[1])] if "." in path else tendon.joints[0]
                 words = (f"{tendon.drive} at {joint}", *(places if len(tendon.joints) == 1 else ()))
                 yield from _scaled(f"tendons.{tendon.name}.{path}.radius", radius.value, words)
+    yield from _swaps(rig)
+    yield from _frictions(rig)
     for drive in rig.drives:
         if drive.kind == "capstan":
             places = tuple(
@@ -109,6 +113,31 @@ def steps(rig: Rig) -> Iterator[Step]:
                 if sensor.of == drive.name and sensor.measures == "position"
             )
             yield from _scaled(f"drives.{drive.name}.radius", drive.radius.value, places)
+
+
+def _swaps(rig: Rig) -> Iterator[Step]:
+    """Yield two columns of a kind that are exchanged, for each pair of neighbours."""
+    for kind in ("position", "force"):
+        sensors = rig.sensors_of(kind)
+        for first, second in pairwise(sensors):
+            names = (first.name, second.name)
+            yield Step(f"swapped {' and '.join(names)}", ("swapped",), swapped=names)
+
+
+def _frictions(rig: Rig) -> Iterator[Step]:
+    """Yield wrong friction of joints and drives."""
+    for kind in ("joints", "drives"):
+        for part in getattr(rig, kind):
+            friction = part.friction
+            for key in ("coefficient", "constant", "load"):
+                number = getattr(friction, key, None)
+                if number is not None and number.value > 0.0:
+                    path = f"{kind}.{part.name}.friction.{key}"
+                    for factor in (0.33, 3.0):
+                        words = ("friction of " + part.name, "friction")
+                        yield Step(
+                            f"{path} × {factor:g}", words, (f"{path}={number.value * factor:.9g}",)
+                        )
 
 
 def _scaled(path: str, value: float, causes: tuple[str, ...]) -> Iterator[Step]:
@@ -185,7 +214,7 @@ def counted(
             for step in steps(rig_of(())):
                 rig = rig_of(step.overrides)
                 log = read_log(path, rig)
-                if step.channel:
+                if step.channel or step.swapped:
                     log = _changed(log, step)
                 try:
                     result = estimate(log, rig)
@@ -261,6 +290,10 @@ def main() -> None:
 
 
 def _changed(log: Log, step: Step) -> Log:
+    if step.swapped is not None:
+        first, second = step.swapped
+        exchanged = {first: log.channels[second], second: log.channels[first]}
+        return replace(log, channels={**log.channels, **exchanged})
     return replace(
         log,
         channels={

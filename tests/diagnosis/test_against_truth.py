@@ -118,7 +118,31 @@ def test_two_drives_with_one_cause_are_one_line(finger: Rig) -> None:
         for name, values in log.channels.items()
     }
     found = causes(replace(log, channels=doubled), finger, ERROR)
-    assert found[0].text == "x_mcp_f and x_mcp_e look 2 times too large: unit or moment arm"
+    subjects, _, words = found[0].text.partition(" look ")
+    assert set(subjects.split(" and ")) == {"x_mcp_f", "x_mcp_e"}
+    assert words == "2 times too large: unit or moment arm"
+
+
+@pytest.mark.parametrize("kind", ["position", "force"])
+def test_two_columns_that_are_exchanged_are_named(seen: Log, finger: Rig, kind: str) -> None:
+    first, second = finger.sensors_of(kind)[:2]
+    channels = dict(seen.channels)
+    channels[first.name], channels[second.name] = channels[second.name], channels[first.name]
+    found = causes(replace(seen, channels=channels), finger, ERROR)
+    assert any(
+        finding.text == f"{first.name} and {second.name} look swapped" for finding in found[:2]
+    )
+
+
+def test_zeros_that_cancel_are_not_named_for_what_the_rig_allows(seen: Log, finger: Rig) -> None:
+    """Of a zero and a stiffness that explain the same the one nearer to the rig's stds comes
+    first.
+    """
+    soft = finger.with_values({"tendons.mcp_f.stiffness": 2.0 * finger.tendons[0].stiffness.value})
+    found = causes(seen, soft, ERROR)
+    assert found
+    assert finger.tendons[0].name == "mcp_f"
+    assert "mcp_f" in found[0].text
 
 
 def test_a_rig_that_is_right_has_no_cause(finger: Rig) -> None:
@@ -320,7 +344,7 @@ def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
     (scale,) = _likeliest(doubled, finger, ERROR)[:1]
     assert [change.channels for change in scale.undone] == [{"x_mcp_f": pytest.approx(0.5)}]
     soft = log_of(stiffness=STIFFNESS / 2)
-    (force,) = (one for one in _likeliest(soft, finger, ERROR) if one.kind == "force")
+    force = next(one for one in _likeliest(soft, finger, ERROR) if one.subject == "F_mcp_f")
     by_reading, by_number = force.undone
     assert by_reading.channels == {"F_mcp_f": pytest.approx(2.0, rel=0.05)}
     assert by_number.numbers == {"tendons.0.stiffness": pytest.approx(0.5, rel=0.05)}

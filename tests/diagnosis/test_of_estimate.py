@@ -182,7 +182,7 @@ class TestConstructed:
             for i in range(20)
         ]
         text = of_estimate(made(), loud).text
-        assert len(text) <= LONGEST + len("; and 20 more")
+        assert len(text) <= LONGEST + len("; and 20 more (--findings)")
         assert "more" in text
 
 

@@ -16,8 +16,8 @@ from distal.rig import REFERENCES
 
 UNIT_FACTORS: dict[float, dict[str, str]] = {
     -1.0: {"": "as if its sign were wrong"},
-    1 / 57.295779513: {"rad": "like degrees", "": "57.3 times too large (degrees?)"},
-    57.295779513: {"": "57.3 times too small (converted from degrees twice?)"},
+    1 / 57.295779513: {"rad": "like degrees"},
+    57.295779513: {"rad": "57.3 times too small (converted from degrees twice?)"},
     1e-3: {
         "m": "like millimetres",
         "N": "like millinewtons",

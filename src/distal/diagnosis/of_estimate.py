@@ -146,6 +146,6 @@ def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
             cut = part[: max(room, 0)].rpartition("; ")[0]
             if cut and part is cannot:
                 return f"{line}; {cut}; …"
-            return f"{line}; and {len(more) - k} more (estimate --findings lists all)"
+            return f"{line}; and {len(more) - k} more (--findings)"
         line = f"{line}; {part}"
     return line

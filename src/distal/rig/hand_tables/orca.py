@@ -18,6 +18,9 @@ from distal.units import to_si
 REVISED = 21
 """Of `hardware_version`: the revision to which the keys that end in _v21 belong."""
 
+NARROWEST = 7.0
+"""Some joint of a hand turns by more [°]; a whole turn in radians is 6.3."""
+
 LOST = 0.92
 """A motor's travel from stop to stop also stretches the tendons and takes up their play: the ratio
 is about this share.
@@ -49,6 +52,12 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
     key = "joint_motor_travel" if "joint_motor_travel" in told else "joint_motor_travel_v21"
     travels = _section(path, told, key) if key in told else {}
     limits = _limits(Path(calibration)) if calibration is not None else {}
+    spans = [_pair(path, "joint_roms", joint, ranges.get(joint)) for joint in motors]
+    if max(high - low for low, high in spans) < NARROWEST:
+        raise RigError(
+            f"{path}: joint_roms: no joint turns by more than {NARROWEST:g}°; they are degrees, "
+            "and these look as if they were in radians"
+        )
     rows, notes, guessed = list[Row](), list[str](), 0
     for joint, signed in motors.items():
         if not isinstance(signed, int) or signed == 0:

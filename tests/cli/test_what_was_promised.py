@@ -1,0 +1,236 @@
+"""Options that do what they say, and wrong files and options that are refused before any work."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import distal
+from distal import diagnose, estimate, load_rig, simulate, write_log
+from distal.errors import OutputError
+from distal.logs import Episode, episodes_of
+from distal.logs.atomic_writes import write_together
+from distal.rig import shipped_rigs
+from distal.rig.files import rig_text
+from distal.rounded import rounded
+from tests.cli.test_cli import refused, run  # noqa: F401
+
+ORCA = """
+hardware_version: 20
+joint_roms: {index_mcp: [-20, 95], index_pip: [0, 105]}
+joint_to_motor_map: {index_mcp: 1, index_pip: -2}
+joint_motor_travel: {index_mcp: 150, index_pip: 120}
+"""
+TABLE = "joint,motor,spool_radius [mm],joint_radius [mm],direction,low [deg],high [deg]"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "log.csv"
+    rig = load_rig("paper-2008")
+    write_log(simulate("paper-2008", "series-2", seed=1), rig, path)
+    return path
+
+
+def test_without_what_if_nothing_is_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = load_rig("paper-2008")
+    log = simulate(rig, "series-2", seed=1)
+    result = estimate(log, rig, compiled=False)
+
+    def fail(*_: object, **__: object) -> None:
+        raise AssertionError("the filter ran again")
+
+    monkeypatch.setattr(import_module("distal.diagnosis.diagnose"), "runner_for", fail)
+    assert diagnose(result, log, rig, what_if=False).findings
+    with pytest.raises(AssertionError, match="ran again"):
+        diagnose(result, log, rig)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--panel", "forces"), "--panel is for one log"),
+        (("--findings",), "--findings is for one log"),
+    ],
+)
+def test_what_is_for_one_log_is_refused_for_several(
+    run, log: Path, tmp_path: Path, words: tuple[str, ...], said: str
+) -> None:
+    other = tmp_path / "other.csv"
+    other.write_bytes(log.read_bytes())
+    refused(run("estimate", log, other, "--rig", "paper-2008", *words), said)
+
+
+def test_smoothing_after_homing_is_refused_before_anything_runs(
+    run, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("distal.run.estimate", None)
+    words = ("estimate", log, "--rig", "paper-2008", "--smooth", "--homing", "1s")
+    refused(run(*words), "--smooth uses the whole log")
+
+
+def test_a_plot_of_an_unknown_kind_is_refused_before_commands_are_written(
+    run, tmp_path: Path
+) -> None:
+    wanted, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
+    wanted.write_text("t,theta [deg]\n0,0\n0.01,0.1\n0.02,0.2\n")
+    plot = tmp_path / "x.xyz"
+    words = ("command", wanted, "--rig", "paper-2008", "--out", out, "--plot", plot)
+    refused(run(*words), "xyz")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("deg", np.rad2deg(1.0)), ("rad", 1.0)])
+def test_what_is_reached_has_the_unit_of_what_was_asked(
+    run, tmp_path: Path, unit: str, factor: float
+) -> None:
+    wanted, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
+    rows = "".join(f"{0.01 * k:.2f},{0.2 * factor * np.sin(k / 50)}\n" for k in range(100))
+    wanted.write_text(f"t,theta [{unit}]\n{rows}")
+    assert run("command", wanted, "--rig", "paper-2008", "--out", out).code == 0
+    header = out.read_text().splitlines()[0].split(",")
+    at = header.index(f"theta [{unit}]")
+    reached = np.loadtxt(out, delimiter=",", skiprows=1, usecols=at)
+    asked = np.loadtxt(wanted, delimiter=",", skiprows=1, usecols=1)
+    assert np.abs(reached - asked).max() < 0.01 * factor
+
+
+def test_the_findings_are_listed(run, log: Path) -> None:
+    words = ("estimate", log, "--rig", "paper-2008", "-e", "adaptive")
+    brief, full = run(*words), run(*words, "--findings")
+    assert len(full.out.splitlines()) > len(brief.out.splitlines())
+
+
+@pytest.mark.parametrize("name", shipped_rigs())
+def test_log_units_are_in_the_order_of_the_live_estimator(name: str) -> None:
+    live = distal.LiveEstimator(name, compiled=False)
+    assert distal.LogUnits(name).channels == live.channels
+
+
+@pytest.mark.parametrize("name", shipped_rigs())
+def test_a_shipped_rig_names_commands_that_there_are(name: str) -> None:
+    known = {"check", "draw", "show", "new", "from-table", "from-orca", "from-aero", "from-mjcf"}
+    assert set(re.findall(r"distal rig ([a-z-]+)", rig_text(name)[0])) <= known
+
+
+@pytest.mark.parametrize(
+    ("config", "said"),
+    [
+        (ORCA.replace("95", "1" + 400 * "0"), "too large"),
+        (
+            ORCA.replace("[-20, 95]", "[-0.35, 1.66]").replace("[0, 105]", "[0, 1.83]"),
+            "in radians",
+        ),
+        (ORCA.replace("[-20, 95]", "[-20, high]"), "needs a number"),
+    ],
+)
+def test_a_config_of_a_hand_with_wrong_ranges(run, tmp_path: Path, config: str, said: str) -> None:
+    path = tmp_path / "config.yaml"
+    path.write_text(config)
+    refused(run("rig", "from-orca", path, "--out", tmp_path / "hand.toml"), said)
+
+
+def test_limits_of_a_hand_that_was_not_calibrated(run, tmp_path: Path) -> None:
+    config, calibration = tmp_path / "config.yaml", tmp_path / "calibration.yaml"
+    config.write_text(ORCA)
+    calibration.write_text("calibrated: false\nmotor_limits: {1: [0, 2], 2: [0, 2]}\n")
+    out = tmp_path / "hand.toml"
+    refused(run("rig", "from-orca", config, calibration, "--out", out), "calibrated: false")
+    calibration.write_text("calibrated: true\nmotor_limits: {1: [0, 2], 2: [0, 2]}\n")
+    assert run("rig", "from-orca", config, calibration, "--out", out).code == 0
+
+
+@pytest.mark.parametrize(
+    ("more", "cells", "said"),
+    [
+        (",counts", ",0", "counts of 'mcp'"),
+        (",counts", ",1e400", "not finite"),
+        (",zero [count]", ",100", "needs 'counts' of one turn"),
+    ],
+)
+def test_a_table_with_wrong_counts(run, tmp_path: Path, more: str, cells: str, said: str) -> None:
+    path = tmp_path / "hand.csv"
+    path.write_text(f"{TABLE}{more}\nmcp,1,7,8,1,-20,95{cells}\n")
+    refused(run("rig", "from-table", path, "--out", tmp_path / "hand.toml"), said)
+
+
+def test_a_table_says_zeros_in_counts_and_names_of_columns(run, tmp_path: Path) -> None:
+    path, out = tmp_path / "hand.csv", tmp_path / "hand.toml"
+    path.write_text(
+        f"{TABLE},counts,zero [count],position_column,current_column,time_column\n"
+        "mcp,1,7,8,1,-20,95,4096,1024,raw,amps,stamp [ms]\n"
+    )
+    assert run("rig", "from-table", path, "--out", out).code == 0
+    rig = load_rig(out)
+    position, current = rig.sensors_of("position")[0], rig.sensors_of("force")[0]
+    assert (position.log_column, current.log_column) == ("raw", "amps")
+    assert position.bias.value == pytest.approx(np.pi / 2)
+    assert (rig.log.time.column, rig.log.time.unit) == ("stamp", "ms")
+
+
+def test_fifty_thousand_episodes_are_found_at_once(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    from time import process_time
+
+    from pyarrow import parquet
+
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text("{}")
+    (tmp_path / "data").mkdir()
+    numbers = np.arange(50_000)
+    parquet.write_table(pa.table({"episode_index": numbers}), tmp_path / "data" / "a.parquet")
+    began = process_time()
+    found = episodes_of(tmp_path)
+    assert process_time() - began < 3.0
+    assert found[-1] == Episode(tmp_path / "data" / "a.parquet", 49_999)
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (180.4, 2, "180"),
+        (0.0351, 2, "0.035"),
+        (99.6, 2, "100"),
+        (1234.0, 3, "1234"),
+    ],
+)
+def test_large_numbers_have_no_exponent(value: float, digits: int, text: str) -> None:
+    assert rounded(value, digits) == text
+
+
+def test_the_help_of_fit_names_the_formats(run) -> None:
+    assert all(name in run("fit", "--help").out for name in ("HDF5", "LeRobot"))
+
+
+def test_what_cannot_be_written_is_kept(
+    run, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is full at the end: the result stands elsewhere, the old file stays."""
+    out = tmp_path / "estimate.csv"
+    out.write_text("old")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "elsewhere"))
+    (tmp_path / "elsewhere").mkdir()
+
+    def full(files: dict[Path, bytes | str]) -> None:
+        problem = OutputError("estimate.csv: cannot be written (No space left on device)")
+        problem.unsaved = dict(files)
+        raise problem
+
+    monkeypatch.setattr("distal.logs.write_together", full)
+    words = ("estimate", log, "--rig", "paper-2008", "-e", "adaptive", "--out", out)
+    ran = run(*words, "--no-what-if")
+    refused(ran, "what was computed stands in")
+    (kept,) = (tmp_path / "elsewhere").glob("distal-*/estimate.csv")
+    assert kept.read_text().startswith("t")
+    assert out.read_text() == "old"
+
+
+def test_a_failed_write_says_what_it_did_not_write(tmp_path: Path) -> None:
+    path = tmp_path / "missing" / "a.csv"
+    with pytest.raises(OutputError) as failed:
+        write_together({path: "text"})
+    assert failed.value.unsaved == {path: "text"}
