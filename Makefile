@@ -5,12 +5,14 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: help demo test test-fast coverage lint docs lab bench accuracy results strangers reliability clean
+.PHONY: help demo test test-fast journeys coverage lint docs lab bench accuracy results strangers reliability shipped clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
 	@echo "make test       every test, ruff, the type check and the layer check"
 	@echo "make test-fast  the tests that finish within a minute"
+	@echo "make journeys   whole ways of the docs as commands of the installed wheel, ten seeds each"
+	@echo "make shipped    fits the shipped rig da-vinci-grasper anew; its logs are in DISTAL_DATA"
 	@echo "make coverage   which share of each package's statements the fast tests run"
 	@echo "make docs       a site with all pages and the reference of public names in out/site"
 	@echo "make lab        the paper's rig in the browser, docs/lab.html, which the site and the demo show"
@@ -43,6 +45,12 @@ test: lint
 
 test-fast: $(STAMP)
 	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+journeys: $(STAMP)
+	DISTAL_JOURNEYS=10 $(BIN)/python -m pytest -n 2 tests/journeys
+
+shipped: $(STAMP)
+	$(BIN)/python -m tools.shipped "$(DISTAL_DATA)"
 
 coverage: $(STAMP)
 	$(BIN)/python -m pytest -n 2 -m "not slow" -q --cov=distal --cov-report=json:out/coverage.json
@@ -83,6 +91,8 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.hands_watched
 	$(BIN)/python -m benchmarks.hand_page
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
+	$(BIN)/python -m benchmarks.fit_command named
+	$(BIN)/python -m benchmarks.fit_command lacking --rigs 60 --candidates
 	$(BIN)/python -m benchmarks.searches
 	$(BIN)/python -m benchmarks.strangers.drawn --starts 0 --processes 2
 	$(BIN)/python -m benchmarks.strangers.lacking --rigs 40 --processes 2

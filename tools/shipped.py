@@ -10,6 +10,7 @@ of 3 s; then the correction map and the affine map learn from the logs of all po
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 import tempfile
@@ -29,6 +30,13 @@ HOMING = 3.0
 
 CLASSES = r"run_(.)"
 """What tells the kinds of motion apart in a log's name; one is held out as a whole."""
+
+BEFORE = " as one would describe it before any log is fitted: round numbers."
+AFTER = (
+    ", fitted by `python -m tools.shipped`:\n"
+    "# parameters by the logs of a straight wrist, maps by those of all five poses."
+)
+"""How the comment on what the file is goes on."""
 
 DIGITS = 6
 
@@ -52,6 +60,13 @@ def parameters(logs: list[Path]) -> str:
         options = ["--units", CLASSES, "--out", str(out)]
         subprocess.run([sys.executable, "-m", "distal", "fit", *words, *options], check=True)
         return out.read_text(encoding="utf-8")
+
+
+def introduced(text: str) -> str:
+    """Return the rig file with what the fitted one is, in place of what the round numbers were."""
+    text = text.replace(BEFORE, AFTER).replace(", before fitting", "")
+    of_maps = re.compile(r"^# (affine|discrepancy): .*\n", re.M)
+    return of_maps.sub("", text)
 
 
 def with_maps(path: Path, logs: list[Path]) -> None:
@@ -79,8 +94,7 @@ def main() -> None:
     asked = parser.parse_args()
     straight = sorted((asked.data / "da_vinci_grasper").glob("run_*.csv"))
     poses = sorted((asked.data / "da_vinci_poses").glob("*.csv"))
-    text = parameters(straight)
-    asked.out.write_text(text, encoding="utf-8")
+    asked.out.write_text(introduced(parameters(straight)), encoding="utf-8")
     with_maps(asked.out, [*straight, *poses])
 
 

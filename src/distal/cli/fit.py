@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from math import degrees, isnan
+from math import degrees, isnan, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 EVERY = 3.0
 """Where progress goes to a file or a pipe, a line is written so often [s]."""
+
+NOISY = 0.3
+"""A reference whose noise is above this share of the error is told apart from it."""
 
 PROVISIONAL = (
     "the fit that writes this file has not ended: it has the affine map of the logs, all other "
@@ -244,12 +247,19 @@ def _say_scores(result: Fit) -> None:
     scores = result.scores()
     if not scores:
         return
-    rows = [
-        (name, f"{degrees(rms):.3f}", "–" if isnan(inside) else f"{100 * inside:.0f} %")
-        for name, rms, inside in scores
-    ]
+    noise = result.reference_std if result.folds else 0.0
+    shown = noise > NOISY * scores[0][1]
+    rows = []
+    for name, rms, inside in scores:
+        cells = [name, f"{degrees(rms):.3f}"]
+        if shown:
+            cells.append(f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}")
+        rows.append([*cells, "–" if isnan(inside) else f"{100 * inside:.0f} %"])
     done, asked = len(result.folds), result.folds_asked
     held_out = "each log held out once" if done == asked else f"{done} of {asked} logs held out"
     if not result.folds:
         held_out = "held-out logs, by candidate; the first is written"
-    table(held_out, ["what gives the angle", "RMS error [°]", "inside the 95 % band"], rows)
+    columns = ["what gives the angle", "RMS error [°]", "inside the 95 % band"]
+    if shown:
+        columns.insert(2, "less the encoder's noise [°]")
+    table(held_out, columns, rows)

@@ -18,6 +18,7 @@ from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import WRITTEN, Compared, Fold
+from distal.fitting.map_samples import reference_std
 from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
@@ -59,6 +60,7 @@ class Fit:
         hold: whether filters are to take the numbers as they are.
         added: path → what the part put into the description.
         candidates: that were judged, the chosen one first.
+        reference_std: of the reference sensor's random error, which scores contain [rad].
     """
 
     rig: Rig
@@ -89,6 +91,7 @@ class Fit:
     hold: bool = False
     added: Mapping[str, object] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()
+    reference_std: float = 0.0
 
     @classmethod
     def of(
@@ -138,6 +141,7 @@ class Fit:
             doubts=learned.doubts,
             hold=learned.hold,
             candidates=learned.candidates,
+            reference_std=max((reference_std(start, log) for log in logs), default=0.0),
         )
 
     def __repr__(self) -> str:
