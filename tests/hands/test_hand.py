@@ -16,6 +16,7 @@ from benchmarks.strangers.servo_hands import orca_like
 
 from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
+from distal.hands.motors import AeroMotors
 from distal.rig import Rig, build_rig, load_rig
 from distal.rig.hand_tables import Row, hand_of
 from distal.run.drive_range import range_ends
@@ -96,6 +97,62 @@ def test_lost_packets_and_a_port_that_is_gone_never_end_it(hand: Hand, orca: Orc
     assert reading.health in ("missing", "disagrees", "dead")
     assert hand.health().silent == ("motor_1", "motor_2")
     assert "no answer from motor_1, motor_2" in hand.health().sentence
+
+
+def test_reads_that_are_lost_after_a_wish_move_nothing(hand: Hand, orca: Orca) -> None:
+    """The first goals are sent after the first reading; lost ones before it send nothing."""
+    for k in range(60):
+        orca.places[:] = min(0.02 * k, 0.6)
+        hand.update(0.01 * k)
+    place = orca.places.copy()
+    hand.set_joint_positions(hand.get_joint_positions())
+    orca.fails = True
+    for k in range(60, 90):
+        hand.update(0.01 * k)
+    assert orca.sent == {}
+    orca.fails = False
+    hand.update(0.9)
+    sent = np.array([orca.sent[number] for number in sorted(orca.sent)])
+    # as far as play and stretch leave it open where the joints are, and not to a reading of zero
+    assert (np.abs(sent - place) < 0.25).all()
+
+
+class Aero:
+    """An Aero Hand's SDK with two motors."""
+
+    def __init__(self) -> None:
+        self.read: list[float | None] = [None, None]
+        self.sent: list[list[float]] = []
+
+    def get_actuations(self) -> list[float | None]:
+        return self.read
+
+    def get_actuator_currents(self) -> list[float]:
+        return [0.0, 0.0]
+
+    def get_actuator_temperatures(self) -> list[float]:
+        return [25.0, 25.0]
+
+    def set_actuations(self, actuations: list[float]) -> None:
+        assert all(map(np.isfinite, actuations))
+        self.sent.append(actuations)
+
+
+def test_a_motor_without_a_goal_does_not_sink(orca: Orca) -> None:
+    """A servo gives way under its load: where it is read is not sent to it again and again."""
+    aero = Aero()
+    motors = AeroMotors(aero, sound_rig())
+    names = [drive.name for drive in sound_rig().drives]
+    motors.write({names[0]: 10.0})
+    assert aero.sent == []  # nobody knows where the other one is
+    aero.read = [5.0, 7.0]
+    motors.read()
+    motors.write({names[0]: 10.0})
+    for sag in (6.5, 6.0, 5.5):
+        aero.read = [9.0, sag]
+        motors.read()
+        motors.write({names[0]: 10.0})
+    assert aero.sent == 4 * [[10.0, 7.0]]
 
 
 def test_one_silent_motor_is_named(hand: Hand, orca: Orca) -> None:

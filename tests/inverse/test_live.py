@@ -162,6 +162,25 @@ def test_a_clone_goes_on_alone(inverse: LiveInverse) -> None:
         )
 
 
+def test_nothing_is_sent_before_every_drive_was_read(inverse: LiveInverse) -> None:
+    """A buffer that was never filled is no command: all motors would go to zero."""
+    inverse.reset()
+    sample = sample_of(inverse)
+    for k, lost in enumerate((np.full_like(sample, np.nan), sample[:1], sample)):
+        time = float("nan") if k == 2 else 0.01 * k
+        command = inverse.step(time, [0.1], lost)
+        for values in (command.places, command.speeds, command.forces):
+            assert np.isnan(values).all()
+        assert "nothing is sent" in command.note
+    one = sample.copy()
+    one[inverse.channels.index(inverse.rig.sensors_of("position")[0].name)] = np.nan
+    assert np.isnan(inverse.step(0.02, [0.1], one).places).all()
+    assert np.isfinite(inverse.step(0.03, [0.1], sample).places).all()
+    # once a command was sent, it stays while nothing is read
+    kept = inverse.step(0.04, [0.1], np.full_like(sample, np.nan))
+    assert np.isfinite(kept.places).all()
+
+
 def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
     inverse.reset()
     sample = sample_of(inverse)

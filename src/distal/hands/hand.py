@@ -323,6 +323,8 @@ class Hand:
         self._rig = rig
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
+        # its ranges are those of the rig that was found, by which a motor's turn is known
+        self._units = LogUnits(rig, self._live.channels)
         self._inverse, self._wanted, self._reading = None, {}, None
 
 

@@ -5,7 +5,7 @@ no SDK.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import nan
+from math import isfinite, nan
 from typing import Protocol, runtime_checkable
 
 from distal.errors import EstimationError
@@ -107,6 +107,7 @@ class AeroMotors:
         self._hand = hand
         self._names = [drive.name for drive in rig.drives]
         self._last = dict.fromkeys(self._names, nan)
+        self._sent = dict[str, float]()
 
     def read(self) -> dict[str, float]:
         """Return actuations [deg] and currents [mA]."""
@@ -123,10 +124,20 @@ class AeroMotors:
         return _named(self._names, self._hand.get_actuator_temperatures())
 
     def write(self, goals: Mapping[str, float]) -> None:
-        """Send actuations [deg]; motors without a goal stay where they were read last."""
-        self._hand.set_actuations(
-            [float(goals.get(name, self._last[name])) for name in self._names]
-        )
+        """Send actuations [deg]; a motor without a goal keeps the one that it was sent last.
+
+        The SDK sends all motors at once. One that was never sent a goal is sent where it was read
+        last; while one has neither, nothing is sent. Where a motor is read is not sent again and
+        again: it gives way under its load, and would sink a little each time.
+        """
+        for name in self._names:
+            goal = goals.get(name, nan)
+            if isfinite(goal):
+                self._sent[name] = float(goal)
+            elif name not in self._sent and isfinite(self._last[name]):
+                self._sent[name] = self._last[name]
+        if len(self._sent) == len(self._names):
+            self._hand.set_actuations([self._sent[name] for name in self._names])
 
 
 def motors_of(hand: object, rig: Rig) -> Motors:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isnan, nan
+from math import isfinite, isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -209,7 +209,8 @@ class LiveInverse:
     ) -> Command:
         """Take in a sample and return the drives' next commands.
 
-        A sample without an estimate (late, or of the wrong shape) leaves the last command as it is.
+        A sample without an estimate (late, or of the wrong shape) leaves the last command as it is;
+        before the first estimate there is none, and all numbers of the command are NaN.
 
         Args:
             time: of the sample [s].
@@ -233,9 +234,15 @@ class LiveInverse:
                 "joint's"
             )
         reading = self._monitor.take(time, sample)
-        if isnan(reading.angles[0]):
+        if not all(map(isfinite, reading.angles)):
+            stays = "nothing is sent yet" if self._time is None else "the last command stays"
+            return self._command(reading, f"{reading.health} {reading.detail}: {stays}")
+        unread = [self._rig.drives[d].name for d, at in self._places if isnan(float(sample[at]))]
+        if self._time is None and unread:
+            # where a drive is that was never read, nobody knows: no goal of it is safe
             return self._command(
-                reading, f"{reading.health} {reading.detail}: the last command stays"
+                reading,
+                f"{', '.join(unread)} not read yet: nothing is sent before the first reading",
             )
         x, y, unusable = self._x, self._y, reading.unusable
         np.copyto(x["wanted"], angles, where=np.isfinite(angles))
@@ -263,6 +270,10 @@ class LiveInverse:
 
     def _command(self, reading: Reading, note: str) -> Command:
         y = self._y
+        if self._time is None:
+            # the kernel has not run: its buffers are no command
+            nothing = np.full(len(y["places"]), nan)
+            return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
         return Command(y["places"].copy(), y["speeds"].copy(), y["forces"].copy(), reading, note)
 
     def __copy__(self) -> LiveInverse:
