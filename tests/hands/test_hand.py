@@ -117,8 +117,8 @@ def test_reads_that_are_lost_after_a_wish_move_nothing(hand: Hand, orca: Orca) -
     assert (np.abs(sent - place) < 0.25).all()
 
 
-class Aero:
-    """An Aero Hand's SDK with two motors."""
+class SaggingAero:
+    """An Aero Hand's SDK with two motors that give way."""
 
     def __init__(self) -> None:
         self.read: list[float | None] = [None, None]
@@ -140,7 +140,7 @@ class Aero:
 
 def test_a_motor_without_a_goal_does_not_sink(orca: Orca) -> None:
     """A servo gives way under its load: where it is read is not sent to it again and again."""
-    aero = Aero()
+    aero = SaggingAero()
     motors = AeroMotors(aero, sound_rig())
     names = [drive.name for drive in sound_rig().drives]
     motors.write({names[0]: 10.0})
