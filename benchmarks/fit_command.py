@@ -184,6 +184,23 @@ def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
     return rows
 
 
+RIG = ("rig", "fit [s]", "score printed first [°]", "RMS on other logs [°]", "inside")
+
+
+def by_rig(outcomes: Sequence[Outcome]) -> list[list[str]]:
+    """Return a row for each rig."""
+    return [
+        [
+            one.name,
+            f"{one.seconds:.0f}",
+            f"{one.score:.3f}",
+            f"{mean(one.errors):.3f}" if one.ended else one.message,
+            f"{100 * mean(one.inside):.0f} %" if one.ended else "",
+        ]
+        for one in outcomes
+    ]
+
+
 def _geometric(ratios: Any) -> float:
     return float(np.exp(np.mean(np.log(ratios))))
 
@@ -216,12 +233,10 @@ def main() -> None:
             if asked.save:
                 records = [asdict(one) for one in outcomes]
                 asked.save.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
-    table(
-        f"fit-command-{asked.which}",
-        f"{len(outcomes)} rigs, by commands",
-        ["", "measured"],
-        summary(outcomes),
-    )
+    rows = by_rig(outcomes) if asked.which == "named" else summary(outcomes)
+    columns = list(RIG) if asked.which == "named" else ["over all rigs", "measured"]
+    title = f"{len(outcomes)} rigs, by commands"
+    table(f"fit-command-{asked.which}", title, columns, rows)
 
 
 if __name__ == "__main__":

@@ -105,16 +105,7 @@ def side_by_side(
 strangers = partial(side_by_side, keys=("case",), values=("RMS [°]", "inside 95 % band [%]"))
 accuracy = partial(side_by_side, values=("RMS [°]", "inside 95 % band"))
 RIVALS = ("adaptive", "elastic", "inextensible", "ekf")
-NEWCOMERS = (
-    "rig",
-    "processor [s]",
-    "in loops",
-    "first answer [s]",
-    "gradients",
-    "converged",
-    "largest move [prior stds]",
-    "written",
-)
+
 PARTS = ("part", "within 2 standard errors", "RMS, fitted [°]", "ratio", "inside")
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -185,8 +176,6 @@ TABLES: dict[str, Callable[[], str]] = {
         "strangers-foreign", names=("adaptive", "affine", "adaptive, rig as it came")
     ),
     "strangers-lacking": lambda: part("strangers-lacking"),
-    "newcomers": lambda: part("newcomers", *NEWCOMERS),
-    "newcomers-angles": lambda: part("newcomers-angles"),
     "parts": lambda: part("parts", *PARTS),
     "parts-some": lambda: part("parts-some", *PARTS),
     **{
@@ -198,6 +187,8 @@ TABLES: dict[str, Callable[[], str]] = {
             "chains-bounds",
             "models-tendons",
             "fit-mujoco",
+            "fit-command-lacking",
+            "fit-command-named",
             "hysteresis",
             "float-errors",
             "reliability",

@@ -2,8 +2,8 @@
 
 
 def rounded(value: float, digits: int = 2) -> str:
-    """Return a number with so many significant digits; a larger whole number keeps all of its
-    digits.
+    """Return a `value` of any unit with so many significant digits; a larger whole number keeps all
+    of its digits.
     """
     if abs(value) >= 10.0**digits - 0.5:
         return f"{value:.0f}"

@@ -1,0 +1,228 @@
+"""Causes of an error at one drive, beside a known truth, and which of them explains most.
+
+With the joints' true angles a drive's place needs no filter: s = σ (Σ_j c_j g_j(θ_j) + c_F F/K −
+F_0/K) + a + f d − τ ds/dt, with g_j the place that joint j alone asks of the drive, F its measured
+pull, F_0 that of pre-tension, K its tendons' stiffness, d the direction of motion. A rig that is
+right has σ = c = 1, a = τ = 0. All of these are estimated together with the rig's own stds as
+priors (ridge regression). A cause is a change that frees one of them from its prior; the likeliest
+is that of the largest gain in ln p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.diagnosis import sentences
+from distal.diagnosis.explanations import UNIT_FACTORS
+from distal.diagnosis.rerun import Change
+from distal.rig import Sensor
+
+BEYOND = 3.0
+"""A change of so many of the rig's own stds contradicts the rig, even where a wide band holds the
+truth.
+"""
+
+LEAST_GAIN = 2.0
+"""A cause gains so much in −2 ln p where the truth contradicts, so that something is wrong (Kass
+and Raftery, J. American Statistical Association 90, 1995: above 2 is positive evidence).
+"""
+
+ALIKE = 0.15
+"""A factor as near to that of a unit, as logarithms, is that unit."""
+
+MOST = 2
+"""So many causes are named."""
+
+
+ROUNDS = 8
+"""So often priors and what is left are weighed anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """What would explain an error: a `change` of a `subject`, whose column has some `values`, and
+    what it does.
+
+    Args:
+        std: how well the rig knows it, in the unit of its change.
+        size: by how much it moves the angle [rad].
+        gain: in −2 ln p, its own prior being Cauchy's.
+        words: what the subject looks like.
+        paths: of the rig's numbers that stand for it, where there are any.
+    """
+
+    subject: str
+    kind: str
+    values: Floats
+    std: float = 0.0
+    change: float = 0.0
+    size: float = 0.0
+    gain: float = 0.0
+    words: str = ""
+    paths: tuple[str, ...] = ()
+
+    @property
+    def undone(self) -> list[Change]:
+        """The changes of readings, or of the rig's numbers, of which each takes it off; none of a
+        delay.
+        """
+        factor = 1.0 + self.change
+        if self.kind == "zero":
+            return [Change(added={self.subject: -self.change})]
+        if self.kind in ("delay", "swap") or factor == 0.0:
+            return []
+        if self.kind == "arm":
+            return [Change(numbers=dict.fromkeys(self.paths, factor))]
+        if self.kind == "scale":
+            return [Change(channels={self.subject: 1 / factor})]
+        return [
+            Change(channels={self.subject: factor}),
+            Change(numbers=dict.fromkeys(self.paths, 1 / factor)),
+        ]
+
+    @property
+    def beyond(self) -> bool:
+        """Whether a scale or an arm is farther from what the rig says than its `std`, as a share,
+        allows.
+
+        Forces have friction in them, and zeros are what forces and stiffness leave: of these a
+        right rig's differ too.
+        """
+        if self.kind == "swap":
+            return True
+        if self.kind not in ("scale", "arm"):
+            return False
+        return self.change <= -1 or bool(abs(np.log1p(self.change)) > BEYOND * self.std)
+
+
+class _Fit(NamedTuple):
+    """Changes by ridge regression with priors, what they leave, and −2 ln p with the priors."""
+
+    changes: Mapping[Cause, float]
+    left: Floats
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class DriveResidual:
+    """What the place of a drive leaves beside the truth, and what may explain it.
+
+    Args:
+        residual: of its place at the samples that are known, (k,) [m, rad].
+        causes_tried: each with its column and its prior std.
+        nuisances: columns of what is always unknown, with their prior stds.
+        count: of independent samples.
+        lever: place for an angle of the joint that it turns most [m/rad, 1].
+    """
+
+    sensor: Sensor
+    residual: Floats
+    causes_tried: tuple[Cause, ...]
+    nuisances: tuple[tuple[Floats, float], ...]
+    count: float
+    lever: float
+
+    def fit(self, free: Sequence[Cause] = ()) -> _Fit:
+        """Return what all changes become with their priors, some of them free of theirs.
+
+        A delay is no error of the rig that is always there: it is in where it is free.
+        """
+        tried = [each for each in self.causes_tried if each.kind != "delay" or each in free]
+        columns = [each.values for each in tried] + [values for values, _ in self.nuisances]
+        stds = [np.inf if each in free else each.std for each in tried]
+        stds += [std for _, std in self.nuisances]
+        matrix, residual = np.column_stack(columns), self.residual
+        scales = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
+        scaled = matrix / scales
+        precision = 1.0 / (np.array(stds) * scales) ** 2
+        least = 1e-12 * float(np.mean(residual**2)) + 1e-30
+        variance = float(np.mean(residual**2)) + least
+        for _ in range(ROUNDS):
+            weight = self.count / len(residual) / variance
+            information = weight * scaled.T @ scaled + np.diag(precision)
+            information += 1e-12 * np.diag(np.diag(information))
+            changes = np.linalg.solve(information, weight * scaled.T @ residual)
+            left = residual - scaled @ changes
+            variance = float(np.mean(left**2)) + least
+        cost = self.count * np.log(variance) + float(precision @ changes**2)
+        found = dict(zip(tried, (changes / scales).tolist()))
+        for each in free:
+            # a freed one has Cauchy's prior: of two that explain the same the one nearer to what
+            # the rig says is likelier
+            cost += 2.0 * float(np.log1p((found[each] / max(each.std, 1e-12)) ** 2))
+        return _Fit(found, left, cost)
+
+    def causes(self) -> list[Cause]:
+        """Return the cause that gains most, and one more where it gains beside it."""
+        free, found = list[Cause](), list[Cause]()
+        before = self.fit()
+        for _ in range(MOST):
+            fits = {each: self.fit([*free, each]) for each in self.causes_tried if each not in free}
+            gains = {each: self._gain(each, before, fit) for each, fit in fits.items()}
+            best = max(gains, key=lambda each: gains[each])
+            if gains[best] < LEAST_GAIN:
+                break
+            free.append(best)
+            before = fits[best]
+            found.append(replace(best, gain=gains[best]))
+        return [self._named(*pair) for pair in zip(found, self._sizes(free))]
+
+    def _sizes(self, free: Sequence[Cause]) -> Floats:
+        """Return the changes of causes by least squares, with a zero that is free and nothing else:
+        priors would make them smaller.
+        """
+        if not free:
+            return np.zeros(0)
+        columns = [each.values for each in free]
+        if all(each.kind != "zero" for each in free):
+            columns.append(np.ones(len(self.residual)))
+        matrix = np.column_stack(columns)
+        scales = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        changes: Floats = np.linalg.lstsq(matrix / scales, self.residual, rcond=1e-9)[0] / scales
+        return changes[: len(free)]
+
+    def _gain(self, cause: Cause, before: _Fit, after: _Fit) -> float:
+        """Return the gain in −2 ln p where a cause is free.
+
+        A delay often goes with the motion itself, and has to gain twice as much; a force of the
+        wrong sign four times, since friction in it goes against the stretch.
+        """
+        gain = before.cost - after.cost
+        if cause.kind == "delay":
+            return gain / 2.0
+        if cause.kind in ("force", "stiffness") and after.changes[cause] < -1.0:
+            return gain / 4.0
+        return gain
+
+    def _named(self, cause: Cause, change: float) -> Cause:
+        size = abs(change) * float(np.sqrt(np.mean(cause.values**2))) / self.lever
+        words = _words(cause.kind, float(change), self.sensor)
+        return replace(cause, change=float(change), size=size, words=words)
+
+
+def _words(kind: str, change: float, sensor: Sensor) -> str:
+    """Return what the subject of a kind of cause looks like."""
+    factor = 1.0 + change
+    if kind == "zero":
+        return sentences.like_a_zero(change, sensor.si)
+    if kind == "delay":
+        return sentences.like_a_delay(change)
+    if kind == "arm":
+        return sentences.like_an_arm(factor)
+    scale, si = (
+        (1 / factor, sensor.si) if kind == "scale" else (factor, "N" if sensor.si == "m" else "N m")
+    )
+    for unit, words in UNIT_FACTORS.items():
+        like = words.get(si, words.get(""))
+        if like is not None and unit > 0 and scale > 0 and abs(np.log(scale / unit)) < ALIKE:
+            return like
+    if kind in ("force", "stiffness"):
+        return sentences.like_a_compliance(factor, sensor.of)
+    return sentences.like_a_scale(
+        factor, getattr(sensor, "gear", 1.0), is_capstan=sensor.si == "rad"
+    )
