@@ -24,7 +24,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ from benchmarks.strangers.drawn_rigs import drawn_rig
 from distal import Log, Rig, estimate, fit, load_rig, read_log, write_log
 from distal.errors import DistalError
 from distal.fitting.fitted_file import plain
+from distal.logs import true_angles
 from distal.rig import build_rig
 
 LOGS = (2, 3, 3, 4, 5, 6)
@@ -69,7 +70,18 @@ def write_folder(folder: Path, rig: Rig, logs: Sequence[Log], held_out: Sequence
     (folder / "mine.toml").write_text(tomlkit.dumps(raw), encoding="utf-8")
     for kind, kept in (("run", logs), ("held_out", held_out)):
         for i, log in enumerate(kept):
-            write_log(log, rig, folder / f"{kind}_{i}.csv")
+            write_log(as_logged(log, rig), rig, folder / f"{kind}_{i}.csv")
+
+
+def as_logged(log: Log, rig: Rig) -> Log:
+    """Return a log whose angles stand in the encoders' own columns where they come from these."""
+    joints = [joint.name for joint in rig.joints]
+    angles = true_angles(log, joints)
+    encoders = {sensor.of: sensor.name for sensor in rig.sensors_of("angle")}
+    if angles is None or not log.truth_kind.by_sensor or set(encoders) != set(joints):
+        return log
+    read = {encoders[name]: angles[:, j] for j, name in enumerate(joints)}
+    return replace(log, channels={**log.channels, **read}, truth={})
 
 
 def write_lacking(folder: Path, seed: int) -> None:
