@@ -108,13 +108,15 @@ def fit(
     def of_fold(remaining: Sequence[Log], fold: int) -> Learned:
         return learn(remaining, rig, options, of_part(progress, fold, parts), tried)
 
+    # without homing an encoder's own offset is in errors on held-out logs, and would choose
+    by_folds = homing is not None
     done, asked = [], 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
         done, asked = leave_out(read, rig, folds, of_fold, homing), parts - 1
-        best = candidate_by_folds(done, judged.candidates) if len(done) == asked else None
-        if best is not None and best is not judged.chosen:
-            learned = learned_by(judged, best)
-        done = with_written(done)
+        if by_folds and len(done) == asked:
+            best = candidate_by_folds(done, judged.candidates, judged.chosen)
+            learned = learned_by(judged, best) if best is not judged.chosen else learned
+        done = with_written(done, by_folds)
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, rig, read, options, tuple(done), asked)

@@ -84,17 +84,22 @@ def leave_out(
     return done
 
 
-def candidate_by_folds(folds: Sequence[Fold], candidates: Sequence[Candidate]) -> Candidate | None:
-    """Return the candidate that errs least on held-out logs, None where none was held out.
+def candidate_by_folds(
+    folds: Sequence[Fold], candidates: Sequence[Candidate], preferred: Candidate
+) -> Candidate:
+    """Return the candidate that clearly errs less on held-out logs than the preferred one, or that.
 
     Least is √(RMS on held-out logs · RMS beyond what a candidate had seen), each in the mean over
-    all folds. A factor within the range of the logs weighs as much as one beyond it.
+    all folds: a factor within the range of the logs weighs as much as one beyond it.
     """
     costs = _costs(folds)
-    known = [
-        candidate for candidate in candidates if np.isfinite(costs.get(candidate.name, np.inf))
-    ]
-    return min(known, key=lambda candidate: costs[candidate.name], default=None)
+    best = min(candidates, key=lambda each: costs.get(each.name, np.inf), default=preferred)
+    usual = costs.get(preferred.name, np.inf)
+    return best if costs.get(best.name, np.inf) < CLEARLY * usual else preferred
+
+
+CLEARLY = 0.9
+"""Below this share of an error another one is clearly less: few logs tell no more."""
 
 
 def _costs(folds: Sequence[Fold]) -> dict[str, float]:
@@ -114,16 +119,17 @@ def _costs(folds: Sequence[Fold]) -> dict[str, float]:
     return costs
 
 
-def with_written(folds: Sequence[Fold]) -> list[Fold]:
-    """Return folds with the score of what is written: in each, of the candidate that errs least in
-    the others.
+def with_written(folds: Sequence[Fold], by_folds: bool) -> list[Fold]:
+    """Return folds with the score of what is written: in each, of the candidate that its logs
+    prefer, or, if chosen `by_folds`, of the one that errs least in the others.
     """
     written = []
     for k, fold in enumerate(folds):
         others = [*folds[:k], *folds[k + 1 :]]
-        chosen = candidate_by_folds(others, fold.learned.candidates)
-        # in a fold alone nothing can be chosen but by its own logs
-        name = (chosen or fold.learned.candidates[0]).name
+        chosen = fold.learned.candidates[0]
+        if by_folds:
+            chosen = candidate_by_folds(others, fold.learned.candidates, chosen)
+        name = chosen.name
         compared = tuple(
             replace(each, scores={WRITTEN: each.scores.get(name), **each.scores})
             for each in fold.compared
