@@ -176,8 +176,6 @@ TABLES: dict[str, Callable[[], str]] = {
         "strangers-foreign", names=("adaptive", "affine", "adaptive, rig as it came")
     ),
     "strangers-lacking": lambda: part("strangers-lacking"),
-    "parts": lambda: part("parts", *PARTS),
-    "parts-some": lambda: part("parts-some", *PARTS),
     **{
         name: partial(bench, name)
         for name in (
