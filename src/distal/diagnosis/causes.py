@@ -32,6 +32,11 @@ LEAST_GAIN = 2.0
 and Raftery, J. American Statistical Association 90, 1995: above 2 is positive evidence).
 """
 
+SIGN_OF_FORCE = 10.0
+"""A pull that rises with the angle goes with it as a gear does: its sign has to gain so many times
+as much.
+"""
+
 ALIKE = 0.15
 """A factor as near to that of a unit, as logarithms, is that unit."""
 
@@ -190,13 +195,13 @@ class DriveResidual:
         """Return the gain in −2 ln p where a cause is free.
 
         A delay often goes with the motion itself, and has to gain twice as much; a force of the
-        wrong sign four times, since friction in it goes against the stretch.
+        wrong sign `SIGN_OF_FORCE` times, since friction in it goes against the stretch.
         """
         gain = before.cost - after.cost
         if cause.kind == "delay":
             return gain / 2.0
         if cause.kind in ("force", "stiffness") and after.changes[cause] < -1.0:
-            return gain / 4.0
+            return gain / SIGN_OF_FORCE
         return gain
 
     def _named(self, cause: Cause, change: float) -> Cause:
