@@ -12,10 +12,11 @@ import numpy as np
 from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.diagnosis import sentences
-from distal.diagnosis.causes import MOST, Cause
+from distal.diagnosis.causes import MOST, Cause, DriveResidual
 from distal.diagnosis.drive_residuals import residual_of, swaps
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.rerun import Rerun
+from distal.diagnosis.trials import Trial, tried
 from distal.logs import Log, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
@@ -65,12 +66,15 @@ def against_truth(
     shares[~known.any(axis=0)] = 1.0
     worst = int(np.argmin(shares))
     rms = np.sqrt(np.nansum(errors**2, axis=0) / np.maximum(known.sum(axis=0), 1))
+    most = int(np.nanargmax(rms))
     if held.sum() < LEAST_INSIDE * known.sum() or shares[worst] < LEAST_OF_JOINT:
         outside = sentences.outside_the_truth(
             result.joint_names[worst], float(rms[worst]), float(shares[worst])
         )
-        return [*causes(log, rig, float(rms.max())), outside]
-    beyond = causes(log, rig, float(rms.max()), beyond=True)
+        if rerun is None:
+            return [*causes(log, rig, float(rms[most])), outside]
+        return [*_named([trial.cause for trial in _tried(log, rig, rerun())]), outside]
+    beyond = causes(log, rig, float(rms[most]), beyond=True)
     widths = BAND * np.median(result.angle_stds, axis=0)
     most = int(np.argmax(rms / widths))
     if beyond or rms[most] <= NOISE * widths[most]:
@@ -78,28 +82,22 @@ def against_truth(
     inside = sentences.errs_inside(result.joint_names[most], float(rms[most]), float(shares[most]))
     if rerun is None:
         return [inside]
-    tried = _likeliest(log, rig, float(rms[most]))
-    sure = _confirmed(tried, rerun(), most) if tried else []
+    sure = [
+        trial.cause
+        for trial in _tried(log, rig, rerun())
+        if trial.errors[most] < MUCH * trial.before[most]
+    ]
     return [inside, *(replace(cause, kind="would explain") for cause in _named(sure))]
 
 
-def _confirmed(tried: Sequence[Cause], rerun: Rerun, joint: int) -> list[Cause]:
-    """Return the causes without which the filter errs by less than `MUCH` of what it does with
-    them, at a joint.
-    """
-    truths = true_angles(rerun.log, [joint.name for joint in rerun.runner.rig.joints])
-    assert truths is not None
-
-    def error(means: Floats) -> float:
-        return float(np.sqrt(np.nanmean((means[:, joint] - truths[:, joint]) ** 2)))
-
-    before, found = error(rerun.base.means), list[Cause]()
-    for cause in tried:
-        known = set(cause.paths) <= set(rerun.runner.parameter_names)
-        changes = [change for change in cause.undone if known or not change.numbers]
-        if any(error(rerun(change).means) < MUCH * before for change in changes):
-            found.append(cause)
-    return found
+def _tried(log: Log, rig: Rig, rerun: Rerun) -> list[Trial]:
+    """Return the likeliest causes by the filter without each."""
+    found = _known(log, rig)
+    if found is None:
+        return []
+    angles, drives = found
+    alone = [cause for drive in drives for cause in drive.alone()]
+    return tried(rerun, [*alone, *swaps(log, rig, angles, drives)])
 
 
 def causes(log: Log, rig: Rig, error: float, *, beyond: bool = False) -> list[Finding]:
@@ -126,12 +124,22 @@ def _named(found: Sequence[Cause]) -> list[Finding]:
 
 def _likeliest(log: Log, rig: Rig, error: float) -> list[Cause]:
     """Return what would explain an `error` of the angle [rad], the likeliest first."""
-    angles, error = true_angles(log, [joint.name for joint in rig.joints]), min(error, LOST)
-    if angles is None:
+    known = _known(log, rig)
+    if known is None:
         return []
-    tried = (residual_of(log, rig, angles, sensor) for sensor in rig.sensors_of("position"))
-    known = [drive for drive in tried if drive is not None]
-    found = [cause for drive in known for cause in drive.causes()]
-    found += swaps(log, rig, angles, known)
+    angles, drives = known
+    found = [cause for drive in drives for cause in drive.causes()]
+    found += swaps(log, rig, angles, drives)
     found.sort(key=lambda cause: -round(cause.gain))
-    return [cause for cause in found if cause.size > SHARE * error]
+    return [cause for cause in found if cause.size > SHARE * min(error, LOST)]
+
+
+def _known(log: Log, rig: Rig) -> tuple[Floats, list[DriveResidual]] | None:
+    """Return the true angles and what the places of drives leave beside them; None where no truth
+    is known.
+    """
+    angles = true_angles(log, [joint.name for joint in rig.joints])
+    if angles is None:
+        return None
+    drives = (residual_of(log, rig, angles, sensor) for sensor in rig.sensors_of("position"))
+    return angles, [drive for drive in drives if drive is not None]

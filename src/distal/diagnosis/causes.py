@@ -57,8 +57,8 @@ class Cause:
         std: how well the rig knows it, in the unit of its change.
         size: by how much it moves the angle [rad].
         gain: in −2 ln p, its own prior being Cauchy's.
-        words: what the subject looks like.
         paths: of the rig's numbers that stand for it, where there are any.
+        sensor: of the drive's place, where it is of one drive.
     """
 
     subject: str
@@ -68,20 +68,45 @@ class Cause:
     change: float = 0.0
     size: float = 0.0
     gain: float = 0.0
-    words: str = ""
     paths: tuple[str, ...] = ()
+    sensor: Sensor | None = None
+
+    @property
+    def words(self) -> str:
+        """What the subject looks like."""
+        return _words(self)
+
+    @property
+    def units(self) -> list[float]:
+        """Factors of units that readings of a force may be in, and of a wrong sign."""
+        assert self.sensor is not None
+        unit = _unit_of_force(self.sensor)
+        return [factor for factor, words in UNIT_FACTORS.items() if unit in words or "" in words]
+
+    @property
+    def unlikely(self) -> float:
+        """How far it is from what the rig says, in stds: of a factor, as logarithms."""
+        if self.kind == "swap":
+            return BEYOND
+        if self.kind in ("zero", "delay"):
+            return abs(self.change) / self.std
+        factor = 1.0 + self.change
+        turned = BEYOND if factor < 0.0 else 0.0
+        return float(np.hypot(np.log(max(abs(factor), 1e-6)) / self.std, turned))
 
     @property
     def undone(self) -> list[Change]:
-        """The changes of readings, or of the rig's numbers, of which each takes it off; none of a
-        delay.
-        """
+        """The changes of readings, or of the rig's numbers, of which each takes it off."""
         factor = 1.0 + self.change
         if self.kind == "zero":
             return [Change(added={self.subject: -self.change})]
-        if self.kind in ("delay", "swap") or factor == 0.0:
+        if self.kind == "delay":
+            return [Change(later={self.subject: self.change})]
+        if self.kind == "swap":
+            return [Change(exchanged=tuple(self.subject.split(" and ")))]
+        if factor == 0.0:
             return []
-        if self.kind == "arm":
+        if self.kind in ("arm", "friction"):
             return [Change(numbers=dict.fromkeys(self.paths, factor))]
         if self.kind == "scale":
             return [Change(channels={self.subject: 1 / factor})]
@@ -177,6 +202,10 @@ class DriveResidual:
             found.append(replace(best, gain=gains[best]))
         return [self._named(*pair) for pair in zip(found, self._sizes(free))]
 
+    def alone(self) -> list[Cause]:
+        """Return every cause as if it were the only one."""
+        return [self._named(each, self._sizes([each])[0]) for each in self.causes_tried]
+
     def _sizes(self, free: Sequence[Cause]) -> Floats:
         """Return the changes of causes by least squares, with a zero that is free and nothing else:
         priors would make them smaller.
@@ -206,28 +235,47 @@ class DriveResidual:
 
     def _named(self, cause: Cause, change: float) -> Cause:
         size = abs(change) * float(np.sqrt(np.mean(cause.values**2))) / self.lever
-        words = _words(cause.kind, float(change), self.sensor)
-        return replace(cause, change=float(change), size=size, words=words)
+        return replace(cause, change=float(change), size=size)
 
 
-def _words(kind: str, change: float, sensor: Sensor) -> str:
-    """Return what the subject of a kind of cause looks like."""
-    factor = 1.0 + change
-    if kind == "zero":
-        return sentences.like_a_zero(change, sensor.si)
-    if kind == "delay":
-        return sentences.like_a_delay(change)
-    if kind == "arm":
+def _words(cause: Cause) -> str:
+    """Return what the subject of a cause looks like."""
+    factor = 1.0 + cause.change
+    if cause.kind == "swap":
+        return "swapped"
+    if cause.kind == "delay":
+        return sentences.like_a_delay(cause.change)
+    if cause.kind == "arm":
         return sentences.like_an_arm(factor)
-    scale, si = (
-        (1 / factor, sensor.si) if kind == "scale" else (factor, "N" if sensor.si == "m" else "N m")
-    )
+    if cause.kind == "friction":
+        return sentences.like_friction(factor)
+    sensor = cause.sensor
+    assert sensor is not None
+    if cause.kind == "zero":
+        return sentences.like_a_zero(cause.change, sensor.si)
+    is_place = cause.kind == "scale"
+    unit = _unit_words(1 / factor if is_place else factor, sensor, is_place)
+    if unit is not None:
+        return unit
+    if not is_place:
+        return sentences.like_a_compliance(factor, sensor.of)
+    gear = getattr(sensor, "gear", 1.0)
+    return sentences.like_a_scale(factor, gear, is_capstan=sensor.si == "rad")
+
+
+def _unit_words(scale: float, sensor: Sensor, is_place: bool) -> str | None:
+    """Return what a drive's place or force looks like that a unit's factor mends; None where no
+    unit does.
+    """
+    si = sensor.si if is_place else _unit_of_force(sensor)
     for unit, words in UNIT_FACTORS.items():
         like = words.get(si, words.get(""))
-        if like is not None and unit > 0 and scale > 0 and abs(np.log(scale / unit)) < ALIKE:
+        is_unit = unit > 0 and scale > 0 and abs(np.log(scale / unit)) < ALIKE
+        if like is not None and is_unit:
             return like
-    if kind in ("force", "stiffness"):
-        return sentences.like_a_compliance(factor, sensor.of)
-    return sentences.like_a_scale(
-        factor, getattr(sensor, "gear", 1.0), is_capstan=sensor.si == "rad"
-    )
+    return None
+
+
+def _unit_of_force(sensor: Sensor) -> str:
+    """Return the SI unit of the force of a drive whose place a sensor measures."""
+    return "N" if sensor.si == "m" else "N m"

@@ -102,7 +102,7 @@ def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResi
     return DriveResidual(
         sensor,
         (readings - expected)[known],
-        tuple(replace(cause, values=cause.values[known]) for cause in tried),
+        tuple(replace(cause, values=cause.values[known], sensor=sensor) for cause in tried),
         tuple(nuisances),
         max(float(known.sum()) * min(1.0, interval / INDEPENDENT), 2.0),
         max(abs(slopes[j]) for j in turned),
@@ -168,11 +168,8 @@ def swaps(log: Log, rig: Rig, angles: Floats, drives: Sequence[DriveResidual]) -
                 if drive.sensor in places
             )
             subject = f"{first.name} and {second.name}"
-            found.append(Cause(subject, "swap", np.zeros(0), size=size, gain=gain, words=SWAPPED))
+            found.append(Cause(subject, "swap", np.zeros(0), size=size, gain=gain))
     return found
-
-
-SWAPPED = "swapped"
 
 
 def _exchanged(log: Log, first: Sensor, second: Sensor) -> dict[str, Floats]:

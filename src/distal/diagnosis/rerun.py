@@ -4,7 +4,8 @@ where a state begins.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,16 +26,29 @@ OUTLIER = Robustness().wild_force
 
 @dataclass(frozen=True)
 class Change:
-    """What is changed in a run: factors on channels, and on numbers of the rig that are not
-    estimated, by their paths.
+    """What is changed in a run: factors on channels, and on numbers of the rig, by their paths.
 
-    To channels `added` is added, in their SI units, and to where states begin `shifts`.
+    To channels `added` is added, in their SI units, and to where states begin `shifts`; channels
+    are read by so much `later` [s], and two that are `exchanged` are read in each other's place.
     """
 
     channels: Mapping[str, float] = field(default_factory=dict)
     added: Mapping[str, float] = field(default_factory=dict)
     numbers: Mapping[str, float] = field(default_factory=dict)
     shifts: Mapping[str, float] = field(default_factory=dict)
+    later: Mapping[str, float] = field(default_factory=dict)
+    exchanged: tuple[str, ...] = ()
+
+    def __and__(self, other: Change) -> Change:
+        """Return both changes as one; two columns are exchanged by one of them."""
+        return Change(
+            channels=_combined(self.channels, other.channels, operator.mul),
+            added=_combined(self.added, other.added, operator.add),
+            numbers=_combined(self.numbers, other.numbers, operator.mul),
+            shifts=_combined(self.shifts, other.shifts, operator.add),
+            later=_combined(self.later, other.later, operator.add),
+            exchanged=self.exchanged or other.exchanged,
+        )
 
 
 @dataclass(frozen=True)
@@ -66,6 +80,15 @@ class Outcome:
         return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))
 
 
+def _combined(
+    first: Mapping[str, float],
+    second: Mapping[str, float],
+    operation: Callable[[float, float], float],
+) -> dict[str, float]:
+    both = {name: operation(first[name], second[name]) for name in first.keys() & second.keys()}
+    return {**first, **second, **both}
+
+
 class Rerun:
     """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
 
@@ -80,6 +103,7 @@ class Rerun:
         self.log, self._run = log, prepared(log, runner, homing)
         assert isinstance(self._run.runner, AdaptiveFilter)
         self.runner = self._run.runner  # a homing move may give it other maps
+        self._begun = dict[str, list[tuple[int, float]]]()
         self.base = self(Change())
 
     def covered(self, channel: str) -> float:
@@ -107,12 +131,28 @@ class Rerun:
                 bounded = len(out_of_bounds(means, variances, len(runner.rig.joints))) == 0
                 yield Outcome(means, variances, *runner.innovations_of(ys, read), bounded)
 
+    def _starts(self, path: str) -> list[tuple[int, float]]:
+        """Return the states that begin with a number of the rig, and where each of them does."""
+        if path not in self._begun:
+            runner = self.runner
+            number = float(runner.numbers[runner.parameter_names.index(path)])
+            other = runner.of_rig(runner.rig.with_values({path: 1.01 * number}))
+            means = runner.states.means
+            moved = [] if other is None else np.flatnonzero(other.states.means != means).tolist()
+            self._begun[path] = [(i, float(means[i])) for i in moved]
+        return self._begun[path]
+
     def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:
         """Return belief, samples and parameters of a run with a change."""
         runner, run = self.runner, self._run
         samples, begin, p = run.samples, run.start, np.array(runner.numbers)
-        if change.channels or change.added:
+        if change.channels or change.added or change.later or change.exchanged:
             samples = samples.copy()
+            pair = [runner.channels.index(name) for name in change.exchanged]
+            samples[:, pair] = samples[:, pair[::-1]]
+            for name, delay in change.later.items():
+                at = runner.channels.index(name)
+                samples[:, at] = np.interp(self.log.time + delay, self.log.time, samples[:, at])
             for name, factor in change.channels.items():
                 samples[:, runner.channels.index(name)] *= factor
             for name, shift in change.added.items():
@@ -126,4 +166,6 @@ class Rerun:
             carry[i] = max(carry[i] + shift, runner.states.lowest[i])
         for path, factor in change.numbers.items():
             p[runner.parameter_names.index(path)] *= factor
+            for i, start in self._starts(path):
+                carry[i] += (factor - 1.0) * start
         return replace(begin, carry=carry), samples, p

@@ -255,6 +255,11 @@ def like_a_compliance(factor: float, drive: str) -> str:
     return f"{times}: their stiffness, its scale, or friction in it"
 
 
+def like_friction(factor: float) -> str:
+    """Return what a friction looks like that is a `factor` of the rig's."""
+    return f"about {factor:.2g} times the rig's"
+
+
 def like_a_delay(delay: float) -> str:
     """Return what readings look like that are late by a `delay` [s]."""
     return f"{abs(delay):.2g} s {'late' if delay > 0 else 'early'}"

@@ -1,0 +1,191 @@
+"""Causes beside a truth, tried: the filter runs again without each, and the one after which it errs
+least, for what the rig's stds allow, comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.diagnosis.causes import Cause
+from distal.diagnosis.drive_residuals import INDEPENDENT
+from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.estimators import AdaptiveFilter
+from distal.logs import true_angles
+from distal.rig import Parameter
+
+FRICTION_KEYS = ("coefficient", "constant", "load")
+
+LEAST_STD = 0.1
+"""No friction is taken as known better than this share."""
+
+FRICTIONS = (0.4, 2.5)
+"""Friction is tried at so many times the rig's."""
+
+FACTORS = (0.5, 0.67, 0.87, 1.15, 1.5, 2.0)
+"""A stiffness or a force's scale is tried at so many times the rig's: its own column goes with
+others.
+"""
+
+NEARER = (0.35, 0.6, 0.8, 1.2, 1.5)
+"""The likeliest changes are tried again at so many times their size."""
+
+LIKELIEST = 6
+"""So many are tried again."""
+
+COMPLIANCE = {"force": "compliance", "stiffness": "compliance"}
+"""What stretches a tendon is one cause."""
+
+SURE = 6.0
+"""A cause gains so much in −2 ln p (Kass and Raftery, J. American Statistical Association 90,
+1995: above 6 is strong evidence).
+"""
+
+ALIKE = 10.0
+"""Of two causes whose gains differ by less neither is sure (above 10 is very strong evidence)."""
+
+HALF = 0.5
+"""A second cause, beside the first, leaves so much of the error, or less."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A cause and the change that takes it off, what that gains in −2 ln p of the truth, and the
+    RMS errors of the joints afterwards and `before`, NaN where no truth is known, (n_joints,)
+    [rad].
+    """
+
+    cause: Cause
+    change: Change
+    gain: float = 0.0
+    errors: Floats = field(default_factory=lambda: np.zeros(0))
+    before: Floats = field(default_factory=lambda: np.zeros(0))
+
+
+def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
+    """Return the likeliest causes of an error beside a known truth, at most two.
+
+    −2 ln p = k Σ_j ln(e_j² + σ_j²) + 2 ln(1 + δ²), with e_j the RMS error of joint j, σ_j its mean
+    std, k the number of independent samples, and δ how far the rig is changed in its own stds
+    (Cauchy's prior: a thing that is wrong may be so by any size).
+    """
+    score = _Score(rerun)
+    first = score.of([*_of_causes(causes), *_of_frictions(rerun.runner)])
+    again = [nearer for trial in _best_of_each(first)[:LIKELIEST] for nearer in _nearer(trial)]
+    found = _best_of_each([*first, *score.of(again)])[:LIKELIEST]
+    if not found or found[0].gain < SURE:
+        return []
+    best, *others = found
+    alike = [other for other in others if best.gain - other.gain < ALIKE]
+    if alike:
+        return [best, alike[0]]
+    together = score.of([replace(other, change=best.change & other.change) for other in others])
+    beside = [trial for trial in together if trial.gain > best.gain + SURE and _halves(trial, best)]
+    return [best, *_best_of_each(beside)[:1]]
+
+
+def _halves(trial: Trial, before: Trial) -> bool:
+    """Return whether the largest error of a joint falls to half of what it was."""
+    return bool(np.nanmax(trial.errors) < HALF * np.nanmax(before.errors))
+
+
+class _Score:
+    """What a run is worth beside the truth."""
+
+    def __init__(self, rerun: Rerun) -> None:
+        joints = [joint.name for joint in rerun.runner.rig.joints]
+        truths = true_angles(rerun.log, joints)
+        assert truths is not None
+        self._rerun, self._truths = rerun, truths
+        self._variances = np.mean(rerun.base.variances[:, : len(joints)], axis=0)
+        self._count = max(float(np.ptp(rerun.log.time)) / INDEPENDENT, 2.0)
+        self._base = self._cost(rerun.base)
+
+    def of(self, trials: Sequence[Trial]) -> list[Trial]:
+        """Return trials with what each gains."""
+        outcomes = self._rerun.each(trial.change for trial in trials)
+        scored = []
+        for trial, outcome in zip(trials, outcomes):
+            if not outcome.bounded:
+                continue
+            gain = self._base - self._cost(outcome)
+            gain -= 2.0 * float(np.log1p(trial.cause.unlikely**2))
+            errors, before = self._errors(outcome), self._errors(self._rerun.base)
+            scored.append(replace(trial, gain=gain, errors=errors, before=before))
+        return scored
+
+    def _errors(self, outcome: Outcome) -> Floats:
+        squares = (outcome.means[:, : self._truths.shape[1]] - self._truths) ** 2
+        known = np.isfinite(squares)
+        count = known.sum(axis=0)
+        total = np.where(known, squares, 0.0).sum(axis=0)
+        errors: Floats = np.sqrt(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+        return errors
+
+    def _cost(self, outcome: Outcome) -> float:
+        return self._count * float(np.nansum(np.log(self._errors(outcome) ** 2 + self._variances)))
+
+
+def _ways(cause: Cause) -> list[Trial]:
+    return [Trial(cause, change) for change in cause.undone]
+
+
+def _scaled(cause: Cause, factors: Sequence[float]) -> list[Trial]:
+    """Return a cause with other factors."""
+    others = (replace(cause, change=factor - 1.0) for factor in factors)
+    return [trial for other in others for trial in _ways(other)]
+
+
+def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
+    """Yield what places of drives beside the truth look like, each way to take it off."""
+    for cause in causes:
+        yield from _ways(cause)
+        if cause.kind == "stiffness":
+            yield from _scaled(cause, FACTORS)
+        if cause.kind == "force":
+            yield from _scaled(cause, cause.units)
+
+
+def _of_frictions(runner: AdaptiveFilter) -> Iterator[Trial]:
+    """Yield friction of joints and drives that is less, and more."""
+    for kind in ("joints", "drives"):
+        for i, part in enumerate(getattr(runner.rig, kind)):
+            paths = {
+                f"{kind}.{i}.friction.{key}": number
+                for key, number in part.friction
+                if isinstance(number, Parameter) and key in FRICTION_KEYS and number.value > 0.0
+            }
+            paths = {path: paths[path] for path in paths if path in runner.parameter_names}
+            if paths:
+                std = max(number.total_std / number.value for number in paths.values())
+                subject = f"friction of {part.name}"
+                cause = Cause(
+                    subject, "friction", np.zeros(0), max(std, LEAST_STD), paths=tuple(paths)
+                )
+                yield from _scaled(cause, FRICTIONS)
+
+
+def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
+    """Return the best trial of each subject and kind, the likeliest first."""
+    best = dict[tuple[str, str], Trial]()
+    for trial in trials:
+        kind = COMPLIANCE.get(trial.cause.kind, trial.cause.kind)
+        key = (trial.cause.subject, kind)
+        if key not in best or trial.gain > best[key].gain:
+            best[key] = trial
+    return sorted(best.values(), key=lambda trial: -trial.gain)
+
+
+def _nearer(trial: Trial) -> list[Trial]:
+    """Return the same cause with sizes around that of a trial, taken off in the same way."""
+    cause, change = trial.cause, trial.cause.change
+    if cause.kind == "swap" or change <= -1.0:
+        return []
+    is_shift = cause.kind in ("zero", "delay")
+    sizes = [share * change if is_shift else (1.0 + change) ** share - 1.0 for share in NEARER]
+    way = cause.undone.index(trial.change)
+    others = [replace(cause, change=size) for size in sizes]
+    return [Trial(other, other.undone[way]) for other in others]
