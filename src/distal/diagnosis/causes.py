@@ -108,12 +108,12 @@ class Cause:
             return []
         if self.kind in ("arm", "friction"):
             return [Change(numbers=dict.fromkeys(self.paths, factor))]
-        if self.kind == "scale":
-            return [Change(channels={self.subject: 1 / factor})]
-        return [
-            Change(channels={self.subject: factor}),
-            Change(numbers=dict.fromkeys(self.paths, 1 / factor)),
-        ]
+        is_place = self.kind == "scale"
+        reading = Change(channels={self.subject: 1 / factor if is_place else factor})
+        if not self.paths or factor < 0.0:
+            return [reading]
+        number = factor if is_place else 1 / factor
+        return [reading, Change(numbers=dict.fromkeys(self.paths, number))]
 
     @property
     def beyond(self) -> bool:

@@ -67,16 +67,20 @@ def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResi
     expected = asked.sum(axis=1) + stretch
     pulled = {i: tendon for i, tendon in enumerate(rig.tendons) if tendon.drive == sensor.of}
     arms = [_arm_std([*pulled.values()], joint.name) for joint in rig.joints]
-    tried = [Cause(sensor.name, "scale", expected, max(arms[j] for j in turned))]
+    radii = {
+        j: tuple(
+            f"tendons.{i}.{path}"
+            for i, tendon in pulled.items()
+            for path in _radii(tendon, rig.joints[j].name)
+        )
+        for j in turned
+    }
+    every = tuple(path for paths in radii.values() for path in paths)
+    tried = [Cause(sensor.name, "scale", expected, max(arms[j] for j in turned), paths=every)]
     if len(turned) > 1:
         for j in turned:
-            name = rig.joints[j].name
-            paths = tuple(
-                f"tendons.{i}.{path}"
-                for i, tendon in pulled.items()
-                for path in _radii(tendon, name)
-            )
-            tried.append(Cause(f"{sensor.of} at {name}", "arm", asked[:, j], arms[j], paths=paths))
+            subject = f"{sensor.of} at {rig.joints[j].name}"
+            tried.append(Cause(subject, "arm", asked[:, j], arms[j], paths=radii[j]))
     soft = float(np.hypot(COMPLIANCE, _stiffness_std([*pulled.values()])))
     if force is not None:
         paths = tuple(f"tendons.{i}.stiffness" for i in pulled)
