@@ -132,7 +132,7 @@ def judged(folder: Path, name: str) -> Outcome:
 
 def first_score(text: str) -> float:
     """Return the error that `distal fit` printed first [°]; NaN where it printed none."""
-    found = re.search(r"what gives the angle.*?\n[^\n]*\n\s*\S.*?\s\s+([\d.]+)\s", text, re.S)
+    found = re.search(r"what gives the angle.*?\n[^\n]*\n.*?\s(\d+\.\d+)\s", text, re.S)
     return float(found[1]) if found else float("nan")
 
 
@@ -223,6 +223,7 @@ def main() -> None:
     parser.add_argument("which", choices=("named", "lacking"))
     parser.add_argument("--rigs", type=int, default=60)
     parser.add_argument("--first-seed", type=int, default=400)
+    parser.add_argument("--seeds", type=int, nargs="+", help="only the rigs of these seeds")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--only", help="of the named rigs, those whose name has this word")
     parser.add_argument("--candidates", action="store_true")
@@ -230,7 +231,7 @@ def main() -> None:
     asked = parser.parse_args()
     cases: list[str | int] = [name for name in newcomers.CASES if (asked.only or "") in name]
     if asked.which == "lacking":
-        cases = list(range(asked.first_seed, asked.first_seed + asked.rigs))
+        cases = list(asked.seeds or range(asked.first_seed, asked.first_seed + asked.rigs))
     outcomes = []
     with ProcessPoolExecutor(asked.processes) as pool:
         jobs = [pool.submit(run, case, asked.candidates) for case in cases]

@@ -11,6 +11,7 @@ import pytest
 
 import distal
 from distal import diagnose, estimate, load_rig, simulate, write_log
+from distal.cli.console import table
 from distal.errors import OutputError
 from distal.logs import Episode, episodes_of
 from distal.logs.atomic_writes import write_together
@@ -234,3 +235,13 @@ def test_a_failed_write_says_what_it_did_not_write(tmp_path: Path) -> None:
     with pytest.raises(OutputError) as failed:
         write_together({path: "text"})
     assert failed.value.unsaved == {path: "text"}
+
+
+def test_a_long_name_in_a_table_hides_no_number(capsys: pytest.CaptureFixture[str]) -> None:
+    """What gives the angle may take a hundred characters; it goes on in the next line."""
+    name = "parameters by its equations, with play between drives and tendons and moment arms "
+    table("scores", ["what gives the angle", "RMS [°]"], [[2 * name, "0.158"], ["affine", "12.3"]])
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    assert "0.158" in printed
+    assert " ".join(printed.split()).count("by its equations") == 2

@@ -56,13 +56,23 @@ def failure(text: str) -> None:
     print(f"error: {one_line(text)}", file=sys.stderr)
 
 
+LONGEST = 60
+"""A first column of so many characters stays on one line."""
+
+
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], text: int = 1) -> None:
-    """Print a table; the first `text` columns are text, the others numbers. The first one is never
-    cut.
+    """Print a table; the first `text` columns are text, the others numbers. None is cut: a first
+    column longer than `LONGEST` goes on in the next line.
     """
     grid = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
     for i, name in enumerate(columns):
-        grid.add_column(name, justify="left" if i < text else "right", no_wrap=i == 0)
+        cells = [len(row[i]) for row in rows]
+        if i == 0:
+            grid.add_column(name, no_wrap=max(cells, default=0) <= LONGEST)
+        elif i < text:
+            grid.add_column(name)
+        else:
+            grid.add_column(name, justify="right", min_width=max(cells, default=0))
     for row in rows:
         grid.add_row(*row)
     out().print(grid)
