@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from tests.hand_rigs import hand
 
 from benchmarks.report import table
+from benchmarks.shell import written
 from benchmarks.strangers.servo_plants import PERIOD, PLANTS, Servos
-from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, fit, load_rig
+from distal import Inverse, LiveEstimator, LiveInverse, Log, Monitor, Rig, load_rig
 from distal.confidence import BAND
 from distal.control.tracking import FOR, HUNTS, constant_parts
 from distal.errors import DistalWarning
@@ -279,7 +280,7 @@ def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], 
         angles.append(noisy)
     matrix = np.column_stack([np.vstack(angles), np.ones(sum(map(len, angles)))])
     slopes = np.linalg.lstsq(matrix, np.vstack(places), rcond=None)[0]
-    fitted = fit(logs, rig).rig
+    fitted = written(rig, logs, "fit")
     return fitted, lambda wish: np.column_stack([wish, np.ones(len(wish))]) @ slopes
 
 

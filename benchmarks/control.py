@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import table
+from benchmarks.shell import written
 from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_truth
 from benchmarks.strangers.random_rigs import drawn_plant
-from distal import Log, Rig, fit, load_scenario, scenario_rig
+from distal import Log, Rig, load_scenario, scenario_rig
 from distal.control import PID, ClosedLoop, closed_loop, run_controller, track
 from distal.run import by_hour, estimate_pieces
 from distal.simulation import Scenario, simulate_pieces
@@ -102,7 +103,7 @@ def paper(plants: int) -> Found:
     for seed in range(FIRST, FIRST + plants):
         judged = with_plant(scenario, drawn_plant(rig, seed, 81))
         log = closed_loop(rig, with_plant(judged, {}, OTHER), seed + 100, feedback="encoder").log
-        fitted = fit([log], rig).rig
+        fitted = written(rig, [log], "fit")
         for name, used in (
             ("encoder", rig),
             ("adaptive", rig),

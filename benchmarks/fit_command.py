@@ -17,8 +17,6 @@ from __future__ import annotations
 import argparse
 import json
 import re
-import subprocess
-import sys
 import tempfile
 import time
 import warnings
@@ -29,15 +27,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 
 from benchmarks import newcomers
 from benchmarks.report import table
+from benchmarks.shell import command, write_rig
 from benchmarks.strangers import lacking
 from benchmarks.strangers.drawn_rigs import drawn_rig
 from distal import Log, Rig, estimate, fit, load_rig, read_log, write_log
 from distal.errors import DistalError
-from distal.fitting.fitted_file import plain
 from distal.logs import true_angles
 from distal.rig import build_rig
 
@@ -66,8 +63,7 @@ class Outcome:
 
 def write_folder(folder: Path, rig: Rig, logs: Sequence[Log], held_out: Sequence[Log]) -> None:
     """Write what a user has: a rig file, logs to fit and logs that are kept apart."""
-    raw = plain(rig.model_dump(exclude_defaults=True))
-    (folder / "mine.toml").write_text(tomlkit.dumps(raw), encoding="utf-8")
+    write_rig(rig, folder / "mine.toml")
     for kind, kept in (("run", logs), ("held_out", held_out)):
         for i, log in enumerate(kept):
             write_log(as_logged(log, rig), rig, folder / f"{kind}_{i}.csv")
@@ -98,13 +94,6 @@ def write_named(folder: Path, name: str) -> None:
     """Write the folder of one of the rigs of `benchmarks.newcomers`."""
     rig, logs, others = newcomers.CASES[name](folder)
     write_folder(folder, rig, logs, [log for kept in others.values() for log in kept][:4])
-
-
-def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run `distal` in a folder, as a shell does."""
-    return subprocess.run(
-        [sys.executable, "-m", "distal", *words], cwd=folder, capture_output=True, text=True
-    )
 
 
 def judged(folder: Path, name: str) -> Outcome:

@@ -8,12 +8,14 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 import distal
 from benchmarks.report import table
+from benchmarks.shell import written
 from benchmarks.strangers.servo_hands import (
     PERIOD,
     TORQUE_CONSTANT,
@@ -101,7 +103,13 @@ def calibrated(
         if routine.aborted:
             print("aborted:", routine.aborted)
     print(f"routine: {k * PERIOD:.0f} s")
-    return [(calibrate(routine.log(), rig), routine.log()) for routine in routines]
+    found = []
+    for routine in routines:
+        log = routine.log()
+        by_command = written(rig, [log], "calibrate")
+        # what is judged is the written file; only the faults have no place in it
+        found.append((replace(calibrate(log, rig), rig=by_command), log))
+    return found
 
 
 def motion(
@@ -209,7 +217,7 @@ def fitted(seeds: range, joints: Sequence[str]) -> list[list[str]]:
             ]
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", distal.DistalWarning)
-                learned = distal.fit(logs[:3], part.rig).rig
+                learned = written(part.rig, logs[:3], "fit")
                 last = Log(logs[3].time, logs[3].channels, {}, "last")
                 off["fitted"].append(distal.estimate(last, learned).angles[:, 0] - truth)
                 off["routine"].append(distal.estimate(last, part.rig).angles[:, 0] - truth)
