@@ -343,12 +343,14 @@ def test_a_truth_of_one_joint_of_a_chain_is_enough_for_its_own_drives(finger: Ri
 
 
 def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
-    """A place twice too large is halved, a tendon that stretches half as far is twice as stiff, a
+    """A place twice too large is halved, or its radius doubled; a tendon that stretches half as far is twice as stiff, a
     zero is taken off.
     """
     doubled = log_of(scale=2.0)
     (scale,) = _likeliest(doubled, finger, ERROR)[:1]
-    assert [change.channels for change in scale.undone] == [{"x_mcp_f": pytest.approx(0.5)}]
+    by_reading, by_number = scale.undone
+    assert by_reading.channels == {"x_mcp_f": pytest.approx(0.5)}
+    assert by_number.numbers == {"tendons.0.crossings.0.radius": pytest.approx(2.0)}
     soft = log_of(stiffness=STIFFNESS / 2)
     force = next(one for one in _likeliest(soft, finger, ERROR) if one.subject == "F_mcp_f")
     by_reading, by_number = force.undone
@@ -377,3 +379,23 @@ def test_without_a_truth_a_wrong_sign_comes_before_units_that_make_a_force_small
     assert why_diverged(turned, rig)[0].text.startswith(
         f"{channel} looks as if its sign were wrong"
     )
+
+
+def test_friction_is_a_cause(seen: Log, finger: Rig) -> None:
+    """A joint's friction three times what the plant has is named with its size."""
+    path = "joints.0.friction.coefficient"
+    rubs = finger.with_values({path: 3.0 * finger.joints[0].friction.coefficient.value})
+    said = diagnose(estimate(seen, rubs), seen, rubs)
+    looks = next(one for one in said.findings if one.kind in ("looks like", "would explain"))
+    assert looks.subject == "friction of mcp"
+    assert float(looks.text.split(" times")[0].split()[-1]) == pytest.approx(1 / 3, rel=0.4)
+
+
+def test_two_things_that_are_wrong_are_both_named(seen: Log, finger: Rig) -> None:
+    """The second is found beside the first."""
+    scaled = {"x_mcp_f": 1.5 * seen.channels["x_mcp_f"], "x_pip_e": 1.5 * seen.channels["x_pip_e"]}
+    wrong = replace(seen, channels={**seen.channels, **scaled})
+    said = diagnose(estimate(wrong, finger), wrong, finger)
+    text = " ".join(one.text for one in said.findings if one.kind == "looks like")
+    assert "x_mcp_f" in text
+    assert "pip_e" in text

@@ -78,6 +78,35 @@ class TestRerun:
         wide = estimate(log, rig.with_values({path: 1.1 * radius}))
         np.testing.assert_allclose(other.means[:, 0], wide.theta, atol=2e-4)
 
+    def test_a_number_that_is_estimated_begins_elsewhere_too(self, rig: Rig, log: Log) -> None:
+        path = "joints.0.friction.coefficient"
+        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        doubled = rig.with_values({path: 2.0 * rig.joints[0].friction.coefficient.value})
+        np.testing.assert_allclose(
+            rerun(Change(numbers={path: 2.0})).means[:, 0], estimate(log, doubled).theta, atol=2e-4
+        )
+
+    def test_two_columns_that_are_exchanged_or_late(self, rig: Rig, log: Log) -> None:
+        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        pair = {"u1": log.channels["u2"], "u2": log.channels["u1"]}
+        swapped = Log(log.time, {**log.channels, **pair}, dict(log.truth), log.source)
+        np.testing.assert_array_equal(
+            rerun(Change(exchanged=("u1", "u2"))).means, estimate(swapped, rig).means
+        )
+        late = np.interp(log.time + 0.02, log.time, log.channels["u1"])
+        later = Log(log.time, {**log.channels, "u1": late}, dict(log.truth), log.source)
+        np.testing.assert_array_equal(
+            rerun(Change(later={"u1": 0.02})).means, estimate(later, rig).means
+        )
+
+    def test_two_changes_are_one(self, rig: Rig, log: Log) -> None:
+        first = Change(channels={"u1": 2.0, "u2": 3.0}, added={"x1": 1.0}, later={"u1": 0.1})
+        both = first & Change(channels={"u1": 0.25}, added={"x1": 2.0}, exchanged=("x1", "x2"))
+        assert both.channels == {"u1": 0.5, "u2": 3.0}
+        assert both.added == {"x1": 3.0}
+        assert both.later == {"u1": 0.1}
+        assert both.exchanged == ("x1", "x2")
+
     def test_a_start(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         other = rerun(Change(shifts={"common factor of tendons.stiffness": 0.1}))

@@ -56,7 +56,7 @@ def diagnose(
         homing: for how long the truth was used [s], or None.
         ranges: channel → lowest and highest value that a fit has seen, SI; default those of the
             rig's `[affine]`, if any.
-        what_if: run the filter again with one thing changed; it costs 20 to 80 runs of the log's
+        what_if: run the filter again with one thing changed; it costs 20 to 150 runs of the log's
             first 2000 samples.
 
     Raises:

@@ -75,7 +75,7 @@ def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
     score = _Score(rerun)
     first = score.of([*_of_causes(causes), *_of_frictions(rerun.runner)])
     again = [nearer for trial in _best_of_each(first)[:LIKELIEST] for nearer in _nearer(trial)]
-    found = _best_of_each([*first, *score.of(again)])[:LIKELIEST]
+    found = _best_of_each([*first, *score.of(again)])
     if not found or found[0].gain < SURE:
         return []
     best, *others = found
@@ -105,10 +105,14 @@ class _Score:
         self._base = self._cost(rerun.base)
 
     def of(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Return trials with what each gains."""
-        outcomes = self._rerun.each(trial.change for trial in trials)
+        """Return trials with what each gains; those of numbers that the filter's kernel has as
+        constants are left out.
+        """
+        known = set(self._rerun.runner.parameter_names)
+        possible = [trial for trial in trials if trial.change.numbers.keys() <= known]
+        outcomes = self._rerun.each(trial.change for trial in possible)
         scored = []
-        for trial, outcome in zip(trials, outcomes):
+        for trial, outcome in zip(possible, outcomes):
             if not outcome.bounded:
                 continue
             gain = self._base - self._cost(outcome)
