@@ -343,8 +343,8 @@ def test_a_truth_of_one_joint_of_a_chain_is_enough_for_its_own_drives(finger: Ri
 
 
 def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
-    """A place twice too large is halved, or its radius doubled; a tendon that stretches half as far is twice as stiff, a
-    zero is taken off.
+    """A place twice too large is halved, or its radius doubled; a tendon that stretches half as far
+    is twice as stiff.
     """
     doubled = log_of(scale=2.0)
     (scale,) = _likeliest(doubled, finger, ERROR)[:1]

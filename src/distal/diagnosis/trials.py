@@ -26,8 +26,8 @@ FRICTIONS = (0.4, 2.5)
 """Friction is tried at so many times the rig's."""
 
 FACTORS = (0.5, 0.67, 0.87, 1.15, 1.5, 2.0)
-"""A stiffness or a force's scale is tried at so many times the rig's: its own column goes with
-others.
+"""A stiffness, or the scale of a place, is tried at so many times the rig's too: their columns go
+with each other.
 """
 
 NEARER = (0.35, 0.6, 0.8, 1.2, 1.5)
@@ -70,7 +70,8 @@ def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
 
     −2 ln p = k Σ_j ln(e_j² + σ_j²) + 2 ln(1 + δ²), with e_j the RMS error of joint j, σ_j its mean
     std, k the number of independent samples, and δ how far the rig is changed in its own stds
-    (Cauchy's prior: a thing that is wrong may be so by any size).
+    (Cauchy's prior: a thing that is wrong may be so by any size). What sensors then agree less
+    with each other is taken off.
     """
     score = _Score(rerun)
     first = score.of([*_of_causes(causes), *_of_frictions(rerun.runner)])
@@ -79,12 +80,11 @@ def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
     if not found or found[0].gain < SURE:
         return []
     best, *others = found
-    alike = [other for other in others if best.gain - other.gain < ALIKE]
-    if alike:
-        return [best, alike[0]]
-    together = score.of([replace(other, change=best.change & other.change) for other in others])
+    further = [way for cause in causes for way in _ways(cause) if _key(way) != _key(best)]
+    together = score.of([replace(way, change=best.change & way.change) for way in further])
     beside = [trial for trial in together if trial.gain > best.gain + SURE and _halves(trial, best)]
-    return [best, *_best_of_each(beside)[:1]]
+    alike = [other for other in others if best.gain - other.gain < ALIKE]
+    return [best, *(_best_of_each(beside) or alike)[:1]]
 
 
 def _halves(trial: Trial, before: Trial) -> bool:
@@ -115,11 +115,18 @@ class _Score:
         for trial, outcome in zip(possible, outcomes):
             if not outcome.bounded:
                 continue
-            gain = self._base - self._cost(outcome)
+            gain = self._base - self._cost(outcome) - self._disagrees(outcome)
             gain -= 2.0 * float(np.log1p(trial.cause.unlikely**2))
             errors, before = self._errors(outcome), self._errors(self._rerun.base)
             scored.append(replace(trial, gain=gain, errors=errors, before=before))
         return scored
+
+    def _disagrees(self, outcome: Outcome) -> float:
+        """Return by how much less sensors agree with each other, in −2 ln p: a reading that is
+        made so wrong that the filter leaves it out explains nothing.
+        """
+        lost = _likelihood(self._rerun.base) - _likelihood(outcome)
+        return 2.0 * self._count * max(lost, 0.0)
 
     def _errors(self, outcome: Outcome) -> Floats:
         squares = (outcome.means[:, : self._truths.shape[1]] - self._truths) ** 2
@@ -131,6 +138,11 @@ class _Score:
 
     def _cost(self, outcome: Outcome) -> float:
         return self._count * float(np.nansum(np.log(self._errors(outcome) ** 2 + self._variances)))
+
+
+def _likelihood(outcome: Outcome) -> float:
+    """Return ln p of innovations per compared value."""
+    return outcome.log_likelihood / max(int(np.isfinite(outcome.innovations).sum()), 1)
 
 
 def _ways(cause: Cause) -> list[Trial]:
@@ -147,7 +159,7 @@ def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
     """Yield what places of drives beside the truth look like, each way to take it off."""
     for cause in causes:
         yield from _ways(cause)
-        if cause.kind == "stiffness":
+        if cause.kind in ("stiffness", "scale"):
             yield from _scaled(cause, FACTORS)
         if cause.kind == "force":
             yield from _scaled(cause, cause.units)
@@ -172,12 +184,15 @@ def _of_frictions(runner: AdaptiveFilter) -> Iterator[Trial]:
                 yield from _scaled(cause, FRICTIONS)
 
 
+def _key(trial: Trial) -> tuple[str, str]:
+    return trial.cause.subject, COMPLIANCE.get(trial.cause.kind, trial.cause.kind)
+
+
 def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
     """Return the best trial of each subject and kind, the likeliest first."""
     best = dict[tuple[str, str], Trial]()
     for trial in trials:
-        kind = COMPLIANCE.get(trial.cause.kind, trial.cause.kind)
-        key = (trial.cause.subject, kind)
+        key = _key(trial)
         if key not in best or trial.gain > best[key].gain:
             best[key] = trial
     return sorted(best.values(), key=lambda trial: -trial.gain)
