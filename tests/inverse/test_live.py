@@ -363,6 +363,19 @@ def test_a_wrong_setting_is_named(change: dict[str, object], words: str) -> None
         LiveInverse(RIG, compiled=False, **change)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("gain", ["follow", "deadband", "proportional", "integral", "derivative"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -1.0])
+def test_a_gain_that_makes_no_sense_is_named(gain: str, wrong: float) -> None:
+    with pytest.raises(CommandError, match=rf"feedback\.{gain}: 0 or a finite number above"):
+        Feedback(**{gain: wrong})
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, np.nan])
+def test_a_limit_of_torque_is_above_zero(limit: float) -> None:
+    with pytest.raises(CommandError, match=r"feedback\.torque_limit: a torque above 0"):
+        Feedback(torque_limit=limit)
+
+
 @pytest.mark.parametrize("wanted", [[0.1, 0.2], {"elbow": 0.1}, []])
 def test_wanted_angles_are_those_of_the_joints(wanted: object, inverse: LiveInverse) -> None:
     with pytest.raises(CommandError, match="link"):

@@ -42,6 +42,9 @@ class Feedback:
         integral: the same [N m/(rad s)].
         derivative: the same [N m s/rad].
         torque_limit: of the three together [N m].
+
+    Raises:
+        CommandError: a gain is negative, or no finite number; or no torque is allowed.
     """
 
     follow: float = 1.0
@@ -50,6 +53,16 @@ class Feedback:
     integral: float = 0.0
     derivative: float = 0.0
     torque_limit: float = 1e300
+
+    def __post_init__(self) -> None:
+        for name in ("follow", "deadband", "proportional", "integral", "derivative"):
+            gain = getattr(self, name)
+            if not (isfinite(gain) and gain >= 0.0):
+                raise CommandError(f"feedback.{name}: 0 or a finite number above, {gain} came")
+        if not self.torque_limit > 0.0:
+            raise CommandError(
+                f"feedback.torque_limit: a torque above 0 N m, {self.torque_limit} came"
+            )
 
 
 @dataclass(frozen=True)
