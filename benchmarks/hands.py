@@ -103,13 +103,14 @@ def calibrated(
         if routine.aborted:
             print("aborted:", routine.aborted)
     print(f"routine: {k * PERIOD:.0f} s")
-    found = []
-    for routine in routines:
-        log = routine.log()
-        by_command = written(rig, [log], "calibrate")
-        # what is judged is the written file; only the faults have no place in it
-        found.append((replace(calibrate(log, rig), rig=by_command), log))
-    return found
+    return [(calibrate(routine.log(), rig), routine.log()) for routine in routines]
+
+
+def as_written(found: Sequence[tuple[Calibrated, Log]], rig: Rig) -> list[tuple[Calibrated, Log]]:
+    """Return calibrations whose rigs are those of the files that `distal calibrate` writes; faults
+    have no place in a file.
+    """
+    return [(replace(one, rig=written(rig, [log], "calibrate")), log) for one, log in found]
 
 
 def motion(
@@ -189,7 +190,7 @@ def fitted(seeds: range, joints: Sequence[str]) -> list[list[str]]:
     """
     known, hands = orca_like(seeds, joints)
     rig, rows = rig_of(known), list[list[str]]()
-    found = calibrated(known, hands, rig)
+    found = as_written(calibrated(known, hands, rig), rig)
     m = len(known.motors)
     ends = np.zeros((2, len(found), m))
     for a, (_, log) in enumerate(found):
@@ -242,7 +243,7 @@ def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[lis
     known, hands = make(seeds)
     rig = rig_of(known)
     begun = time.perf_counter()
-    found = calibrated(known, hands, rig)
+    found = as_written(calibrated(known, hands, rig), rig)
     print(
         f"calibrated {len(found)} hands, {(time.perf_counter() - begun) / len(found):.1f} s each "
         "with their plants"

@@ -16,6 +16,7 @@ from distal import estimate
 from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved
 from distal.hands.findings import faults_of
+from distal.hands.routine import OF_PAIR
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
 from distal.rig import Capstan, Rig
@@ -179,17 +180,38 @@ def test_a_torque_far_beyond_the_limit_ends_it() -> None:
     assert routine.aborted == "m1: a torque of 0.90 N m; its limit is 0.15"
 
 
-def test_a_motor_that_does_not_move_ends_it_in_time() -> None:
+@pytest.mark.parametrize(("torque", "most"), [(0.0, 0.55), (nan, 0.25)])
+def test_a_motor_that_does_not_move_ends_it_at_once(torque: float, most: float) -> None:
+    """0.29 s until the goal is as far ahead as it may be, and 0.2 s in which it stands."""
     known, _ = hand()
-    routine = Routine(rig_of(known), RoutineOptions(longest=3.0))
+    routine = Routine(rig_of(known))
     k = 0
     while not routine.done:
-        routine.step(
-            0.01 * k, {"m1_position": 1.0, "m1_current": 0.0, "m2_position": 2.0, "m2_current": 0.0}
-        )
+        still = {"m1_position": 1.0, "m1_current": torque}
+        goals = routine.step(0.01 * k, {**still, "m2_position": 2.0, "m2_current": 0.0})
         k += 1
-    assert k == pytest.approx(300, abs=3)
-    assert "does the motor move?" in routine.aborted
+    assert 0.01 * k < most
+    assert "does the motor move, and is its current read?" in routine.aborted
+    assert goals["m1"] == 1.0
+
+
+@pytest.mark.parametrize("read", [0.0, nan])
+def test_without_a_current_no_motor_pushes_into_its_stop(read: float) -> None:
+    """The plant says for how long: less than a second, as the page on hands promises."""
+    known, hands = hand()
+    routine = Routine(rig_of(known))
+    signs = hands.d.signs
+    places, torques = (hands.places + hands.d.zeros * signs)[0], [np.zeros(2)]
+    while not routine.done and len(torques) < 4000:
+        sample = {f"m{i + 1}_position": places[i] for i in range(2)}
+        sample |= {f"m{i + 1}_current": read for i in range(2)}
+        goals = routine.step(0.01 * len(torques), sample)
+        state = hands.step(np.array([[goals["m1"], goals["m2"]]]) * signs)
+        places = (state["places"] * signs)[0]
+        torques.append(0.5 * np.abs(state["currents"])[0])
+    assert routine.aborted.startswith("m1: stands still")
+    pushed = 0.01 * np.count_nonzero(np.array(torques)[:, 0] > OF_PAIR)
+    assert pushed < 1.0
 
 
 def test_it_can_be_aborted_at_any_time() -> None:

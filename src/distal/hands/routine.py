@@ -52,6 +52,11 @@ SILENT = 0.5
 STRONGEST = 5.0
 """No motor of a hand is asked for more torque than this [N m]."""
 
+STILL, CREEPS = 0.2, 0.01
+"""The routine ends where a motor, driven as far as it may be and without a torque that says why,
+moves by less than so many radians in so many seconds: it may push, and nothing tells how hard.
+"""
+
 LARGEST = 3.0
 """The routine ends where a torque is above this many times its limit."""
 
@@ -95,6 +100,7 @@ class _Motor:
         self.goal, self.begin, self.place, self.started = nan, nan, nan, nan
         self.ends: dict[int, float] = {}
         self.beyond, self.rested = 0.0, False
+        self.still, self.stood_at = 0.0, nan
 
     def step(
         self, time: float, dt: float, place: float, torque: float, options: RoutineOptions
@@ -135,6 +141,16 @@ class _Motor:
         speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, place - LEAD, place + LEAD))
+
+    def stands(self, dt: float, place: float, torque: float) -> bool:
+        """Return whether it stands still, although it is driven and no torque is at its limit."""
+        unread = not isfinite(torque)
+        driven = unread or self.way * (self.goal - place) >= LEAD - CREEPS
+        if not driven or not abs(place - self.stood_at) < CREEPS:
+            self.still, self.stood_at = 0.0, place
+            return False
+        self.still += dt
+        return self.still >= STILL and (unread or self.way * torque <= self.limit)
 
     @property
     def rest(self) -> float:
@@ -241,6 +257,13 @@ class Routine:
             self._goals[name] = place
             return self.abort(
                 f"{name}: a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
+            )
+        if motor.done < self._options.sweeps and motor.stands(dt, place, torque):
+            self._goals[name] = place
+            read = f"reads {torque:.2f} N m" if isfinite(torque) else "is not read"
+            return self.abort(
+                f"{name}: stands still at {np.rad2deg(place):.0f}° and its torque {read}, where "
+                f"{motor.limit:.2f} N m end a sweep: does the motor move, and is its current read?"
             )
         motor.step(time, dt, place, torque if isfinite(torque) else 0.0, self._options)
         self._goals[name] = motor.goal
