@@ -54,7 +54,7 @@ class Step:
     swapped: tuple[str, str] | None = None
 
 
-def steps(rig: Rig) -> Iterator[Step]:
+def steps(rig: Rig, factors: Sequence[float] = FACTORS) -> Iterator[Step]:
     """Yield the right rig, then all wrong ones, each with words of which one has to be in what is
     said of its cause.
     """
@@ -73,7 +73,7 @@ def steps(rig: Rig) -> Iterator[Step]:
             for key in ("gear", "torque_constant_motor"):
                 if getattr(sensor, key, None) not in (None, 1.0):
                     yield from _scaled(
-                        f"sensors.{sensor.name}.{key}", float(getattr(sensor, key)), words
+                        f"sensors.{sensor.name}.{key}", float(getattr(sensor, key)), words, factors
                     )
         if sensor.measures == "position":
             yield Step(
@@ -93,16 +93,20 @@ def steps(rig: Rig) -> Iterator[Step]:
             for sensor in rig.sensors
             if sensor.of == tendon.drive and sensor.measures == "force"
         )
-        yield from _scaled(f"tendons.{tendon.name}.stiffness", tendon.stiffness.value, force)
         yield from _scaled(
-            f"tendons.{tendon.name}.pretension", tendon.pretension.value, (*places, *force)
+            f"tendons.{tendon.name}.stiffness", tendon.stiffness.value, force, factors
+        )
+        yield from _scaled(
+            f"tendons.{tendon.name}.pretension", tendon.pretension.value, (*places, *force), factors
         )
         for path, shape in tendon.shapes():
             radius = getattr(shape, "radius", None)
             if radius is not None:
                 joint = tendon.joints[int(path.split(".")[1])] if "." in path else tendon.joints[0]
                 words = (f"{tendon.drive} at {joint}", *(places if len(tendon.joints) == 1 else ()))
-                yield from _scaled(f"tendons.{tendon.name}.{path}.radius", radius.value, words)
+                yield from _scaled(
+                    f"tendons.{tendon.name}.{path}.radius", radius.value, words, factors
+                )
     yield from _swaps(rig)
     yield from _frictions(rig)
     for drive in rig.drives:
@@ -112,7 +116,7 @@ def steps(rig: Rig) -> Iterator[Step]:
                 for sensor in rig.sensors
                 if sensor.of == drive.name and sensor.measures == "position"
             )
-            yield from _scaled(f"drives.{drive.name}.radius", drive.radius.value, places)
+            yield from _scaled(f"drives.{drive.name}.radius", drive.radius.value, places, factors)
 
 
 def _swaps(rig: Rig) -> Iterator[Step]:
@@ -140,8 +144,10 @@ def _frictions(rig: Rig) -> Iterator[Step]:
                         )
 
 
-def _scaled(path: str, value: float, causes: tuple[str, ...]) -> Iterator[Step]:
-    for factor in FACTORS:
+def _scaled(
+    path: str, value: float, causes: tuple[str, ...], factors: Sequence[float]
+) -> Iterator[Step]:
+    for factor in factors:
         yield Step(f"{path} × {factor:g}", causes, (f"{path}={value * factor:.9g}",))
 
 
@@ -201,7 +207,7 @@ def placed(name: str, seed: int, path: Path) -> Callable[[Sequence[str]], Rig]:
 
 
 def counted(
-    seed: int, names: Sequence[str]
+    seed: int, names: Sequence[str], factors: Sequence[float] = FACTORS
 ) -> Iterator[tuple[str, Step, Log, Rig, Estimate | None]]:
     """Yield each step that counts: name of the plant, step, log, rig, and what was estimated unless
     it diverged.
@@ -211,7 +217,7 @@ def counted(
             path = Path(folder) / f"{name}.csv"
             rig_of = placed(name, seed, path)
             right = np.inf
-            for step in steps(rig_of(())):
+            for step in steps(rig_of(()), factors):
                 rig = rig_of(step.overrides)
                 log = read_log(path, rig)
                 if step.channel or step.swapped:
@@ -269,9 +275,12 @@ def main() -> None:
         help=f"of {', '.join((*GIVEN, *PLANTS))}; default the given",
     )
     parser.add_argument("--blind", action="store_true", help="without the truth")
+    parser.add_argument(
+        "--factors", type=float, nargs="+", default=FACTORS, help="how wrong each number is"
+    )
     given = parser.parse_args()
     verdicts = []
-    for name, step, log, rig, result in counted(given.seed, given.plants):
+    for name, step, log, rig, result in counted(given.seed, given.plants, given.factors):
         is_named, consistent, said = judged(step, log, rig, result, given.blind)
         missed = consistent and not (given.blind and is_named)
         verdicts.append((is_named, missed))

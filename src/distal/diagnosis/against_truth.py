@@ -9,14 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.causes import MOST, Cause, DriveResidual
 from distal.diagnosis.drive_residuals import residual_of, swaps
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.rerun import Rerun
-from distal.diagnosis.trials import Trial, tried
+from distal.diagnosis.trials import tried
 from distal.logs import Log, true_angles
 from distal.results import Estimate
 from distal.rig import Rig
@@ -73,7 +72,8 @@ def against_truth(
         )
         if rerun is None:
             return [*causes(log, rig, float(rms[most])), outside]
-        return [*_named([trial.cause for trial in _tried(log, rig, rerun())]), outside]
+        trials = tried(rerun(), _of_drives(log, rig, DriveResidual.alone))
+        return [*_named([trial.cause for trial in trials]), outside]
     beyond = causes(log, rig, float(rms[most]), beyond=True)
     widths = BAND * np.median(result.angle_stds, axis=0)
     most = int(np.argmax(rms / widths))
@@ -82,22 +82,9 @@ def against_truth(
     inside = sentences.errs_inside(result.joint_names[most], float(rms[most]), float(shares[most]))
     if rerun is None:
         return [inside]
-    sure = [
-        trial.cause
-        for trial in _tried(log, rig, rerun())
-        if trial.errors[most] < MUCH * trial.before[most]
-    ]
+    trials = tried(rerun(), _of_drives(log, rig, DriveResidual.alone))
+    sure = [trial.cause for trial in trials if trial.errors[most] < MUCH * trial.before[most]]
     return [inside, *(replace(cause, kind="would explain") for cause in _named(sure))]
-
-
-def _tried(log: Log, rig: Rig, rerun: Rerun) -> list[Trial]:
-    """Return the likeliest causes by the filter without each."""
-    found = _known(log, rig)
-    if found is None:
-        return []
-    angles, drives = found
-    alone = [cause for drive in drives for cause in drive.alone()]
-    return tried(rerun, [*alone, *swaps(log, rig, angles, drives)])
 
 
 def causes(log: Log, rig: Rig, error: float, *, beyond: bool = False) -> list[Finding]:
@@ -124,22 +111,19 @@ def _named(found: Sequence[Cause]) -> list[Finding]:
 
 def _likeliest(log: Log, rig: Rig, error: float) -> list[Cause]:
     """Return what would explain an `error` of the angle [rad], the likeliest first."""
-    known = _known(log, rig)
-    if known is None:
-        return []
-    angles, drives = known
-    found = [cause for drive in drives for cause in drive.causes()]
-    found += swaps(log, rig, angles, drives)
+    found = _of_drives(log, rig, DriveResidual.causes)
     found.sort(key=lambda cause: -round(cause.gain))
     return [cause for cause in found if cause.size > SHARE * min(error, LOST)]
 
 
-def _known(log: Log, rig: Rig) -> tuple[Floats, list[DriveResidual]] | None:
-    """Return the true angles and what the places of drives leave beside them; None where no truth
-    is known.
+def _of_drives(log: Log, rig: Rig, of_drive: Callable[[DriveResidual], list[Cause]]) -> list[Cause]:
+    """Return the causes of what the place of each drive leaves beside the truth, and columns that
+    may be exchanged; nothing where no truth is known.
     """
     angles = true_angles(log, [joint.name for joint in rig.joints])
     if angles is None:
-        return None
-    drives = (residual_of(log, rig, angles, sensor) for sensor in rig.sensors_of("position"))
-    return angles, [drive for drive in drives if drive is not None]
+        return []
+    found = (residual_of(log, rig, angles, sensor) for sensor in rig.sensors_of("position"))
+    drives = [drive for drive in found if drive is not None]
+    each = [cause for drive in drives for cause in of_drive(drive)]
+    return [*each, *swaps(log, rig, angles, drives)]

@@ -30,8 +30,13 @@ FACTORS = (0.5, 0.67, 0.87, 1.15, 1.5, 2.0)
 with each other.
 """
 
-NEARER = (0.35, 0.6, 0.8, 1.2, 1.5)
-"""The likeliest changes are tried again at so many times their size."""
+SPACING = 1.3
+"""Of two neighbours among these, as a factor."""
+
+NEARER = (0.4, 0.2, 0.1)
+"""The likeliest changes are tried again, each time at sizes so much smaller and larger, as shares:
+three halvings of what lies between two `FACTORS`.
+"""
 
 LIKELIEST = 6
 """So many are tried again."""
@@ -73,10 +78,13 @@ def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
     (Cauchy's prior: a thing that is wrong may be so by any size). What sensors then agree less
     with each other is taken off.
     """
+    if not causes:
+        return []
     score = _Score(rerun)
-    first = score.of([*_of_causes(causes), *_of_frictions(rerun.runner)])
-    again = [nearer for trial in _best_of_each(first)[:LIKELIEST] for nearer in _nearer(trial)]
-    found = _best_of_each([*first, *score.of(again)])
+    found = _best_of_each(score.of([*_of_causes(causes), *_of_frictions(rerun.runner)]))
+    for share in NEARER:
+        again = [nearer for trial in found[:LIKELIEST] for nearer in _nearer(trial, share)]
+        found = _best_of_each([*found, *score.of(again)])
     if not found or found[0].gain < SURE:
         return []
     best, *others = found
@@ -198,13 +206,18 @@ def _best_of_each(trials: Sequence[Trial]) -> list[Trial]:
     return sorted(best.values(), key=lambda trial: -trial.gain)
 
 
-def _nearer(trial: Trial) -> list[Trial]:
-    """Return the same cause with sizes around that of a trial, taken off in the same way."""
+def _nearer(trial: Trial, share: float) -> list[Trial]:
+    """Return the same cause, taken off in the same way, with a change that is smaller and one that
+    is larger by a `share`; factors by that of the distance of two `FACTORS`.
+    """
     cause, change = trial.cause, trial.cause.change
     if cause.kind == "swap" or change <= -1.0:
         return []
-    is_shift = cause.kind in ("zero", "delay")
-    sizes = [share * change if is_shift else (1.0 + change) ** share - 1.0 for share in NEARER]
+    if cause.kind in ("zero", "delay"):
+        sizes = [(1.0 - share) * change, (1.0 + share) * change]
+    else:
+        step = SPACING**share
+        sizes = [(1.0 + change) / step - 1.0, (1.0 + change) * step - 1.0]
     way = cause.undone.index(trial.change)
     others = [replace(cause, change=size) for size in sizes]
     return [Trial(other, other.undone[way]) for other in others]
