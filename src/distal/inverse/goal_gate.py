@@ -1,0 +1,226 @@
+"""The one place through which every goal of a motor goes: what cannot pass is not sent.
+
+A motor gets a goal after its first reading, and none while its reading is in doubt. Its goal is a
+finite place within its range, no faster than it can go. Where it has no reading for `OLDEST`, it
+stops, and with it each motor whose tendons cross one of its joints: it keeps the goal that was sent
+last if that agrees with where it was, u − s ≈ v T + u_F/K, and otherwise gets  s + v T + u_F/K, with
+s and v its last place and speed, T its lag, and u_F/K how far ahead of its place a goal has to be so
+that a servo of stiffness K holds the force u_F. Not s: a servo would give way by that much. After
+`PATIENCE` what the rig calls `when_lost` happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, isfinite, pi
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.rig import Rig, Slider
+from distal.run.drive_range import motor_range
+from distal.run.log_units import FASTEST
+
+OLDEST = 0.1
+"""A reading that is older does not tell where a motor is [s]."""
+
+PATIENCE = 1.0
+"""A motor that stopped for longer does what the rig says in `when_lost` [s]."""
+
+EASES = 1.0
+"""A force that a motor no longer holds goes down over this time [s]."""
+
+LAG = 0.05
+"""Lag of a servo of which the rig says nothing, as that of a small servo at 3 Hz [s]."""
+
+STANDS = 0.05
+"""A motor that is slower stands [rad/s, m/s]."""
+
+AGREES = 0.05
+"""A goal this near to what a motor's last place and force say is kept [rad, m]."""
+
+JUMP = 0.1
+"""A place that moved by this more than its motor can is in doubt [rad, m]."""
+
+
+class GoalGate:
+    """Takes in what motors read and lets their goals pass, (n_drives,) each, SI.
+
+    Args:
+        rig: the description.
+        bounded: whether goals stay within the ranges of the joints; a power-on routine does not
+            know them yet.
+    """
+
+    def __init__(self, rig: Rig, *, bounded: bool = True) -> None:
+        drives = rig.drives
+        self._names = [drive.name for drive in drives]
+        servos = [drive.servo for drive in drives]
+        fastest = [None if servo is None else servo.fastest for servo in servos]
+        self._fastest = np.array([FASTEST if most is None else most for most in fastest])
+        self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
+        self._ends = np.array([_ends(rig, name, bounded) for name in self._names])
+        self._together = _together(rig)
+        self._relaxes = rig.when_lost == "relax"
+        holds = [getattr(servo, "continuous_torque", None) for servo in servos]
+        self._continuous = np.array([inf if most is None else most for most in holds])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: the next reading of each motor is its first."""
+        n = len(self._names)
+        self._place, self._raw, self._sent, self._ahead, self._held = np.full((5, n), np.nan)
+        self._speed, self._torque = np.zeros((2, n))
+        self._at, self._raw_at, self._stopped_at = np.full((3, n), -inf)
+        self._doubted = np.zeros(n, dtype=bool)
+        self._time = -inf
+
+    def clone(self, rig: Rig) -> GoalGate:
+        """Return another one that goes on alone."""
+        other = GoalGate(rig)
+        for name, value in vars(self).items():
+            setattr(other, name, value.copy() if isinstance(value, np.ndarray) else value)
+        return other
+
+    def read(
+        self, time: float, places: Floats, torques: Floats | None = None, doubts: Sequence[str] = ()
+    ) -> Floats:
+        """Take in what motors read, NaN where lost, and return the places that can be believed.
+
+        Args:
+            time: stamp [s].
+            places: what the sensors of the drives' places read [m, rad], (n_drives,).
+            torques: what the motors pull with [N, N m], (n_drives,).
+            doubts: motors whose turn is not known.
+        """
+        known = np.isfinite(places)
+        self._time = max(self._time, time)
+        first = known & ~np.isfinite(self._raw)
+        # a motor that was silent may be anywhere within its speed; one in doubt comes back to where
+        # it was before
+        since = time - np.where(self._doubted, np.maximum(self._at, time - OLDEST), self._raw_at)
+        moved = np.abs(places - np.where(self._doubted, self._place, self._raw))
+        jumped = known & ~first & ~(moved <= self._fastest * since + JUMP)
+        self._doubted = np.where(known & ~first, jumped, self._doubted)
+        self._doubted |= np.isin(self._names, doubts)
+        sound = known & ~self._doubted
+        gap = time - self._at
+        recent = sound & (gap > 0.0) & (gap <= OLDEST)
+        speed = np.divide(places - self._place, gap, out=np.zeros(len(gap)), where=recent)
+        self._speed = np.where(recent, (self._speed + speed) / 2, np.where(sound, 0, self._speed))
+        self._raw, self._raw_at = np.where(known, places, self._raw), np.where(known, time, self._raw_at)
+        self._place, self._at = np.where(sound, places, self._place), np.where(sound, time, self._at)
+        standing = sound & (np.abs(self._speed) < STANDS)
+        self._ahead = np.where(standing, self._sent - places, self._ahead)
+        if torques is not None:
+            self._torque = np.where(np.isfinite(torques), torques, self._torque)
+        return np.where(sound, places, np.nan)
+
+    @property
+    def unread(self) -> list[str]:
+        """Motors that were never read."""
+        return self._named(~np.isfinite(self._place))
+
+    @property
+    def stopped(self) -> Bools:
+        """Which motors stand because a reading is lost or in doubt, (n_drives,)."""
+        lost = (self._time - self._at > OLDEST) | self._doubted
+        stopped: Bools = self._together @ lost
+        return stopped
+
+    @property
+    def holding(self) -> Floats:
+        """The torques that stopped motors had [N, N m], less what is eased off; infinite for the
+        others, (n_drives,).
+        """
+        return np.where(self.stopped, np.abs(self._torque) * self._share(), inf)
+
+    @property
+    def note(self) -> str:
+        """What is held back and why, in words; may be empty."""
+        doubted = self._named(self._doubted)
+        lost = self._named((self._time - self._at > OLDEST) & ~self._doubted)
+        also = self._named(self.stopped & (self._time - self._at <= OLDEST) & ~self._doubted)
+        eased = self._named(self.stopped & (self._share() < 1.0))
+        parts = [
+            ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
+            (f"no reading of {{}} for {OLDEST:g} s: it stops", lost),
+            ("{} stops too: its tendons cross the same joint", also),
+            ("{} gives way", eased),
+        ]
+        return "; ".join(words.format(", ".join(names)) for words, names in parts if names)
+
+    def passed(self, time: float, goals: Floats) -> Floats:
+        """Return what is sent to the motors, NaN for one to which nothing is.
+
+        Args:
+            time: now [s].
+            goals: places as the sensors would read them, NaN for no new one, (n_drives,).
+        """
+        self._time = max(self._time, time)
+        stopped = self.stopped
+        begins = stopped & ~np.isfinite(self._held)
+        self._held = np.where(begins, self._where_it_stops(), np.where(stopped, self._held, np.nan))
+        self._stopped_at = np.where(begins, time, self._stopped_at)
+        low, high = self._ends.T
+        before = np.where(np.isfinite(self._sent), self._sent, self._place)
+        wanted = np.where(np.isfinite(goals), goals, self._sent)
+        wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
+        most = self._fastest * OLDEST
+        wanted = np.clip(wanted, before - most, before + most)
+        eased = self._held - (1.0 - self._share()) * np.where(
+            np.isfinite(self._ahead), self._ahead, 0.0
+        )
+        sent = np.where(stopped, eased, wanted)
+        self._sent = np.where(np.isfinite(self._place), sent, np.nan)
+        return np.where(self._doubted, np.nan, self._sent)
+
+    def _where_it_stops(self) -> Floats:
+        """Return the goals at which motors stop that have no reading any more."""
+        coming = self._place + self._speed * self._lag + np.where(
+            np.isfinite(self._ahead), self._ahead, 0.0
+        )
+        agrees = np.abs(self._sent - coming) <= AGREES + np.abs(self._speed) * self._lag
+        unknown = ~np.isfinite(self._ahead)
+        return np.where(np.isfinite(self._sent) & (agrees | unknown), self._sent, coming)
+
+    def _share(self) -> Floats:
+        """Return the share of its force that each motor still holds."""
+        stopped_for = self._time - self._stopped_at - PATIENCE
+        eased = np.clip(stopped_for / EASES, 0.0, 1.0)
+        left = np.zeros(len(eased))
+        if not self._relaxes:
+            left = np.minimum(self._continuous / np.maximum(np.abs(self._torque), 1e-12), 1.0)
+        return np.where(self.stopped, 1.0 - eased * (1.0 - left), 1.0)
+
+    def _named(self, chosen: Bools) -> list[str]:
+        return [name for name, is_chosen in zip(self._names, chosen) if is_chosen]
+
+
+def _lag(bandwidth: float | None) -> float:
+    return 0.0 if bandwidth is None else 1.0 / (2 * pi * bandwidth)
+
+
+def _ends(rig: Rig, name: str, bounded: bool) -> tuple[float, float]:
+    """Return the least and the largest place that a drive may be sent to, as its sensor reads it."""
+    sensor = next((s for s in rig.sensors_of("position") if s.of == name), None)
+    drive = next(drive for drive in rig.drives if drive.name == name)
+    if sensor is None or not bounded:
+        return -inf, inf
+    if isinstance(drive, Slider):
+        low, high = drive.stops or (-inf, inf)
+        return low + sensor.bias.value, high + sensor.bias.value
+    low, high = motor_range(rig, sensor)
+    return (low, high) if isfinite(low) else (-inf, inf)
+
+
+def _together(rig: Rig) -> Bools:
+    """Return which drives stop with which, (n_drives, n_drives): their tendons cross one joint."""
+    joints = [joint.name for joint in rig.joints]
+    crossed = np.zeros((len(rig.drives), len(joints)), dtype=bool)
+    at = {drive.name: i for i, drive in enumerate(rig.drives)}
+    for tendon in rig.tendons:
+        for joint in tendon.joints:
+            crossed[at[tendon.drive], joints.index(joint)] = True
+    together: Bools = crossed @ crossed.T
+    return together | np.eye(len(crossed), dtype=bool)
