@@ -43,14 +43,21 @@ class Orca:
     """What a hand of orca_core has, on motors that follow at once."""
 
     def __init__(self) -> None:
-        self.config = SimpleNamespace(motor_ids=[1, 2])
+        self.config = SimpleNamespace(motor_ids=[1, 2], max_current=300.0)
+        self.limits = [300.0, 300.0]
         self.places, self.currents, self.sent = np.zeros(2), np.zeros(2), dict[int, float]()
         self.last_read_ok, self.fails, self.temperature = True, False, 40.0
 
-    def get_motor_state(self) -> Any:
+    def get_motor_pos(self) -> Any:
         if self.fails:
             raise OSError("port is gone")
-        return SimpleNamespace(position=self.places, current=self.currents)
+        return self.places
+
+    def get_motor_current(self) -> Any:
+        return self.currents
+
+    def set_max_current(self, current: list[float]) -> None:
+        self.limits = current
 
     def get_motor_temp(self) -> Any:
         return np.array([self.temperature, 35.0])
@@ -317,11 +324,13 @@ class Own:
 
     def __init__(self) -> None:
         self.goals: Mapping[str, float] = {}
+        self.current = 5.0
 
     def read(self) -> Mapping[str, float]:
+        self.current = 11.0 - self.current
         return {
             "motor_1_position": 0.1,
-            "motor_1_current": 5.0,
+            "motor_1_current": self.current,
             "motor_2_position": 0.0,
             "something": 1.0,
         }
@@ -430,7 +439,8 @@ def test_an_aborted_routine_says_why() -> None:
     own = Own()
     hand = Hand(own, sound_rig(), compiled=False)
     ticks = iter(np.arange(0.0, 100.0, 0.004))
-    with pytest.raises(CommandError, match="aborted: motor_1: stands still at"):
+    ends = "no motor came to the end of its power-on routine: motor_1: it stands still at"
+    with pytest.raises(CommandError, match=ends):
         hand.power_on(sleep=lambda _: None, now=lambda: float(next(ticks)))
 
 

@@ -7,17 +7,24 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from distal.errors import DistalWarning, FitError
+from distal.errors import DistalWarning, FitError, LogError
 from distal.fitting import Options
 from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.fitted_number import assignments
 from distal.fitting.numbers import Numbers, from_starts, problem_of
-from distal.hands.findings import Fault, check_units, faults_of, slack_of
+from distal.hands.findings import (
+    Fault,
+    check_units,
+    faults_of,
+    slack_of,
+    stopped_of,
+    travel_of,
+)
 from distal.hands.springs import Springs, springs_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of, sweeps_of
@@ -61,6 +68,9 @@ SLACK = (0.3e-3, 1.5e-3)
 loose [m].
 """
 
+BRIDGED = 0.1
+"""Readings that are lost for longer are not put back [s]."""
+
 AT_STOP = float(np.deg2rad(1.0))
 """How well a joint's angle is known at the end of a sweep [rad]."""
 
@@ -98,17 +108,26 @@ class Calibrated:
         write_whole(Path(path), self.text("of the hand itself"))
 
 
-def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Calibrated:
+def calibrate(
+    log: Log | Source,
+    rig: Rig | str | Path,
+    workers: int = 2,
+    stopped: Mapping[str, str] | None = None,
+) -> Calibrated:
     """Return a hand's rig with lengths, play or tension, friction and stiffness as its power-on
     routine tells them.
 
     In the log each motor goes slowly to both ends of its travel and back, at least three times,
     with its angle and its torque. The ends of the joints' ranges are the reference; the rig says
     how well they are known (`stops_std`). Parts that share nothing are calibrated apart, side by
-    side.
+    side. Readings that are lost for up to `BRIDGED` are put back by interpolation.
+
+    Args:
+        workers: threads.
+        stopped: motors whose routine ended before its end, and why: they are not calibrated.
 
     Raises:
-        LogError: the log cannot be read, or a motor does not sweep in it.
+        LogError: the log cannot be read, or no motor sweeps in it.
         FitError: no rig with these motors moves as the log does.
     """
     rig = (rig if isinstance(rig, Rig) else load_rig(rig)).bare()
@@ -118,11 +137,17 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
             f"'{rig.name}': {', '.join(sliders)} are sliders; a power-on routine is for motors "
             "that wind tendons"
         )
-    log = log if isinstance(log, Log) else read_log(log, rig)
-    sweeps = {drive.name: sweeps_of(log, rig, drive.name) for drive in rig.drives}
+    log = _bridged(log if isinstance(log, Log) else read_log(log, rig))
+    sweeps, stopped = _sweeps(log, rig, {} if stopped is None else stopped)
     check_units(rig, sweeps, log.source)
-    faults = tuple(
-        fault for drive in rig.drives for fault in faults_of(rig, drive.name, sweeps[drive.name])
+    faults = (
+        *stopped_of(rig, stopped),
+        *(
+            fault
+            for drive in rig.drives
+            if drive.name not in stopped
+            for fault in faults_of(rig, drive.name, sweeps[drive.name])
+        ),
     )
     faulty, values, notes = {fault.drive for fault in faults}, dict[str, object](), list[str]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]
@@ -139,10 +164,60 @@ def calibrate(log: Log | Source, rig: Rig | str | Path, workers: int = 2) -> Cal
         for found in pool.map(lambda part: _of_part(log, part, sweeps), sound):
             values |= found
     found_rig = rig.with_values(values)
+    sound_drives = {drive.name for part in sound for drive in part.rig.drives}
+    unlike = travel_of(found_rig, rig, [name for name in sweeps if name in sound_drives])
     sound_sweeps = {name: () if name in faulty else of_drive for name, of_drive in sweeps.items()}
     return Calibrated(
-        found_rig, rig, values, (*faults, *slack_of(found_rig, rig, sound_sweeps)), tuple(notes)
+        found_rig,
+        rig,
+        values,
+        (*faults, *unlike, *slack_of(found_rig, rig, sound_sweeps)),
+        tuple(notes),
     )
+
+
+def _bridged(log: Log) -> Log:
+    """Return the log with short gaps of its channels filled on straight lines."""
+    channels = {}
+    for name, values in log.channels.items():
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known) < 2:
+            channels[name] = values
+            continue
+        time = log.time[known]
+        after = np.clip(np.searchsorted(time, log.time), 1, len(known) - 1)
+        is_short = time[after] - time[after - 1] <= BRIDGED
+        within = (log.time >= time[0]) & (log.time <= time[-1])
+        filled = np.interp(log.time, time, values[known])
+        channels[name] = np.where(is_short & within, filled, values)
+    return replace(log, channels=channels)
+
+
+def _sweeps(
+    log: Log, rig: Rig, stopped: Mapping[str, str]
+) -> tuple[dict[str, tuple[Sweep, ...]], dict[str, str]]:
+    """Return the sweeps of all motors, and those that have none, with why.
+
+    Raises:
+        LogError: no motor sweeps from end to end.
+    """
+    sweeps, without = dict[str, tuple[Sweep, ...]](), dict(stopped)
+    for drive in rig.drives:
+        sweeps[drive.name] = ()
+        if drive.name in stopped:
+            continue
+        try:
+            sweeps[drive.name] = sweeps_of(log, rig, drive.name)
+        except LogError as problem:
+            if drive is rig.drives[-1] and not any(sweeps.values()):
+                raise
+            without[drive.name] = str(problem)
+    if not any(sweep.resisted for of_drive in sweeps.values() for sweep in of_drive):
+        raise LogError(
+            f"{log.source}: no motor meets an end of its travel; is it the log of a power-on "
+            "routine (see distal.hands.Routine)?"
+        )
+    return sweeps, without
 
 
 def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:

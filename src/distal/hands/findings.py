@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, hypot
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from distal.hands.starts import contacts, is_pair
 from distal.hands.sweeps import FEWEST, Sweep
 from distal.rig import Capstan, Rig
 
-FaultKind = Literal["side", "slack", "broken", "slipped"]
+FaultKind = Literal["side", "slack", "broken", "slipped", "travel", "stopped"]
 
 JAMMED = 0.55
 """A joint is jammed where its motor turns less than this share of what its range needs."""
@@ -26,6 +26,12 @@ with more than the second by its travel alone, which radii and ranges make unsur
 SLIPPED = 4.0
 """A spool slipped where the end of the travel moved by this at the joint between sweeps [deg]."""
 
+UNLIKE = 4.0
+"""A spool's radius that is found further from the rig's than so many stds of both is another one.
+"""
+
+LEAST_PLAY = 3.0
+"""Where a fit finds less play, a long travel is not one of slack tendons [deg]."""
 
 TURNS_MOST = 5.0
 """No hand's motors all turn so many times as far as their joints' ranges ask for."""
@@ -119,7 +125,7 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
     that a unit is wrong.
     """
     turned, pulls = list[float](), list[float]()
-    for drive in rig.drives:
+    for drive in (drive for drive in rig.drives if sweeps[drive.name]):
         assert isinstance(drive, Capstan)
         tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
         joints = {joint.name: joint for joint in rig.joints}
@@ -160,11 +166,42 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
         up, down = (float(np.mean(contacts(sweeps[drive.name], way))) for way in (1, -1))
         by_travel = degrees((up - down) * drive.radius.value / abs(arm) - (high - low))
         play = degrees(sum(tendon.slack.value for tendon in tendons) / abs(arm))
-        if min(play, by_travel) > LOOSE or by_travel > TRAVELS:
+        if min(play, by_travel) > LOOSE or (by_travel > TRAVELS and play > LEAST_PLAY):
             size = max(play, by_travel)
             line = f"{drive.name} ({name}): has about {size:.0f}° of play: its tendons are slack"
             faults.append(Fault("slack", drive.name, size, line))
     return tuple(faults)
+
+
+def travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
+    """Return the motors whose travel asks for another radius of their spools than the rig has."""
+    faults = []
+    for before, after in zip(rig.drives, found.drives):
+        if before.name not in drives or not isinstance(before, Capstan):
+            continue
+        assert isinstance(after, Capstan)
+        was, now = before.radius, after.radius
+        unsure = hypot(was.total_std, now.total_std)
+        if unsure == 0.0 or abs(now.value - was.value) < UNLIKE * unsure:
+            continue
+        ratio = now.value / was.value
+        joints = next(tendon.joints for tendon in rig.tendons if tendon.drive == before.name)
+        why = "stops before its end" if ratio > 1.0 else "has slack tendons"
+        known = f"{100 * was.total_std / was.value:.2g} %"
+        line = (
+            f"{before.name} ({', '.join(joints)}): goes {100 / ratio:.0f} % of its travel by the "
+            f"rig's radii, which are known to {known}: it {why}, or the radii are others"
+        )
+        faults.append(Fault("travel", before.name, ratio, line))
+    return tuple(faults)
+
+
+def stopped_of(rig: Rig, stopped: Mapping[str, str]) -> tuple[Fault, ...]:
+    """Return the motors whose routine ended before its end, with why."""
+    return tuple(
+        Fault("stopped", name, 1.0, f"{name}: its routine ended before its end: {why}")
+        for name, why in stopped.items()
+    )
 
 
 def _ways(ways: Sequence[int]) -> str:

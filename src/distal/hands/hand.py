@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import CommandError, DistalError, EstimationError
 from distal.hands.calibrate import Calibrated, calibrate
-from distal.hands.motors import motors_of
+from distal.hands.motors import TorqueLimited, motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
 from distal.logs import write_log
@@ -28,6 +28,9 @@ HOT = 65.0
 KNOWN_ZERO = radians(10.0)
 """No wanted angle is sent to a motor whose zero is less well known than this at its joint [rad]."""
 
+NOISES = 3.0
+"""A motor's torque is limited to what it holds and so many standard deviations of its noise."""
+
 LOOKS = 1.0
 """Temperatures are read so often [s]."""
 
@@ -37,7 +40,8 @@ class HandHealth:
     """How a hand is: the word and detail of the last reading, motors that do not answer, motors
     that are hot [°C].
 
-    The `lost` reads are those that the SDK failed at, since the beginning.
+    The `lost` reads are those that the SDK failed at, since the beginning; `held_back` is what
+    motors are not sent, and why.
     """
 
     word: str
@@ -45,6 +49,7 @@ class HandHealth:
     silent: tuple[str, ...]
     hot: Mapping[str, float]
     lost: int
+    held_back: str = ""
 
     @property
     def sentence(self) -> str:
@@ -56,6 +61,7 @@ class HandHealth:
             if self.hot
             else []
         )
+        parts += [self.held_back] if self.held_back else []
         return "; ".join(parts)
 
 
@@ -72,7 +78,9 @@ class Hand:
     ```
 
     `update` never fails at a lost packet or a motor that restarts: what is missing is bridged, and
-    `health` says so.
+    `health` says so. Every goal passes a `GoalGate`: motors whose readings are lost for 0.1 s
+    stand, and after a second do what the rig's `when_lost` says. Where no goal arrives either,
+    nothing here can stop a motor: set the watchdog of its servo, where it has one.
 
     Args:
         hand: of one of these SDKs, or an object with `read`, `temperatures` and `write`: see
@@ -102,6 +110,8 @@ class Hand:
         self._reading: Reading | None = None
         self._temperatures: Mapping[str, float] = {}
         self._looked, self._lost, self._silent = -np.inf, 0, tuple[str, ...]()
+        self._limits: Mapping[str, float] = {}
+        self._held_back = ""
 
     @property
     def rig(self) -> Rig:
@@ -121,8 +131,14 @@ class Hand:
             self._reading = self._monitor.take(time, sample)
         else:
             command = self._inverse.step(time, self._wanted, sample)
-            self._reading = command.reading
-            self._send(command.places)
+            self._reading, self._held_back = command.reading, command.note
+            names = [drive.name for drive in self._rig.drives]
+            self._inverse.confirm(self._write(dict(zip(names, command.places.tolist()))))
+            self._limit(dict(zip(names, self._inverse.holding.tolist())))
+        turns = self._units.in_doubt
+        if turns:
+            said = f"{', '.join(turns)}: in which of its turns, is not known; no goal is sent to it"
+            self._reading = replace(self._reading, health="restarted", detail=said)
         if problem and self._reading.health in ("ok", "bad"):
             word = "missing" if self._reading.health == "ok" else self._reading.health
             self._reading = replace(self._reading, health=word, detail=problem)
@@ -166,10 +182,14 @@ class Hand:
         self._silent = tuple(dict.fromkeys(silent))
         try:
             temperatures = self._temperatures if self._compensated else None
-            return self._units.sample(time, read, temperatures), problem
+            sample = self._units.sample(time, read, temperatures)
         except EstimationError as wrong:
             self._lost += 1
             return np.full(len(self._units.channels), nan), str(wrong)
+        for sensor in self._rig.sensors_of("position"):
+            if sensor.of in self._units.in_doubt and sensor.name in self._units.channels:
+                sample[self._units.channels.index(sensor.name)] = nan
+        return sample, problem
 
     def get_joint_positions(self) -> dict[str, float]:
         """Return joint → angle [deg] of the last `update`; NaN before the first, and where there
@@ -195,7 +215,7 @@ class Hand:
             if self._reading is None
             else (self._reading.health, self._reading.detail)
         )
-        return HandHealth(word, detail, self._silent, hot, self._lost)
+        return HandHealth(word, detail, self._silent, hot, self._lost, self._held_back)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
         """Want these angles [deg]: each `update` sends the motors there, through play, stretch and
@@ -212,6 +232,9 @@ class Hand:
             raise CommandError(
                 "where the hand is, is not known yet: call update until it has angles"
             )
+        if self._units.in_doubt:
+            names = ", ".join(self._units.in_doubt)
+            raise CommandError(f"in which of its turns {names} is, is not known: call power_on")
         unknown = _without_zero(self._rig)
         if unknown:
             known = (
@@ -245,21 +268,41 @@ class Hand:
 
     def relax(self) -> None:
         """Want no angles any more: `update` sends nothing."""
-        self._inverse, self._wanted = None, {}
+        self._inverse, self._wanted, self._held_back = None, {}, ""
 
-    def _send(self, places: Floats) -> None:
-        self._write(dict(zip([drive.name for drive in self._rig.drives], places.tolist())))
-
-    def _write(self, goals: Mapping[str, float]) -> None:
-        """Send the goals that are known [rad], in the unit of the log."""
-        sensors = [
-            sensor for sensor in self._rig.sensors_of("position") if isfinite(goals[sensor.of])
-        ]
+    def _write(self, goals: Mapping[str, float]) -> bool:
+        """Send the goals that are known [rad], in the unit of the log; return whether that
+        worked.
+        """
+        sent = {
+            sensor.of: self._units.logged(sensor.name, goals[sensor.of])
+            for sensor in self._rig.sensors_of("position")
+            if isfinite(goals[sensor.of]) and sensor.of not in self._units.in_doubt
+        }
         try:
-            self._motors.write(
-                {sensor.of: self._units.logged(sensor.name, goals[sensor.of]) for sensor in sensors}
-            )
+            if sent:
+                self._motors.write(sent)
         except Exception:  # the next period sends it again
+            self._lost += 1
+            return False
+        return True
+
+    def _limit(self, holding: Mapping[str, float]) -> None:
+        """Limit the torques of motors that stand [N m] to what they hold, where servos have a
+        limit.
+        """
+        floor = {sensor.of: NOISES * sensor.noise for sensor in self._rig.sensors_of("force")}
+        limits = {
+            name: torque + floor.get(name, 0.0)
+            for name, torque in holding.items()
+            if isfinite(torque)
+        }
+        if limits == self._limits or not isinstance(self._motors, TorqueLimited):
+            return
+        try:
+            self._motors.limit_torques(limits)
+            self._limits = limits
+        except Exception:  # the next period says it again
             self._lost += 1
 
     def power_on(
@@ -284,20 +327,27 @@ class Hand:
             now: the clock [s].
 
         Raises:
-            CommandError: the routine was aborted; says why. The motors stay where they are.
+            CommandError: the routine was aborted, or no motor came to its end; says why. The motors
+                stay where they are.
             FitError: no such rig moves as the hand does.
-            OutputError: the record cannot be written; where its folder is missing, before anything
-                moves.
+            OutputError: the record cannot be written, before anything moves. Where that fails
+                afterwards, it is in the notes of what is returned.
         """
         if record is not None:
             check_writable(Path(record))
         routine, shown = Routine(self._rig, options), tuple[str, ...]()
+        # the motors' travel is what the routine finds out: nothing is put into it
+        self._units = LogUnits(self._rig, self._live.channels, ranged=False)
         begin = now()
         try:
             while not routine.done:
                 time = now() - begin
                 sample, _ = self._sample(time)
-                self._write(routine.step(time, dict(zip(self._units.channels, sample.tolist()))))
+                for name, value in self._temperatures.items():
+                    if value > HOT:
+                        routine.fail(name, f"it is hot, {value:.0f} °C")
+                goals = routine.step(time, dict(zip(self._units.channels, sample.tolist())))
+                routine.confirm(self._write(goals))
                 if show is not None and routine.moving != shown:
                     shown = routine.moving
                     if shown:
@@ -308,23 +358,41 @@ class Hand:
             self._write(routine.goals)
             if not isinstance(ended, KeyboardInterrupt):
                 raise
+        finally:
+            units, self._units = self._units, self._units.followed_by(self._rig)
         if routine.aborted:
             self._write(routine.goals)  # before anything that may fail
-        if record is not None and any(map(isfinite, routine.goals.values())):
-            write_log(routine.log(), self._rig, record)
+        problem = self._recorded(routine, record)
         if routine.aborted:
             raise CommandError(f"the power-on routine was aborted: {routine.aborted}")
-        found = calibrate(routine.log(), self._rig)
-        self._use(found.rig)
-        return found
+        if len(routine.failed) == len(self._rig.drives):
+            why = "; ".join(f"{name}: {said}" for name, said in routine.failed.items())
+            raise CommandError(f"no motor came to the end of its power-on routine: {why}")
+        found = calibrate(routine.log(), self._rig, stopped=routine.failed)
+        self._use(found.rig, units)
+        return replace(found, notes=(*found.notes, problem)) if problem else found
 
-    def _use(self, rig: Rig) -> None:
-        """Go on with another description of the same hand."""
+    def _recorded(self, routine: Routine, record: str | Path | None) -> str:
+        """Write what a routine read; return what went wrong, which is no reason to lose what it
+        found.
+        """
+        if record is None or not any(map(isfinite, routine.goals.values())):
+            return ""
+        try:
+            write_log(routine.log(), self._rig, record)
+        except DistalError as problem:
+            return f"the record was not kept: {problem}"
+        return ""
+
+    def _use(self, rig: Rig, units: LogUnits) -> None:
+        """Go on with another description of the same hand, its motors in the turns in which they
+        are.
+        """
         self._rig = rig
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         # its ranges are those of the rig that was found, by which a motor's turn is known
-        self._units = LogUnits(rig, self._live.channels)
+        self._units = units.followed_by(rig)
         self._inverse, self._wanted, self._reading = None, {}, None
 
 

@@ -5,11 +5,11 @@ no SDK.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Protocol, runtime_checkable
 
 from distal.errors import EstimationError
-from distal.rig import Rig
+from distal.rig import Rig, log_factor
 
 
 @runtime_checkable
@@ -32,23 +32,31 @@ class Numbered(Protocol):
     """The part of an ORCA hand's configuration that is used."""
 
     motor_ids: Sequence[int]
+    max_current: float
 
 
-class MotorState(Protocol):
-    """What an ORCA hand reads of its motors at one time."""
+@runtime_checkable
+class TorqueLimited(Protocol):
+    """What `Motors` may have too, where the servos have a limit of their own."""
 
-    position: Iterable[float]
-    current: Iterable[float]
+    def limit_torques(self, limits: Mapping[str, float]) -> None:
+        """Let these motors pull no more than that [N m], and all others what they usually may."""
 
 
 @runtime_checkable
 class OrcaLike(Protocol):
-    """What is used of `orca_core.OrcaHand`: motors by number, radians, milliamperes."""
+    """What is used of `orca_core.OrcaHand` (0.4 on): motors by number, radians, milliamperes."""
 
     config: Numbered
 
-    def get_motor_state(self) -> MotorState:
-        """Return positions [rad] and currents [mA], in the order of `config.motor_ids`."""
+    def get_motor_pos(self) -> Iterable[float]:
+        """Return positions [rad], in the order of `config.motor_ids`."""
+
+    def get_motor_current(self) -> Iterable[float]:
+        """Return currents [mA], in that order."""
+
+    def set_max_current(self, current: list[float]) -> None:
+        """Limit the motors' currents [mA]."""
 
     def get_motor_temp(self) -> Iterable[float]:
         """Return temperatures [°C], in that order."""
@@ -80,13 +88,27 @@ class OrcaMotors:
     def __init__(self, hand: OrcaLike, rig: Rig) -> None:
         self._hand, self._ids = hand, [int(number) for number in hand.config.motor_ids]
         self._names = _known(rig, [f"motor_{number}" for number in self._ids])
+        self._torque_of = {s.of: abs(log_factor(s)) for s in rig.sensors_of("force")}
 
     def read(self) -> dict[str, float]:
         """Return positions [rad] and currents [mA]; a read that failed gives none."""
-        state = self._hand.get_motor_state()
-        if not getattr(self._hand, "last_read_ok", True):
-            return {}
-        return _columns(self._names, state.position, state.current)
+        places = list(self._hand.get_motor_pos())
+        answered = self._answered()
+        currents = list(self._hand.get_motor_current())
+        return _columns(self._names, places, currents) if answered and self._answered() else {}
+
+    def _answered(self) -> bool:
+        """Return whether the last read was one: the SDK returns old values where it failed."""
+        parts = (self._hand, getattr(self._hand, "motor_client", None))
+        return all(getattr(part, "last_read_ok", True) for part in parts)
+
+    def limit_torques(self, limits: Mapping[str, float]) -> None:
+        """Limit the currents of motors by torques [N m]; of the others to what the SDK has."""
+        most = float(self._hand.config.max_current)
+        currents = [
+            limits.get(name, inf) / self._torque_of.get(name, 1e-300) for name in self._names
+        ]
+        self._hand.set_max_current([min(current, most) for current in currents])
 
     def temperatures(self) -> dict[str, float]:
         """Return motor → temperature [°C]."""

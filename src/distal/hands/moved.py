@@ -67,10 +67,13 @@ def _changed(before: Rig, after: Rig, path: str) -> str:
     ):
         return ""
     unit, factor = COMMON.get(now.quantity.si, (now.quantity.si, 1.0))
+    kind, at, *_ = path.split(".")
+    if kind == "sensors" and path.endswith(".bias"):
+        factor *= after.sensors[int(at)].sign  # as its motor reads it
     of = in_words(after, path)
     return (
         f"{of}: {factor * was.value:.4g}, now {factor * now.value:.4g} ± "
-        f"{2 * factor * now.std:.2g} {unit}"
+        f"{2 * abs(factor) * now.std:.2g} {unit}"
     ).rstrip()
 
 

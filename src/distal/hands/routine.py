@@ -13,8 +13,9 @@ import numpy as np
 from distal.errors import CommandError
 from distal.hands.starts import is_pair
 from distal.hands.sweeps import FEWEST, channels_of
+from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
-from distal.rig import Capstan, Rig
+from distal.rig import Capstan, Rig, independent_parts
 from distal.suggestions import did_you_mean
 
 OF_PAIR, OF_SINGLE = 0.15, 0.35
@@ -47,18 +48,21 @@ then.
 """
 
 SILENT = 0.5
-"""The routine ends where a motor's angle is missing for longer than this [s]."""
+"""A motor's routine ends where its angle or its torque is missing for longer than this [s]."""
 
 STRONGEST = 5.0
 """No motor of a hand is asked for more torque than this [N m]."""
 
 STILL, CREEPS = 0.2, 0.01
-"""The routine ends where a motor, driven as far as it may be and without a torque that says why,
-moves by less than so many radians in so many seconds: it may push, and nothing tells how hard.
+"""A motor's routine ends where it is driven as far as it may be, no torque says why it stands, and
+it moves by less than so many radians in so many seconds: it may push, and nothing tells how hard.
 """
 
+FELT = 0.1
+"""A motor that went so far while its torque read 0 has no torque that is read [rad]."""
+
 LARGEST = 3.0
-"""The routine ends where a torque is above this many times its limit."""
+"""A motor's routine ends where its torque is above this many times its limit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +105,7 @@ class _Motor:
         self.ends: dict[int, float] = {}
         self.beyond, self.rested = 0.0, False
         self.still, self.stood_at = 0.0, nan
+        self.felt, self.first = False, nan
 
     def step(
         self, time: float, dt: float, place: float, torque: float, options: RoutineOptions
@@ -142,15 +147,23 @@ class _Motor:
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, place - LEAD, place + LEAD))
 
-    def stands(self, dt: float, place: float, torque: float) -> bool:
-        """Return whether it stands still, although it is driven and no torque is at its limit."""
-        unread = not isfinite(torque)
-        driven = unread or self.way * (self.goal - place) >= LEAD - CREEPS
+    def blind(self, dt: float, place: float, torque: float) -> str:
+        """Return why nothing tells how hard it pushes; empty where something does."""
+        self.felt = self.felt or torque != 0.0
+        self.first = self.first if isfinite(self.first) else place
+        if not self.felt and abs(place - self.first) > FELT:
+            return "its current reads 0 while it moves"
+        driven = self.way * (self.goal - place) >= LEAD - CREEPS
         if not driven or not abs(place - self.stood_at) < CREEPS:
             self.still, self.stood_at = 0.0, place
-            return False
+            return ""
         self.still += dt
-        return self.still >= STILL and (unread or self.way * torque <= self.limit)
+        if self.still < STILL or self.way * torque > self.limit:
+            return ""
+        return (
+            f"it stands still at {np.rad2deg(place):.0f}° and its torque reads {torque:.2f} N m, "
+            f"where {self.limit:.2f} N m end a sweep: does it move, and is its current right?"
+        )
 
     @property
     def rest(self) -> float:
@@ -176,7 +189,9 @@ class Routine:
     found = calibrate(routine.log(), rig)
     ```
 
-    Nothing moves but the motors of one group at a time; `abort` leaves all where they are.
+    Nothing moves but the motors of one group at a time; goals pass a `GoalGate`. A motor that
+    cannot go on rests where it is, with those that move the same joints, and the others go on;
+    `abort` leaves all where they are.
 
     Raises:
         CommandError: the order or a limit names no motor or joint, or a number cannot be.
@@ -191,7 +206,9 @@ class Routine:
             for drive in rig.drives
         }
         self._groups = _groups(rig, options.order)
+        self._gate, self._together = GoalGate(rig, calibrated=False), _parts_of(rig)
         self._time, self._aborted, self._silent = nan, "", dict.fromkeys(self._motors, 0.0)
+        self._failed = dict[str, str]()
         self._rows = list[list[float]]()
         self._goals, self._places = (
             dict.fromkeys(self._motors, nan),
@@ -209,19 +226,38 @@ class Routine:
         return self._aborted
 
     @property
+    def failed(self) -> dict[str, str]:
+        """Motors whose routine ended before its end, and why."""
+        return dict(self._failed)
+
+    @property
     def moving(self) -> tuple[str, ...]:
         """The motors that move now."""
         return () if self.done else self._groups[0]
 
     @property
     def goals(self) -> dict[str, float]:
-        """Goals of all motors, as their sensors read them [rad]; NaN of one that was never read."""
-        return dict(self._goals)
+        """Goals of all motors as they pass the gate, as their sensors read them [rad]; NaN of one
+        that gets none.
+        """
+        sent = self._gate.passed(self._time, np.array(list(self._goals.values())))
+        return dict(zip(self._goals, sent.tolist()))
+
+    def confirm(self, arrived: bool) -> None:
+        """Say whether the last goals were sent."""
+        self._gate.confirm(arrived)
 
     def abort(self, why: str = "asked for") -> None:
         """End it: the goals become where the motors are, so that none goes on pushing."""
         self._aborted = self._aborted or why
         self._goals |= {name: place for name, place in self._places.items() if isfinite(place)}
+
+    def fail(self, motor: str, why: str) -> None:
+        """End the routine of a motor, and of those that move the same joints."""
+        for name in self._together[motor]:
+            self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
+            if isfinite(self._places[name]):
+                self._goals[name] = self._places[name]
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
         """Take in a sample and return the goals of all motors, as their sensors read them [rad].
@@ -232,52 +268,44 @@ class Routine:
         """
         dt = float(np.clip(time - self._time, 0.0, 0.1)) if isfinite(self._time) else 0.0
         self._time = time
-        row = [time]
-        for name, (place_of, torque_of) in self._channels.items():
-            place, torque = float(sample.get(place_of, nan)), float(sample.get(torque_of, nan))
-            row += [place, torque]
+        pairs = self._channels.values()
+        read = np.array([[sample.get(channel, nan) for channel in pair] for pair in pairs])
+        self._rows.append([time, *read.ravel().tolist()])
+        believed = self._gate.read(time, read[:, 0], read[:, 1])
+        for name, place, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
+            is_read = isfinite(place) and isfinite(torque)
             self._places[name] = place if isfinite(place) else self._places[name]
             if not isfinite(self._goals[name]) and isfinite(place):
                 self._goals[name] = place
-            self._silent[name] = 0.0 if isfinite(place) else self._silent[name] + dt
-            if name in self.moving:
+            self._silent[name] = 0.0 if is_read else self._silent[name] + dt
+            if name in self.moving and name not in self._failed:
                 self._move(name, time, dt, place, torque)
-        self._rows.append(row)
         if self._groups and all(self._ended(name) for name in self._groups[0]):
             self._groups = self._groups[1:]
-        return dict(self._goals)
+        return self.goals
 
     def _move(self, name: str, time: float, dt: float, place: float, torque: float) -> None:
         motor = self._motors[name]
         if self._silent[name] > SILENT:
-            return self.abort(f"{name}: no angle for {self._silent[name]:.1f} s")
-        if not isfinite(place):
+            why = self._gate.note or "its angle or its current is missing"
+            return self.fail(name, f"nothing to go by for {self._silent[name]:.1f} s ({why})")
+        if not (isfinite(place) and isfinite(torque)):
             return None
         if abs(torque) > LARGEST * motor.limit:
-            self._goals[name] = place
-            return self.abort(
-                f"{name}: a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
-            )
-        if motor.done < self._options.sweeps and motor.stands(dt, place, torque):
-            self._goals[name] = place
-            read = f"reads {torque:.2f} N m" if isfinite(torque) else "is not read"
-            return self.abort(
-                f"{name}: stands still at {np.rad2deg(place):.0f}° and its torque {read}, where "
-                f"{motor.limit:.2f} N m end a sweep: does the motor move, and is its current read?"
-            )
-        motor.step(time, dt, place, torque if isfinite(torque) else 0.0, self._options)
+            why = f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
+            return self.fail(name, why)
+        if motor.done < self._options.sweeps and (why := motor.blind(dt, place, torque)):
+            return self.fail(name, why)
+        motor.step(time, dt, place, torque, self._options)
         self._goals[name] = motor.goal
         if motor.done < self._options.sweeps and time - motor.started > self._options.longest:
-            self._goals[name] = place
-            return self.abort(
-                f"{name}: a sweep took longer than {self._options.longest:g} s: does the motor "
-                "move?"
-            )
+            longest = self._options.longest
+            return self.fail(name, f"a sweep took longer than {longest:g} s: does it move?")
         return None
 
     def _ended(self, name: str) -> bool:
         motor = self._motors[name]
-        return motor.done >= self._options.sweeps and motor.rested
+        return name in self._failed or (motor.done >= self._options.sweeps and motor.rested)
 
     def log(self) -> Log:
         """Return what it has read, as `calibrate` takes it."""
@@ -289,6 +317,12 @@ class Routine:
             {},
             "power-on routine",
         )
+
+
+def _parts_of(rig: Rig) -> dict[str, tuple[str, ...]]:
+    """Return for each motor those that share a joint, a tendon or an error with it."""
+    parts = [[drive.name for drive in part.rig.drives] for part in independent_parts(rig)]
+    return {name: tuple(names) for names in parts for name in names}
 
 
 def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:

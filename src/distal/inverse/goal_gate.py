@@ -2,16 +2,15 @@
 
 A motor gets a goal after its first reading, and none while its reading is in doubt. Its goal is a
 finite place within its range, no faster than it can go. Where it has no reading for `OLDEST`, it
-stops, and with it each motor whose tendons cross one of its joints: it keeps the goal that was sent
-last if that agrees with where it was, u − s ≈ v T + u_F/K, and otherwise gets  s + v T + u_F/K, with
-s and v its last place and speed, T its lag, and u_F/K how far ahead of its place a goal has to be so
-that a servo of stiffness K holds the force u_F. Not s: a servo would give way by that much. After
-`PATIENCE` what the rig calls `when_lost` happens.
+stops, and with it each motor whose tendons cross one of its joints. A servo of stiffness K at place
+s and speed v, of lag T, that holds a force F has its goal at u = s + v T + F/K. So a motor that
+stops keeps the goal u that was sent last if that agrees with what was read last, and otherwise gets
+the u of that. It is not sent s: it would give way by F/K. After `PATIENCE` comes what the rig calls
+`when_lost`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import inf, isfinite, pi
 
 import numpy as np
@@ -48,19 +47,23 @@ class GoalGate:
 
     Args:
         rig: the description.
-        bounded: whether goals stay within the ranges of the joints; a power-on routine does not
-            know them yet.
+        calibrated: whether goals stay within the ranges of the joints, and motors that stand hold
+            their force; in a power-on routine ranges are not known, and forces are let go.
     """
 
-    def __init__(self, rig: Rig, *, bounded: bool = True) -> None:
+    def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
         drives = rig.drives
         self._names = [drive.name for drive in drives]
         servos = [drive.servo for drive in drives]
         fastest = [None if servo is None else servo.fastest for servo in servos]
         self._fastest = np.array([FASTEST if most is None else most for most in fastest])
         self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
-        self._ends = np.array([_ends(rig, name, bounded) for name in self._names])
-        self._together = _together(rig)
+        self._ends = np.array([_ends(rig, name, calibrated) for name in self._names])
+        read = {sensor.of for sensor in rig.sensors_of("position")}
+        self._has_sensor = np.array([name in read for name in self._names])
+        crossed = crossed_joints(rig)
+        self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
+        self._calibrated = calibrated
         self._relaxes = rig.when_lost == "relax"
         holds = [getattr(servo, "continuous_torque", None) for servo in servos]
         self._continuous = np.array([inf if most is None else most for most in holds])
@@ -73,7 +76,8 @@ class GoalGate:
         self._speed, self._torque = np.zeros((2, n))
         self._at, self._raw_at, self._stopped_at = np.full((3, n), -inf)
         self._doubted = np.zeros(n, dtype=bool)
-        self._time = -inf
+        self._time, self._read_at, self._failing_since = -inf, -inf, inf
+        self._before = self._sent
 
     def clone(self, rig: Rig) -> GoalGate:
         """Return another one that goes on alone."""
@@ -82,50 +86,75 @@ class GoalGate:
             setattr(other, name, value.copy() if isinstance(value, np.ndarray) else value)
         return other
 
-    def read(
-        self, time: float, places: Floats, torques: Floats | None = None, doubts: Sequence[str] = ()
-    ) -> Floats:
+    def read(self, time: float, places: Floats, torques: Floats | None = None) -> Floats:
         """Take in what motors read, NaN where lost, and return the places that can be believed.
+
+        A stamp that does not rise tells nothing.
 
         Args:
             time: stamp [s].
             places: what the sensors of the drives' places read [m, rad], (n_drives,).
             torques: what the motors pull with [N, N m], (n_drives,).
-            doubts: motors whose turn is not known.
         """
-        known = np.isfinite(places)
-        self._time = max(self._time, time)
+        if not time > self._read_at:
+            return np.full(len(places), np.nan)
+        self._time, self._read_at = max(self._time, time), time
+        torques = self._torque if torques is None else torques
+        known = np.isfinite(places) & ~self._stale(places, torques)
         first = known & ~np.isfinite(self._raw)
-        # a motor that was silent may be anywhere within its speed; one in doubt comes back to where
-        # it was before
-        since = time - np.where(self._doubted, np.maximum(self._at, time - OLDEST), self._raw_at)
-        moved = np.abs(places - np.where(self._doubted, self._place, self._raw))
-        jumped = known & ~first & ~(moved <= self._fastest * since + JUMP)
+        jumped = known & ~first & self._jumps(time, places)
         self._doubted = np.where(known & ~first, jumped, self._doubted)
-        self._doubted |= np.isin(self._names, doubts)
         sound = known & ~self._doubted
         gap = time - self._at
         recent = sound & (gap > 0.0) & (gap <= OLDEST)
         speed = np.divide(places - self._place, gap, out=np.zeros(len(gap)), where=recent)
         self._speed = np.where(recent, (self._speed + speed) / 2, np.where(sound, 0, self._speed))
-        self._raw, self._raw_at = np.where(known, places, self._raw), np.where(known, time, self._raw_at)
-        self._place, self._at = np.where(sound, places, self._place), np.where(sound, time, self._at)
-        standing = sound & (np.abs(self._speed) < STANDS)
+        self._raw = np.where(known, places, self._raw)
+        self._raw_at = np.where(known, time, self._raw_at)
+        self._place = np.where(sound, places, self._place)
+        self._at = np.where(sound, time, self._at)
+        standing = sound & (np.abs(self._speed) < STANDS) & self._calibrated
         self._ahead = np.where(standing, self._sent - places, self._ahead)
-        if torques is not None:
-            self._torque = np.where(np.isfinite(torques), torques, self._torque)
+        self._torque = np.where(np.isfinite(torques), torques, self._torque)
         return np.where(sound, places, np.nan)
+
+    def _jumps(self, time: float, places: Floats) -> Bools:
+        """Return which places are further from the last than a motor can go; one in doubt has to
+        come back to where it was before.
+        """
+        since = np.where(self._doubted, np.minimum(time - self._at, OLDEST), time - self._raw_at)
+        before = np.where(self._doubted, self._place, self._raw)
+        jumps: Bools = ~(np.abs(places - before) <= self._fastest * since + JUMP)
+        return jumps
+
+    def _stale(self, places: Floats, torques: Floats) -> Bools:
+        """Return which readings are old ones again: nothing of a motor changes that has to move."""
+        same = (places == self._raw) & (torques == self._torque) & (torques != 0.0)
+        ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
+        stale: Bools = same & (np.abs(self._sent - self._raw - ahead) > AGREES)
+        return stale
 
     @property
     def unread(self) -> list[str]:
-        """Motors that were never read."""
-        return self._named(~np.isfinite(self._place))
+        """Motors that were never read, although a sensor is there."""
+        return self._named(self._has_sensor & ~np.isfinite(self._place))
+
+    @property
+    def expected(self) -> Floats:
+        """Where motors are by their last goal, or by their last reading, (n_drives,)."""
+        return np.where(np.isfinite(self._sent), self._sent, self._place)
+
+    @property
+    def _lost(self) -> Bools:
+        """Which motors have no reading that is young enough, or do not get their goals."""
+        unread = self._has_sensor & (self._time - self._at > OLDEST)
+        lost: Bools = unread | (self._time - self._failing_since > OLDEST)
+        return lost
 
     @property
     def stopped(self) -> Bools:
         """Which motors stand because a reading is lost or in doubt, (n_drives,)."""
-        lost = (self._time - self._at > OLDEST) | self._doubted
-        stopped: Bools = self._together @ lost
+        stopped: Bools = self._together @ (self._lost | self._doubted)
         return stopped
 
     @property
@@ -139,13 +168,13 @@ class GoalGate:
     def note(self) -> str:
         """What is held back and why, in words; may be empty."""
         doubted = self._named(self._doubted)
-        lost = self._named((self._time - self._at > OLDEST) & ~self._doubted)
-        also = self._named(self.stopped & (self._time - self._at <= OLDEST) & ~self._doubted)
+        lost = self._named(self._lost & ~self._doubted)
+        also = self._named(self.stopped & ~self._lost & ~self._doubted)
         eased = self._named(self.stopped & (self._share() < 1.0))
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
-            (f"no reading of {{}} for {OLDEST:g} s: it stops", lost),
-            ("{} stops too: its tendons cross the same joint", also),
+            (f"{{}} not read, or sent no goal, for {OLDEST:g} s: stands", lost),
+            ("{} stands too: its tendons cross the same joint", also),
             ("{} gives way", eased),
         ]
         return "; ".join(words.format(", ".join(names)) for words, names in parts if names)
@@ -163,8 +192,9 @@ class GoalGate:
         self._held = np.where(begins, self._where_it_stops(), np.where(stopped, self._held, np.nan))
         self._stopped_at = np.where(begins, time, self._stopped_at)
         low, high = self._ends.T
-        before = np.where(np.isfinite(self._sent), self._sent, self._place)
         wanted = np.where(np.isfinite(goals), goals, self._sent)
+        before = self.expected
+        before = np.where(np.isfinite(before), before, wanted)
         wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
         most = self._fastest * OLDEST
         wanted = np.clip(wanted, before - most, before + most)
@@ -172,16 +202,24 @@ class GoalGate:
             np.isfinite(self._ahead), self._ahead, 0.0
         )
         sent = np.where(stopped, eased, wanted)
-        self._sent = np.where(np.isfinite(self._place), sent, np.nan)
+        self._before = self._sent
+        self._sent = np.where(np.isfinite(self._place) | ~self._has_sensor, sent, np.nan)
         return np.where(self._doubted, np.nan, self._sent)
+
+    def confirm(self, arrived: bool) -> None:
+        """Say whether what passed last was sent: what was not is not where the motor goes."""
+        if arrived:
+            self._failing_since = inf
+            return
+        self._failing_since = min(self._failing_since, self._time)
+        self._sent = self._before
 
     def _where_it_stops(self) -> Floats:
         """Return the goals at which motors stop that have no reading any more."""
-        coming = self._place + self._speed * self._lag + np.where(
-            np.isfinite(self._ahead), self._ahead, 0.0
-        )
+        ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
+        coming = self._place + self._speed * (self._time - self._at + self._lag) + ahead
         agrees = np.abs(self._sent - coming) <= AGREES + np.abs(self._speed) * self._lag
-        unknown = ~np.isfinite(self._ahead)
+        unknown = ~np.isfinite(self._ahead) & self._calibrated
         return np.where(np.isfinite(self._sent) & (agrees | unknown), self._sent, coming)
 
     def _share(self) -> Floats:
@@ -201,11 +239,11 @@ def _lag(bandwidth: float | None) -> float:
     return 0.0 if bandwidth is None else 1.0 / (2 * pi * bandwidth)
 
 
-def _ends(rig: Rig, name: str, bounded: bool) -> tuple[float, float]:
-    """Return the least and the largest place that a drive may be sent to, as its sensor reads it."""
+def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:
+    """Return between which places a drive may be sent, as its sensor reads them."""
     sensor = next((s for s in rig.sensors_of("position") if s.of == name), None)
     drive = next(drive for drive in rig.drives if drive.name == name)
-    if sensor is None or not bounded:
+    if sensor is None or not calibrated:
         return -inf, inf
     if isinstance(drive, Slider):
         low, high = drive.stops or (-inf, inf)
@@ -214,13 +252,12 @@ def _ends(rig: Rig, name: str, bounded: bool) -> tuple[float, float]:
     return (low, high) if isfinite(low) else (-inf, inf)
 
 
-def _together(rig: Rig) -> Bools:
-    """Return which drives stop with which, (n_drives, n_drives): their tendons cross one joint."""
+def crossed_joints(rig: Rig) -> Bools:
+    """Return which joints the tendons of each drive cross, (n_drives, n_joints)."""
     joints = [joint.name for joint in rig.joints]
-    crossed = np.zeros((len(rig.drives), len(joints)), dtype=bool)
     at = {drive.name: i for i, drive in enumerate(rig.drives)}
+    crossed = np.zeros((len(at), len(joints)), dtype=bool)
     for tendon in rig.tendons:
         for joint in tendon.joints:
             crossed[at[tendon.drive], joints.index(joint)] = True
-    together: Bools = crossed @ crossed.T
-    return together | np.eye(len(crossed), dtype=bool)
+    return crossed

@@ -6,16 +6,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, isnan, nan
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import CommandError
-from distal.estimators import SHORTEST, AdaptiveFilter
+from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.command import CommandModel
+from distal.inverse.goal_gate import GoalGate, crossed_joints
 from distal.inverse.inverse import LEAST_TENSION, least_tension_of
 from distal.inverse.live_function import GAINS, layouts, live_function
 from distal.kernels import Kernel
@@ -135,7 +137,9 @@ class LiveInverse:
 
     What the filter learns (friction, stretch, loads) is made up for. While the estimate is not
     known, its correction stays as it was. The first command is for where the joints are; from there
-    they go to what is wanted.
+    they go to what is wanted. Every command passes a `GoalGate`: a drive whose readings are lost
+    for 0.1 s stands, with those that move the same joints, and their joints are wanted where they
+    are.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
@@ -177,12 +181,12 @@ class LiveInverse:
             np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])
         )
         self._has_map = bool(runner.report.states)
-        at = {
-            sensor.of: runner.channels.index(sensor.name)
-            for sensor in self._rig.sensors_of("position")
-        }
-        drives = enumerate(self._rig.drives)
-        self._places = [(d, at[drive.name]) for d, drive in drives if drive.name in at]
+        self._gate = GoalGate(self._rig)
+        self._places, self._torques = (
+            _columns(self._rig, runner.channels, kind) for kind in ("position", "force")
+        )
+        self._moves = crossed_joints(self._rig) @ (np.array(model.mechanism.spread) != 0.0)
+        self._reference = self._loop.carry[self._layouts.carry["reference"]]
         self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
         self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
         self.reset()
@@ -191,6 +195,9 @@ class LiveInverse:
         """Forget everything: the next sample is the first."""
         self._monitor.reset()
         self._loop.carry[:] = 0.0
+        self._gate.reset()
+        self._forces = np.full(len(self._rig.drives), nan)
+        self._asked = np.full(len(self.joints), nan)
         self._time: float | None = None
 
     def clone(self) -> LiveInverse:
@@ -199,7 +206,8 @@ class LiveInverse:
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
         other._loop.carry[:] = self._loop.carry
-        other._time = self._time
+        other._gate, other._forces = self._gate.clone(self._rig), self._forces.copy()
+        other._time, other._asked = self._time, self._asked.copy()
         return other
 
     @property
@@ -246,48 +254,78 @@ class LiveInverse:
                 f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another "
                 "joint's"
             )
+        if sample_problem(sample, self.channels) is None:
+            sample = self._believed(time, sample)
         reading = self._monitor.take(time, sample)
         if not all(map(isfinite, reading.angles)):
-            stays = "nothing is sent yet" if self._time is None else "the last command stays"
-            return self._command(reading, f"{reading.health} {reading.detail}: {stays}")
-        unread = [self._rig.drives[d].name for d, at in self._places if isnan(float(sample[at]))]
+            stays = [] if self._time is None else ["the last command stays"]
+            return self._command(reading, [f"{reading.health} {reading.detail}", *stays])
+        unread = self._gate.unread
         if self._time is None and unread:
-            # where a drive is that was never read, nobody knows: no goal of it is safe
-            return self._command(
-                reading,
-                f"{', '.join(unread)} not read yet: nothing is sent before the first reading",
-            )
+            return self._command(reading, [f"{', '.join(unread)} not read yet"])
         x, y, unusable = self._x, self._y, reading.unusable
-        np.copyto(x["wanted"], angles, where=np.isfinite(angles))
+        self._asked = np.where(np.isfinite(angles), angles, self._asked)
         x["state"][:] = self._live.mean
         if self._has_map:
             x["mapped"][:] = self._live.added_by_maps[self._free]
-        for drive, channel in self._places:
-            value = float(sample[channel])
-            # without a reading a drive counts as being where it was sent
-            x["read"][drive] = y["places"][drive] if isnan(value) else value
+        # without a reading a drive counts as being where it was sent
+        read = np.where(self._places >= 0, sample[self._places], nan)
+        np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not unusable
         if self._time is None:
-            np.copyto(x["wanted"], self._live.mean[self._free], where=~np.isfinite(angles))
-            x["dt"][0] = 0.0
+            here = self._live.mean[self._free]
+            self._asked = np.where(np.isfinite(self._asked), self._asked, here)
+            x["wanted"][:], x["dt"][0] = self._asked, 0.0
             for _ in range(FIRST):
                 self._loop.step()
         else:
+            stands = self._gate.stopped @ self._moves
+            x["wanted"][:] = np.where(stands, self._reference, self._asked)
             x["dt"][0] = min(max(time - self._time, SHORTEST), LONGEST_GAP)
             self._loop.step()
         self._time = time
         ended = [drive.name for drive, is_cut in zip(self._rig.drives, y["at_end"]) if is_cut]
         notes = [f"no feedback: {unusable}"] if unusable else []
         notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
-        return self._command(reading, "; ".join(notes))
+        return self._command(reading, notes)
 
-    def _command(self, reading: Reading, note: str) -> Command:
-        y = self._y
+    def _believed(self, time: float, sample: Floats) -> Floats:
+        """Return a sample without the readings of drives that cannot be."""
+        sample = np.array(sample, dtype=np.float64)
+        places = np.where(self._places >= 0, sample[self._places], nan)
+        torques = np.where(self._torques >= 0, sample[self._torques], nan)
+        believed = self._gate.read(time, places, torques)
+        sample[self._places[self._places >= 0]] = believed[self._places >= 0]
+        return sample
+
+    def _command(self, reading: Reading, notes: list[str]) -> Command:
+        """Return what passes the gate."""
+        y, count = self._y, len(self._rig.drives)
         if self._time is None:
             # the kernel has not run: its buffers are no command
-            nothing = np.full(len(y["places"]), nan)
+            nothing = np.full(count, nan)
+            note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
-        return Command(y["places"].copy(), y["speeds"].copy(), y["forces"].copy(), reading, note)
+        is_new = all(map(isfinite, reading.angles))
+        places = self._gate.passed(reading.time, y["places"] if is_new else np.full(count, nan))
+        stands = self._gate.stopped
+        self._forces = np.where(stands, self._forces, y["forces"])
+        notes = [*notes, self._gate.note] if self._gate.note else notes
+        speeds = np.where(stands, 0.0, y["speeds"])
+        return Command(places, speeds, self._forces.copy(), reading, "; ".join(notes))
+
+    @property
+    def holding(self) -> Floats:
+        """Forces and torques that drives hold that stand because readings are lost [N, N m];
+        infinite for others, (n_drives,).
+        """
+        return self._gate.holding
+
+    def confirm(self, arrived: bool) -> None:
+        """Say whether the last command was sent: while commands do not arrive, joints are wanted
+        where they are.
+        """
+        self._gate.confirm(arrived)
 
     def __copy__(self) -> LiveInverse:
         """Return a clone: buffers are never shared."""
@@ -296,3 +334,9 @@ class LiveInverse:
     def __deepcopy__(self, memo: object) -> LiveInverse:
         """Return a clone."""
         return self.clone()
+
+
+def _columns(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
+    """Return where a sample has each drive's place or force, −1 for one without, (n_drives,)."""
+    at = {sensor.of: channels.index(sensor.name) for sensor in rig.sensors_of(kind)}
+    return np.array([at.get(drive.name, -1) for drive in rig.drives])

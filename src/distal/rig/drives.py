@@ -150,6 +150,9 @@ class Servo(Description):
     fastest: Annotated[float, In("rad/s", "positive")] | None = Field(
         None, description="largest speed"
     )
+    continuous_torque: Annotated[float, In("N m", "positive")] | None = Field(
+        None, description="torque that it may hold for hours; default: what it holds"
+    )
 
 
 class SliderServo(Servo):
@@ -157,6 +160,9 @@ class SliderServo(Servo):
 
     fastest: Annotated[float, In("m/s", "positive")] | None = Field(
         None, description="largest speed"
+    )
+    continuous_torque: Annotated[float, In("N", "positive")] | None = Field(
+        None, description="force that it may hold for hours; default: what it holds"
     )
 
 

@@ -73,6 +73,11 @@ class Rig(Description):
     tendons: tuple[Tendon, ...] = Field(min_length=1, description="the tendons")
     sensors: tuple[Sensor, ...] = Field((), description="the sensors")
     stepping: Stepping = Field(Stepping(), description="time step of the model")
+    when_lost: Literal["hold", "relax"] = Field(
+        "hold",
+        description="what motors do whose readings are lost for a second: hold their force, up to "
+        "what they may hold for hours, or relax. A hand that relaxes drops what it holds",
+    )
     provisional: str = Field(
         "",
         description="what is not done yet in this file, where a fit has not ended; commands repeat "

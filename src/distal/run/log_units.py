@@ -53,9 +53,10 @@ class LogUnits:
     ```
 
     An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is
-    taken. Where a motor may have gone half a turn without a value, the only turn in which its joint
-    can be is; if there are several, `doubts` says so. A motor that counts its turns, and counts
-    from another one after a restart, is where its joint can be.
+    taken. Where a motor may have gone half a turn without a value, or at its first value, the only
+    turn in which its joint can be is; if there are several, `doubts` says so, and `in_doubt` until
+    it has moved so far that only one is left. A motor that counts its turns, and counts from
+    another one after a restart, is where its joint can be.
 
     Args:
         rig: the description, or a shipped rig's name, or a path.
@@ -63,6 +64,8 @@ class LogUnits:
         turns: column or sensor → the log's number of one turn at which it wraps, 0 for one that
             does not; default `counts_per_turn` of those that are logged in counts.
         temperature_slope: change of torque constants [1/K], where `sample` is told temperatures.
+        ranged: whether the ranges of the joints say in which turn a motor is; before a power-on
+            routine they do not.
 
     Raises:
         EstimationError: a name in `turns` is no position of the rig, or a turn is no number.
@@ -74,6 +77,8 @@ class LogUnits:
         channels: Sequence[str] | None = None,
         turns: Mapping[str, float] | None = None,
         temperature_slope: float = TEMPERATURE_SLOPE,
+        *,
+        ranged: bool = True,
     ) -> None:
         self.rig = rig = rig if isinstance(rig, Rig) else load_rig(rig)
         names = channels_of(rig, "LogUnits", others=True).names if channels is None else channels
@@ -89,7 +94,8 @@ class LogUnits:
         }
         self._slope = temperature_slope
         self._turns = self._turn_sizes({} if turns is None else turns)
-        self._ranges = [motor_range(rig, sensor) for sensor in self._sensors]
+        anywhere = (-inf, inf)
+        self._ranges = [motor_range(rig, s) if ranged else anywhere for s in self._sensors]
         self._counted = [
             i
             for i, (sensor, (low, high)) in enumerate(zip(self._sensors, self._ranges))
@@ -105,11 +111,27 @@ class LogUnits:
         self._last, self._seen, self._ahead = (np.full(len(self._sensors), nan) for _ in range(3))
         self._ahead[:] = 0.0
         self._doubts: tuple[str, ...] = ()
+        # least and largest place of those whose turn is a guess, in the turn that was guessed
+        self._guessed = dict[int, tuple[float, float]]()
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Of the last sample: columns whose encoder may have turned without a value, in words."""
         return self._doubts
+
+    @property
+    def in_doubt(self) -> tuple[str, ...]:
+        """Motors of which it is not known in which of several turns they are."""
+        return tuple(self._sensors[i].of for i in self._guessed)
+
+    def followed_by(self, rig: Rig) -> LogUnits:
+        """Return the converter of another description of the same motors, in the turns in which
+        they are.
+        """
+        other = LogUnits(rig, self.channels, temperature_slope=self._slope)
+        other._last, other._seen = self._last.copy(), self._seen.copy()
+        other._ahead[np.isfinite(self._turns)] = self._ahead[np.isfinite(self._turns)]
+        return other
 
     def _turn_sizes(self, asked: Mapping[str, float]) -> Floats:
         """Return the turn of each channel in SI, infinite for one that does not wrap."""
@@ -188,34 +210,63 @@ class LogUnits:
 
     def _unwrapped(self, i: int, time: float, place: float, doubts: list[str]) -> float:
         """Return a place [rad, m] in the turn in which it is."""
-        turn, last, (low, high) = float(self._turns[i]), float(self._last[i]), self._ranges[i]
+        turn, last = float(self._turns[i]), float(self._last[i])
         gap = time - float(self._seen[i])
         near = place + turn * round((last - place) / turn) if isfinite(last) else nan
         if not isfinite(last) or self._fastest[i] * gap >= turn / 2:
-            turns = (
-                range(ceil((low - place) / turn), floor((high - place) / turn) + 1)
-                if isfinite(low)
-                else range(0)
-            )
+            turns = self._possible(i, place, place)
             if len(turns) == 1:
                 near = place + turn * turns[0]
-            elif not isfinite(last):
-                near = place if not turns else place + turn * turns[len(turns) // 2]
+                self._guessed.pop(i, None)
             else:
-                doubts.append(f"{self.columns[i]} may have turned without a value for {gap:.2g} s")
+                if not isfinite(last):
+                    near = place if not turns else place + turn * turns[len(turns) // 2]
+                    since = "its turn is not known: it counts within one only"
+                else:
+                    since = f"may have turned without a value for {gap:.2g} s"
+                if isfinite(last) or turns:
+                    doubts.append(f"{self.columns[i]} {since}")
+                    self._guessed[i] = near, near
+        if i in self._guessed:
+            near += self._settled(i, near)
         self._last[i], self._seen[i], self._ahead[i] = near, time, near - place
         return near
+
+    def _possible(self, i: int, least: float, most: float) -> range:
+        """Return by how many turns places may be off, all of them within the range."""
+        turn, (low, high) = float(self._turns[i]), self._ranges[i]
+        if not isfinite(low):
+            return range(0)
+        return range(ceil((low - least) / turn), floor((high - most) / turn) + 1)
+
+    def _settled(self, i: int, place: float) -> float:
+        """Return by how much a guessed turn is off where only one is possible, else 0."""
+        least, most = self._guessed[i]
+        least, most = min(least, place), max(most, place)
+        self._guessed[i] = least, most
+        turns = self._possible(i, least, most)
+        if len(turns) != 1:
+            return 0.0
+        del self._guessed[i]
+        return float(self._turns[i]) * turns[0]
 
     def _counted_anew(self, i: int, place: float) -> float:
         """Return a place [rad] of a motor that counts its turns: after a restart it may count from
         another one.
+
+        A place that is out of range without a jump is one where a tendon broke or a spool slipped.
         """
+        if not isfinite(place):
+            return place
         low, high = self._ranges[i]
-        if place + self._ahead[i] < low or place + self._ahead[i] > high:
+        at = place + float(self._ahead[i])
+        jumped = not abs(at - float(self._last[i])) < TURN / 2
+        if jumped and not low <= at <= high:
             ahead = TURN * round(((low + high) / 2 - place) / TURN)
             if low <= place + ahead <= high:
                 self._ahead[i] = ahead
-        return place + float(self._ahead[i])
+        self._last[i] = place + float(self._ahead[i])
+        return float(self._last[i])
 
     def logged(self, channel: str, value: float) -> float:
         """Return what the log holds where a channel is at a value in SI: a goal for a motor, in the
