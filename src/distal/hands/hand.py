@@ -112,6 +112,7 @@ class Hand:
         self._looked, self._lost, self._silent = -np.inf, 0, tuple[str, ...]()
         self._limits: Mapping[str, float] = {}
         self._held_back = ""
+        self._sent = dict[str, float]()
 
     @property
     def rig(self) -> Rig:
@@ -274,14 +275,19 @@ class Hand:
         """Send the goals that are known [rad], in the unit of the log; return whether that
         worked.
         """
+        # a motor that does not answer keeps its goal without being told again: if it restarts, it
+        # may count from another turn
+        again = {name for name in self._silent if goals[name] == self._sent.get(name)}
+        held_back = again.union(self._units.in_doubt)
         sent = {
             sensor.of: self._units.logged(sensor.name, goals[sensor.of])
             for sensor in self._rig.sensors_of("position")
-            if isfinite(goals[sensor.of]) and sensor.of not in self._units.in_doubt
+            if isfinite(goals[sensor.of]) and sensor.of not in held_back
         }
         try:
             if sent:
                 self._motors.write(sent)
+                self._sent |= {name: goals[name] for name in sent}
         except Exception:  # the next period sends it again
             self._lost += 1
             return False

@@ -41,6 +41,14 @@ AGREES = 0.05
 JUMP = 0.1
 """A place that moved by this more than its motor can is in doubt [rad, m]."""
 
+ARRIVED = 0.15
+"""A motor this near to its goal is where it was sent [rad, m]: so far may a small servo give way at
+its largest torque.
+"""
+
+NOISES = 5.0
+"""A torque that changed by less than so many standard deviations of its noise did not change."""
+
 
 class GoalGate:
     """Takes in what motors read and lets their goals pass, (n_drives,) each, SI.
@@ -63,6 +71,8 @@ class GoalGate:
         self._has_sensor = np.array([name in read for name in self._names])
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
+        noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
+        self._quiet = NOISES * np.array([noise.get(name, 0.0) for name in self._names])
         self._calibrated = calibrated
         self._relaxes = rig.when_lost == "relax"
         holds = [getattr(servo, "continuous_torque", None) for servo in servos]
@@ -73,8 +83,9 @@ class GoalGate:
         """Forget everything: the next reading of each motor is its first."""
         n = len(self._names)
         self._place, self._raw, self._sent, self._ahead, self._held = np.full((5, n), np.nan)
-        self._speed, self._torque = np.zeros((2, n))
+        self._speed, self._torque, self._torque_near = np.zeros((3, n))
         self._at, self._raw_at, self._stopped_at = np.full((3, n), -inf)
+        self._followed_at = np.full(n, inf)
         self._doubted = np.zeros(n, dtype=bool)
         self._time, self._read_at, self._failing_since = -inf, -inf, inf
         self._before = self._sent
@@ -102,8 +113,7 @@ class GoalGate:
         torques = self._torque if torques is None else torques
         known = np.isfinite(places) & ~self._stale(places, torques)
         first = known & ~np.isfinite(self._raw)
-        jumped = known & ~first & self._jumps(time, places)
-        self._doubted = np.where(known & ~first, jumped, self._doubted)
+        self._doubted = self._in_doubt(time, places, known & ~first)
         sound = known & ~self._doubted
         gap = time - self._at
         recent = sound & (gap > 0.0) & (gap <= OLDEST)
@@ -113,19 +123,26 @@ class GoalGate:
         self._raw_at = np.where(known, time, self._raw_at)
         self._place = np.where(sound, places, self._place)
         self._at = np.where(sound, time, self._at)
-        standing = sound & (np.abs(self._speed) < STANDS) & self._calibrated
+        slow = np.abs(self._speed) < STANDS
+        near = ~(np.abs(self._sent - self._place) > ARRIVED)
+        follows = near | ~slow | (np.abs(torques - self._torque_near) > self._quiet)
+        self._torque_near = np.where(near, torques, self._torque_near)
+        self._followed_at = np.where(follows | ~np.isfinite(torques), time, self._followed_at)
+        standing = sound & slow & follows & self._calibrated
         self._ahead = np.where(standing, self._sent - places, self._ahead)
         self._torque = np.where(np.isfinite(torques), torques, self._torque)
         return np.where(sound, places, np.nan)
 
-    def _jumps(self, time: float, places: Floats) -> Bools:
-        """Return which places are further from the last than a motor can go; one in doubt has to
-        come back to where it was before.
+    def _in_doubt(self, time: float, places: Floats, known: Bools) -> Bools:
+        """Return which places are in doubt: one that leapt further than its motor can go, until it
+        leaps back, or is where it was sent.
         """
-        since = np.where(self._doubted, np.minimum(time - self._at, OLDEST), time - self._raw_at)
-        before = np.where(self._doubted, self._place, self._raw)
-        jumps: Bools = ~(np.abs(places - before) <= self._fastest * since + JUMP)
-        return jumps
+        leaps = known & (np.abs(places - self._raw) > self._fastest * (time - self._raw_at) + JUMP)
+        silent = np.minimum(time - self._at, OLDEST)
+        is_back = leaps & (np.abs(places - self._place) <= self._fastest * silent + JUMP)
+        arrived = known & (np.abs(places - self._sent) <= ARRIVED)
+        doubted: Bools = (self._doubted | leaps) & ~(self._doubted & is_back) & ~arrived
+        return doubted
 
     def _stale(self, places: Floats, torques: Floats) -> Bools:
         """Return which readings are old ones again: nothing of a motor changes that has to move."""
@@ -146,9 +163,12 @@ class GoalGate:
 
     @property
     def _lost(self) -> Bools:
-        """Which motors have no reading that is young enough, or do not get their goals."""
+        """Which motors have no reading that is young enough, or do not get their goals: they stand
+        away from them and pull no more than at the last that they reached.
+        """
+        failing = self._time - self._failing_since > OLDEST
         unread = self._has_sensor & (self._time - self._at > OLDEST)
-        lost: Bools = unread | (self._time - self._failing_since > OLDEST)
+        lost: Bools = unread | failing | (self._time - self._followed_at > OLDEST)
         return lost
 
     @property
@@ -173,7 +193,7 @@ class GoalGate:
         eased = self._named(self.stopped & (self._share() < 1.0))
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
-            (f"{{}} not read, or sent no goal, for {OLDEST:g} s: stands", lost),
+            (f"{{}} not read, or deaf to its goals, for {OLDEST:g} s: stands", lost),
             ("{} stands too: its tendons cross the same joint", also),
             ("{} gives way", eased),
         ]

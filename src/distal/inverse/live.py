@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.command import CommandModel
@@ -23,10 +23,17 @@ from distal.inverse.live_function import GAINS, layouts, live_function
 from distal.kernels import Kernel
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
-from distal.run.health import LONGEST_GAP
 
 ACROSS = 0.25
 """Default of the fastest motion: a joint goes through its whole range in this time [s]."""
+
+PAUSE = 3.0
+"""A sample that comes later than after so many of the rig's intervals moves the reference by so
+many.
+"""
+
+CLEARLY = 3.0
+"""A joint that is further from its reference than so many standard deviations is elsewhere."""
 
 FIRST = 3
 """Rounds until the drives' places and what moves inside agree at the start."""
@@ -72,7 +79,7 @@ class Command:
     """What the drives do next, (n_drives,) each, SI.
 
     Args:
-        places: as their sensors would read them [m, rad].
+        places: as their sensors would read them [m, rad]; NaN of a drive to which nothing is sent.
         speeds: for drives that follow speeds, which bring them to these places too [m/s, rad/s].
         forces: [N, N m].
         reading: of the estimate on which it rests, with its health.
@@ -186,7 +193,8 @@ class LiveInverse:
             _columns(self._rig, runner.channels, kind) for kind in ("position", "force")
         )
         self._moves = crossed_joints(self._rig) @ (np.array(model.mechanism.spread) != 0.0)
-        self._reference = self._loop.carry[self._layouts.carry["reference"]]
+        carry = self._layouts.carry
+        self._carry = {name: self._loop.carry[carry[name]] for name in carry.names}
         self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
         self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
         self.reset()
@@ -198,6 +206,7 @@ class LiveInverse:
         self._gate.reset()
         self._forces = np.full(len(self._rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
+        self._stood = np.zeros(len(self.joints), dtype=bool)
         self._time: float | None = None
 
     def clone(self) -> LiveInverse:
@@ -208,6 +217,7 @@ class LiveInverse:
         other._loop.carry[:] = self._loop.carry
         other._gate, other._forces = self._gate.clone(self._rig), self._forces.copy()
         other._time, other._asked = self._time, self._asked.copy()
+        other._stood = self._stood.copy()
         return other
 
     @property
@@ -280,14 +290,31 @@ class LiveInverse:
                 self._loop.step()
         else:
             stands = self._gate.stopped @ self._moves
-            x["wanted"][:] = np.where(stands, self._reference, self._asked)
-            x["dt"][0] = min(max(time - self._time, SHORTEST), LONGEST_GAP)
+            self._rest(stands | self._stood)
+            self._stood = stands
+            x["wanted"][:] = np.where(stands, self._carry["reference"], self._asked)
+            # after a pause the reference goes on from where it was, and does not jump
+            x["dt"][0] = min(max(time - self._time, SHORTEST), PAUSE * self._live.interval)
             self._loop.step()
         self._time = time
         ended = [drive.name for drive, is_cut in zip(self._rig.drives, y["at_end"]) if is_cut]
         notes = [f"no feedback: {unusable}"] if unusable else []
         notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
         return self._command(reading, notes)
+
+    def _rest(self, stands: Bools) -> None:
+        """Let the references of joints that stand be where these clearly are, and feedback not wind
+        up.
+        """
+        if not stands.any():
+            return
+        here, stds = self._live.mean[self._free], self._live.angle_stds[self._free]
+        away = stands & (np.abs(self._carry["reference"] - here) > CLEARLY * stds)
+        for name in ("reference", "wished"):
+            np.copyto(self._carry[name], here, where=away)
+        for name in ("rate", "speed", "acceleration"):
+            self._carry[name][stands] = 0.0
+        self._carry["at_end"][:] = 1.0
 
     def _believed(self, time: float, sample: Floats) -> Floats:
         """Return a sample without the readings of drives that cannot be."""
