@@ -9,6 +9,7 @@ creep) is remembered and goes on with the commands.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 import casadi as ca
 import numpy as np
@@ -76,6 +77,7 @@ class CommandModel(Balance):
             forces=self.nd,
             tensions=self.nt,
             friction=self.nf,
+            short=self.nd,
         )
 
     def function(self) -> ca.Function:
@@ -127,14 +129,15 @@ class CommandModel(Balance):
         external = ca.MX.sym("external", self.nj)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         turning = ca.fmin(ca.fmax(turned + speeds * dt / TURNS, -1), 1)
-        held, s, f = angles, places, pulls
+        held, s, f, most = angles, places, pulls, ca.DM(self.most_pulls)
         for _ in range(ROUNDS):
             if any(len(part.drives) < len(part.joints) for part in self.parts):
                 held, f = self._reached()(angles, held, f, s, turning, external, lowest, p)
             torques, friction = self.needed(held, speeds, accelerations, s, turning, external, p)
             joints = self.spread()(held)
             arms, shares, steepest = self.geometry(joints, s, p)
-            f = self._pulls()(arms, torques, lowest, f)
+            asked = self._pulls()(arms, torques, lowest, f)
+            f = ca.fmin(ca.fmax(asked, -most), most)
             sprung, rubbing = f, rubbed
             if self.rubbing:
                 sprung, rubbing = self._internal()(joints, s, f, pulls, rubbed, p)
@@ -159,6 +162,7 @@ class CommandModel(Balance):
             "forces": forces,
             "tensions": tensions,
             "friction": friction,
+            "short": asked - f,
             "pulls": f,
             "turned": turning,
             "drives_turned": drives_turning,
@@ -166,6 +170,12 @@ class CommandModel(Balance):
         }
         named = [f"i{k}" for k in range(len(arguments))]
         return ca.Function("sample", arguments, list(outputs.values()), named, list(outputs))
+
+    @property
+    def most_pulls(self) -> list[float]:
+        """The largest pull of each drive along its tendons [N], infinite without a limit."""
+        limits = [inf if drive.limit is None else drive.limit for drive in self.rig.drives]
+        return [limit / self.radius(d) for d, limit in enumerate(limits)]
 
     def _within_range(self, places: Vector) -> Vector:
         """Return places of drives, cut where these end."""

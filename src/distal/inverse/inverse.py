@@ -10,23 +10,27 @@ from typing import get_args
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from distal.arrays import Floats
+from distal.arrays import Bools, Floats
 from distal.errors import CommandError
-from distal.inverse.command import CommandModel
+from distal.inverse.command import FARTHEST, CommandModel
 from distal.inverse.commands import Commands
 from distal.inverse.distribution import Prefer
+from distal.inverse.held import held_kernel, held_layout
 from distal.inverse.learned import LearnedShift
 from distal.inverse.reached import place_variances, spread_kernel, stiffness_function
 from distal.inverse.readings import readings
-from distal.inverse.servo import sent
+from distal.inverse.servo import followable, sent
 from distal.kernels import Advanced, Feed, Kernel, advance
 from distal.rig import Rig, load_rig
 from distal.rounded import rounded
 from distal.run import LOST
 from distal.simulation.plant import inside_function
 from distal.units import to_si
+
+Indices = NDArray[np.intp]
 
 LEAST_TENSION = 1.0
 """Tension that every tendon keeps where nothing else is asked for [N]."""
@@ -43,15 +47,18 @@ SETTLES = 3
 NAMED = 3
 """So many joints are named that are not where they are wanted."""
 
+TINY = 1e-9
+"""Places that differ by less are one [m, rad], as are pulls [N]."""
+
 SHARE = 1.02
 """A limit counts as passed from this multiple of it on."""
 
 
-def least_tension_of(value: float | str) -> float:
+def least_tension_of(value: float | str, rig: Rig) -> float:
     """Return a least tension [N], given in newtons or as a text with a unit.
 
     Raises:
-        CommandError: it is none.
+        CommandError: it is none, or no tendon of the rig can have it.
     """
     try:
         tension = to_si(value, "N")
@@ -59,6 +66,13 @@ def least_tension_of(value: float | str) -> float:
         raise CommandError(f"least_tension: {problem}") from None
     if not 0.0 <= tension < inf:
         raise CommandError(f"least_tension: at least 0 N, {value} came")
+    for tendon in rig.tendons:
+        most = max(FARTHEST * tendon.stiffness.value, TAUTEST)
+        if tension > most:
+            raise CommandError(
+                f"least_tension: {value} would stretch tendon '{tendon.name}' by more than "
+                f"{FARTHEST:g} m; up to {rounded(most, 3)} N can be"
+            )
     return tension
 
 
@@ -94,7 +108,7 @@ class Inverse:
         compiled: bool = True,
     ) -> None:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        self.least_tension = least_tension_of(least_tension)
+        self.least_tension = least_tension_of(least_tension, self.rig)
         if prefer not in get_args(Prefer):
             raise CommandError(f"prefer: {' or '.join(get_args(Prefer))}, {prefer!r} came")
         self.model = CommandModel(self.rig, prefer)
@@ -135,12 +149,19 @@ class Inverse:
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
         mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
         offsets, places = np.array(mechanism.offsets).ravel(), read["places"]
-        reached = read["angles"] + added[:, self.model.free]
+        got = self._followed(stamps, places)
+        cut = self._cut(run, read, got)
+        rows = np.flatnonzero(cut.any(axis=1))
+        angles = self._held(run, read["angles"], got, rows)
+        reached = angles + added[:, self.model.free]
         ahead = np.column_stack(
             [sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]
         )
-        stds = np.sqrt(self._variances(read["angles"], places, run.carries))
-        notes += [*self._not_reached(stamps, held, reached), *self._beyond(stamps, read)]
+        stds = np.sqrt(self._variances(angles, got, run.carries, rows))
+        notes += [
+            *self._not_reached(stamps, held, reached, cut),
+            *self._beyond(stamps, read, run.carries),
+        ]
         return Commands(
             self.rig,
             stamps,
@@ -154,6 +175,36 @@ class Inverse:
             tensions=read["tensions"],
             notes=tuple(notes),
         )
+
+    def _followed(self, time: Floats, places: Floats) -> Floats:
+        """Return the places of drives no faster than these can go, (k, n_drives)."""
+        servos = [drive.servo for drive in self.rig.drives]
+        fastest = [inf if s is None or s.fastest is None else s.fastest for s in servos]
+        each = zip(places.T, fastest)
+        return np.column_stack([followable(time, place, most) for place, most in each])
+
+    def _cut(self, run: Advanced, read: Mapping[str, Floats], got: Floats) -> Bools:
+        """Return where drives are not at the places at which joints are as wanted, (k,
+        n_drives).
+        """
+        asked = self.model.carry.view(run.carries, "places")
+        cut: Bools = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
+        return cut
+
+    def _held(self, run: Advanced, angles: Floats, places: Floats, cut: Indices) -> Floats:
+        """Return the angles of free joints, in the rows where drives were `cut` those at which they
+        rest, (k, n_free) [rad].
+        """
+        if not len(cut):
+            return angles
+        layout, rows = held_layout(self.model), np.zeros((len(angles), 1))
+        rows[cut] = 1.0
+        inside = self.model.carry.view(run.carries, "inside")
+        parts = {"angles": angles, "places": places, "inside": inside, "cut": rows}
+        feed = np.column_stack([parts[name] for name in layout.names])
+        kernel = Kernel(held_kernel(self.model), self._compiled)
+        begin = np.append(angles[0], 0.0)
+        return advance(kernel, Feed(begin, feed, self._numbers)).ys
 
     def _run(self, time: Floats, angles: Floats) -> Advanced:
         rows = self._rows(time, angles)
@@ -202,7 +253,7 @@ class Inverse:
             each if each is not None else np.tile(np.asarray(angles, dtype=np.float64), (2, 1)),
         )
         row = self._rows(still, wanted)[0]
-        row[self.model.x["lowest"]] = least_tension_of(tension)
+        row[self.model.x["lowest"]] = least_tension_of(tension, self.rig)
         carry = self._begin(row)
         places, inside = carry[self.model.carry["places"]], carry[self.model.carry["inside"]]
         found: Floats = (
@@ -334,55 +385,64 @@ class Inverse:
                 ).ravel()
         return carry
 
-    def _variances(self, angles: Floats, places: Floats, carries: Floats) -> Floats:
+    def _variances(self, angles: Floats, places: Floats, carries: Floats, cut: Indices) -> Floats:
+        """Return variances of the free joints' angles; in rows where drives were `cut`, friction
+        may be either way.
+        """
         view = self.model.carry.view
+        turned = view(carries, "turned").copy()
+        turned[cut] = 0.0
         unsure = np.tile(place_variances(self.rig), (len(angles), 1))
-        rows = np.column_stack(
-            [angles, places, view(carries, "turned"), unsure, view(carries, "inside")]
-        )
+        rows = np.column_stack([angles, places, turned, unsure, view(carries, "inside")])
         return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys
 
-    def _not_reached(self, time: Floats, wanted: Floats, reached: Floats) -> list[str]:
+    def _not_reached(self, time: Floats, wanted: Floats, reached: Floats, cut: Bools) -> list[str]:
+        """Return which joints do not get where they are wanted, the farthest first, in words."""
         away = np.abs(reached - wanted)
         far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
         if not far:
             return []
-        each = [f"{self.joints[k]} {rounded(np.rad2deg(away[:, k].max()))}°" for k in far[:NAMED]]
-        more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
-        return [
-            "fewer drives than joints, these follow their springs, off by up to: "
-            f"{', '.join(each)}{more}"
+        each = [
+            f"{self.joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° (first at "
+            f"{time[away[:, k] > NEAR][0]:.4g} s)"
+            for k in far[:NAMED]
         ]
+        more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
+        names = [self.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
+        why = (
+            f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
+            if names
+            else "fewer drives than joints, these follow their springs, off by up to"
+        )
+        return [f"{why}: {', '.join(each)}{more}"]
 
-    def _beyond(self, time: Floats, read: Mapping[str, Floats]) -> list[str]:
+    def _beyond(self, time: Floats, read: Mapping[str, Floats], carries: Floats) -> list[str]:
         """Return which limits of drives are passed, and which tendons would go slack, in words."""
         notes = []
+        asked = self.model.carry.view(carries, "places")
         for i, drive in enumerate(self.rig.drives):
             unit = "N" if drive.kind == "slider" else "N m"
-            largest = float(np.abs(read["forces"][:, i]).max())
+            needed = read["forces"][:, i] + self.model.radius(i) * read["short"][:, i]
+            largest = float(np.abs(needed).max())
             if drive.limit is not None and largest > SHARE * drive.limit:
                 notes.append(
                     f"{drive.name} would need {largest:.3g} {unit}, its limit is "
                     f"{drive.limit:.3g} {unit}"
                 )
-            servo, fastest = (
-                drive.servo,
-                float(np.abs(np.gradient(read["places"][:, i], time)).max()),
-            )
+            servo = drive.servo
+            fastest = float(np.abs(np.gradient(read["places"][:, i], time)).max())
             if servo is not None and servo.fastest is not None and fastest > SHARE * servo.fastest:
                 notes.append(
                     f"{drive.name} would need a speed of {fastest:.3g}, it reaches "
                     f"{servo.fastest:.3g}: it is late there"
                 )
-            if drive.stops is not None:
+            cut = np.abs(asked[:, i] - read["places"][:, i]) > TINY
+            if drive.stops is not None and cut.any():
                 low, high = drive.stops
-                cut = (read["places"][:, i] <= low) | (read["places"][:, i] >= high)
-                if cut.any():
-                    notes.append(
-                        f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
-                        "first at "
-                        f"{time[cut][0]:.4g} s"
-                    )
+                notes.append(
+                    f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
+                    f"first at {time[cut][0]:.4g} s"
+                )
         for i, tendon in enumerate(self.rig.tendons):
             slack = read["tensions"][:, i] < 0.5 * min(self.least_tension, 1e-3)
             if slack.any():

@@ -182,7 +182,7 @@ class LiveInverse:
         self._free, self.joints = model.free, tuple(self._rig.joints[j].name for j in model.free)
         self._layouts = layouts(model, runner.states)
         self._kernel = Kernel(live_function(model, runner.states), compiled)
-        gains = gains_of(model, least_tension_of(least_tension), feedback, fastest)
+        gains = gains_of(model, least_tension_of(least_tension, self._rig), feedback, fastest)
         self._monitor = Monitor(self._live)
         self._loop = self._kernel.loop(
             np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])

@@ -35,10 +35,10 @@ def spread_function(model: CommandModel) -> ca.Function:
         ca.SX.sym("turned", nf),
     )
     place_variances, external = ca.SX.sym("place_variances", model.nd), ca.SX.sym("tau", model.nj)
-    lacking, friction = _lacking(model, free, places, turned, external)
-    slopes = ca.jacobian(lacking, free) - SOFTEST * ca.SX.eye(nf)
-    by_numbers = ca.mtimes(ca.jacobian(lacking, p), ca.sparsify(ca.SX(ca.DM(root))))
-    by_places = ca.mtimes(ca.jacobian(lacking, places), ca.diag(ca.sqrt(place_variances)))
+    lacks, friction = lacking(model, free, places, turned, external)
+    slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(nf)
+    by_numbers = ca.mtimes(ca.jacobian(lacks, p), ca.sparsify(ca.SX(ca.DM(root))))
+    by_places = ca.mtimes(ca.jacobian(lacks, places), ca.diag(ca.sqrt(place_variances)))
     variances = ca.SX.zeros(nf)
     for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_places))):
         variances += solved(slopes, column) ** 2
@@ -55,7 +55,7 @@ def spread_function(model: CommandModel) -> ca.Function:
     )
 
 
-def _lacking(
+def lacking(
     model: CommandModel, free: Vector, places: Vector, turned: Vector, external: Vector
 ) -> tuple[Vector, Vector]:
     """Return what joints at rest lack, (n_free,) [N m], and their friction limits."""
@@ -75,9 +75,9 @@ def stiffness_function(model: CommandModel) -> ca.Function:
     m/rad].
     """
     free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
-    lacking, _ = _lacking(model, free, places, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
+    lacks, _ = lacking(model, free, places, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
     arguments = [free, places, model.mechanism.parameters.symbols]
-    return ca.Function("stiffness", arguments, [-ca.diag(ca.jacobian(lacking, free))])
+    return ca.Function("stiffness", arguments, [-ca.diag(ca.jacobian(lacks, free))])
 
 
 def spread_kernel(model: CommandModel) -> ca.Function:

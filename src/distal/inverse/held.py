@@ -1,0 +1,72 @@
+"""Where joints come to rest with the places that are really sent, after every cut.
+
+A drive that ends, or cannot pull as hard or go as fast as it would have to, leaves the joints where
+they lack no more than friction holds, |r(θ, s, p)| ≤ l, at the places s that it has: Newton's steps
+from where they were a sample before, within their stops. Far from there a tendon's geometry has
+other solutions.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from distal.expressions import Vector
+from distal.inverse.command import CommandModel
+from distal.inverse.distribution import solved
+from distal.inverse.reached import SOFTEST, lacking
+from distal.kernels import Layout
+
+ROUNDS = 12
+"""Newton's steps in a sample."""
+
+LARGEST = float(np.deg2rad(2.0))
+"""None of them turns a joint by more [rad]."""
+
+BACK = float(np.deg2rad(5.0))
+"""A joint that was left behind is back where it is wanted when it is so near [rad]."""
+
+
+def held_layout(model: CommandModel) -> Layout:
+    """Return the layout of a sample: the angles that were wanted, places, what is inside, and
+    whether a drive is cut.
+    """
+    inside = model.carry["inside"].stop - model.carry["inside"].start
+    return Layout(angles=model.nf, places=model.nd, inside=inside, cut=1)
+
+
+def held_kernel(model: CommandModel) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, θ_free), the angles at which free joints rest, (n_free,)
+    [rad]; the carry is (θ_free, whether they were left behind).
+    """
+    layout = held_layout(model)
+    carry, x = ca.MX.sym("carry", model.nf + 1), ca.MX.sym("x", layout.size)
+    inside = layout["inside"].stop - layout["inside"].start
+    p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
+    came, behind = layout.parts(x), carry[model.nf]
+    numbers = ca.vertcat(p, came["inside"]) if inside else p
+    ends = [model.rig.joints[j].stops or (-ca.inf, ca.inf) for j in model.free]
+    low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
+    step, found = _step(model), carry[: model.nf]
+    for _ in range(ROUNDS):
+        found = ca.fmin(ca.fmax(found + step(found, came["places"], numbers), low), high)
+    away = ca.norm_inf(found - came["angles"]) > BACK
+    behind = ca.logic_or(came["cut"] > 0, ca.logic_and(behind > 0, away))
+    found = ca.if_else(behind, found, came["angles"])
+    names = ["carry", "x", "p"], ["next", "y"]
+    return ca.Function("held", [carry, x, p], [ca.vertcat(found, behind), found], *names)
+
+
+def _step(model: CommandModel) -> ca.Function:
+    """Return (θ_free, s, p) → Newton's step towards rest: where friction l holds, |r| ≤ l, a joint
+    stays.
+    """
+    free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
+    still, none = ca.SX.zeros(model.nf), ca.SX.zeros(model.nj)
+    lacks, friction = lacking(model, free, places, still, none)
+    slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(model.nf)
+    beyond = lacks - ca.fmin(ca.fmax(lacks, -friction), friction)
+    change: Vector = -solved(slopes, beyond)
+    limited = ca.fmin(ca.fmax(change, -LARGEST), LARGEST)
+    arguments = [free, places, model.mechanism.parameters.symbols]
+    return ca.Function("step", arguments, [ca.cse(ca.densify(limited))])
