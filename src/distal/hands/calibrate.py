@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -18,9 +19,11 @@ from distal.fitting.fitted_file import MARK, fitted_text
 from distal.fitting.fitted_number import assignments
 from distal.fitting.numbers import Numbers, from_starts, problem_of
 from distal.hands.findings import (
+    LOOSE,
     Fault,
     check_units,
     faults_of,
+    longer,
     slack_of,
     stopped_of,
     travel_of,
@@ -29,7 +32,7 @@ from distal.hands.springs import Springs, springs_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of, sweeps_of
 from distal.logs import Log, Source, read_log, write_whole
-from distal.rig import Number, Part, Rig, independent_parts, load_rig, named, number
+from distal.rig import Capstan, Number, Part, Rig, independent_parts, load_rig, named, number
 
 SCATTER = 0.25
 """What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not
@@ -62,6 +65,13 @@ whose steps are few [rad/s].
 
 NOT_SLACK = {"value": 0.0, "std": 0.0}
 """Of such a pair [m]."""
+
+RADIUS_SPREAD = 0.25
+"""Prior of a spool's radius where the travel is not that of the rig's, as a share; the slack is
+then what the rig says.
+"""
+
+Form = Literal["slack", "stretched", "radius"]
 
 SLACK = (0.3e-3, 1.5e-3)
 """Prior of the slack of each tendon of a pair, its mean and std, wider than a hand's own: it may be
@@ -221,8 +231,8 @@ def _sweeps(
 
 
 def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
-    """Return path by names → value of a part's numbers, in the likelier of its forms: pairs slack
-    or stretched.
+    """Return path by names → value of a part's numbers, in the likeliest of its forms: pairs slack,
+    stretched, or on spools of another radius than the rig has.
     """
     rig, drives = part.rig, [drive.name for drive in part.rig.drives]
     first, last = (
@@ -240,15 +250,17 @@ def _of_part(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dic
         log.source,
     )
     pairs = [name for name in drives if is_pair(rig, name)]
-    forms = [(), tuple(pairs)] if pairs else [()]
+    forms: list[Form] = ["slack", "stretched"] if pairs else ["slack"]
+    if any(abs(longer(rig, name, sweeps[name])) > LOOSE for name in pairs):
+        forms.append("radius")
     springs = None if pairs else springs_of(log, rig, drives[0], sweeps[drives[0]])
     found = list[tuple[float, Rig, Numbers]]()
-    for stretched in forms:
-        formed = _formed(rig, stretched)
-        starts = _starts(formed, drives, sweeps, stretched)
+    for form in forms:
+        formed = _formed(rig, form, pairs)
+        starts = _starts(formed, drives, sweeps, pairs if form == "stretched" else ())
         if springs is not None:
             starts = [{**starts[0], **springs.values}]
-        prior = _prior(formed, drives, sweeps, starts, springs)
+        prior = _prior(formed, drives, sweeps, starts, springs, form)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
         numbers = from_starts(problem, [prior.with_values(start) for start in starts])
         # what the channels' values are worth differs from search to search; the plain sums can be
@@ -287,14 +299,21 @@ def _spread(found: Number) -> dict[str, object]:
     return {"value": found.value, "std": found.std}
 
 
-def _formed(rig: Rig, stretched: Sequence[str]) -> Rig:
-    """Return the rig with the pairs of some drives under tension instead of slack."""
-    changed = {
-        f"tendons.{k}.{name}": value
-        for k, tendon in enumerate(rig.tendons)
-        if tendon.drive in stretched
-        for name, value in (("slack", NOT_SLACK), ("pretension", PRETENSION))
-    }
+def _formed(rig: Rig, form: Form, pairs: Sequence[str]) -> Rig:
+    """Return the rig with pairs of tendons under tension instead of slack, or with spools whose
+    radii are not known.
+    """
+    changed: dict[str, object] = {}
+    if form == "stretched":
+        for k, tendon in enumerate(rig.tendons):
+            if tendon.drive in pairs:
+                changed |= {f"tendons.{k}.slack": NOT_SLACK, f"tendons.{k}.pretension": PRETENSION}
+    if form == "radius":
+        for k, drive in enumerate(rig.drives):
+            if drive.name in pairs and isinstance(drive, Capstan):
+                radius = drive.radius.value
+                spread = {"value": radius, "std": RADIUS_SPREAD * radius}
+                changed[f"drives.{k}.radius"] = spread
     return rig.with_values(changed) if changed else rig
 
 
@@ -335,6 +354,7 @@ def _prior(
     sweeps: Mapping[str, Sequence[Sweep]],
     starts: Sequence[Start],
     springs: Springs | None,
+    form: Form,
 ) -> Rig:
     """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction,
     angles by the first end.
@@ -349,7 +369,7 @@ def _prior(
             sensor = rig.sensors[int(path.split(".")[1])]
             contacts = [sweep.contact for sweep in sweeps[sensor.of]]
             values[path] = {"value": value, "std": ZERO_SPREAD * (max(contacts) - min(contacts))}
-        elif path.endswith(".slack"):
+        elif path.endswith(".slack") and form != "radius":
             values[path] = {"value": SLACK[0], "std": SLACK[1]}
         elif path.endswith(".stiffness") and path.startswith("tendons."):
             shared = rig.tendons[int(path.split(".")[1])].stiffness.shared

@@ -12,7 +12,7 @@ import numpy as np
 from distal.errors import FitError
 from distal.hands.starts import contacts, is_pair
 from distal.hands.sweeps import FEWEST, Sweep
-from distal.rig import Capstan, Rig
+from distal.rig import Capstan, Rig, Slider
 
 FaultKind = Literal["side", "slack", "broken", "slipped", "travel", "stopped"]
 
@@ -29,9 +29,6 @@ SLIPPED = 4.0
 UNLIKE = 4.0
 """A spool's radius that is found further from the rig's than so many stds of both is another one.
 """
-
-LEAST_PLAY = 3.0
-"""Where a fit finds less play, a long travel is not one of slack tendons [deg]."""
 
 TURNS_MOST = 5.0
 """No hand's motors all turn so many times as far as their joints' ranges ask for."""
@@ -148,29 +145,45 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
         )
 
 
+def longer(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> float:
+    """Return by how much further a motor with a pair of tendons turns between its contacts than its
+    joint's range and the rig's radii ask for, at the joint [deg].
+    """
+    motor = next(part for part in rig.drives if part.name == drive)
+    (name, arm), *_ = next(t for t in rig.tendons if t.drive == drive).arms().items()
+    ends = [contacts(sweeps, way) for way in (1, -1)]
+    if not isinstance(motor, Capstan) or not all(ends):
+        return 0.0
+    low, high = next(joint for joint in rig.joints if joint.name == name).travel
+    up, down = (float(np.mean(end)) for end in ends)
+    return degrees((up - down) * motor.radius.value / abs(arm) - (high - low))
+
+
 def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tuple[Fault, ...]:
-    """Return the pairs of tendons that are slack, by what a calibration found and by their travel
-    in the rig as it came.
+    """Return the pairs of tendons that are slack, by what a calibration found and by their travel:
+    with the rig's radii, unless these are clearly others.
     """
     faults = []
-    for drive in rig.drives:
-        tendons = [tendon for tendon in found.tendons if tendon.drive == drive.name]
-        if (
-            not is_pair(rig, drive.name)
-            or not isinstance(drive, Capstan)
-            or len(sweeps[drive.name]) < FEWEST
-        ):
+    for before, after in zip(rig.drives, found.drives):
+        name, tendons = before.name, [t for t in found.tendons if t.drive == before.name]
+        if not is_pair(rig, name) or len(sweeps[name]) < FEWEST:
             continue
-        (name, arm), *_ = tendons[0].arms().items()
-        low, high = next(joint for joint in rig.joints if joint.name == name).travel
-        up, down = (float(np.mean(contacts(sweeps[drive.name], way))) for way in (1, -1))
-        by_travel = degrees((up - down) * drive.radius.value / abs(arm) - (high - low))
+        joint, arm = next(iter(tendons[0].arms().items()))
+        by_travel = longer(found if _unlike(before, after) else rig, name, sweeps[name])
         play = degrees(sum(tendon.slack.value for tendon in tendons) / abs(arm))
-        if min(play, by_travel) > LOOSE or (by_travel > TRAVELS and play > LEAST_PLAY):
+        if min(play, by_travel) > LOOSE or by_travel > TRAVELS:
             size = max(play, by_travel)
-            line = f"{drive.name} ({name}): has about {size:.0f}° of play: its tendons are slack"
-            faults.append(Fault("slack", drive.name, size, line))
+            line = f"{name} ({joint}): has about {size:.0f}° of play: its tendons are slack"
+            faults.append(Fault("slack", name, size, line))
     return tuple(faults)
+
+
+def _unlike(before: Capstan | Slider, after: Capstan | Slider) -> bool:
+    """Return whether a spool's radius was found clearly apart from the rig's."""
+    if not isinstance(before, Capstan) or not isinstance(after, Capstan):
+        return False
+    unsure = hypot(before.radius.total_std, after.radius.total_std)
+    return abs(after.radius.value - before.radius.value) > UNLIKE * unsure
 
 
 def travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
@@ -180,10 +193,9 @@ def travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
         if before.name not in drives or not isinstance(before, Capstan):
             continue
         assert isinstance(after, Capstan)
-        was, now = before.radius, after.radius
-        unsure = hypot(was.total_std, now.total_std)
-        if unsure == 0.0 or abs(now.value - was.value) < UNLIKE * unsure:
+        if not _unlike(before, after):
             continue
+        was, now = before.radius, after.radius
         ratio = now.value / was.value
         joints = next(tendon.joints for tendon in rig.tendons if tendon.drive == before.name)
         why = "stops before its end" if ratio > 1.0 else "has slack tendons"

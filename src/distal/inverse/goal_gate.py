@@ -11,13 +11,13 @@ the u of that. It is not sent s: it would give way by F/K. After `PATIENCE` come
 
 from __future__ import annotations
 
-from math import inf, isfinite, pi
+from math import inf, pi
 
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.rig import Rig, Slider
-from distal.run.drive_range import motor_range
+from distal.rig import Rig
+from distal.run.drive_range import motor_range, place_range
 from distal.run.log_units import FASTEST
 
 OLDEST = 0.1
@@ -265,11 +265,9 @@ def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:
     drive = next(drive for drive in rig.drives if drive.name == name)
     if sensor is None or not calibrated:
         return -inf, inf
-    if isinstance(drive, Slider):
-        low, high = drive.stops or (-inf, inf)
-        return low + sensor.bias.value, high + sensor.bias.value
-    low, high = motor_range(rig, sensor)
-    return (low, high) if isfinite(low) else (-inf, inf)
+    if drive.stops is not None:
+        return place_range(rig, sensor)
+    return motor_range(rig, sensor)
 
 
 def crossed_joints(rig: Rig) -> Bools:
