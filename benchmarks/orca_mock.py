@@ -45,10 +45,10 @@ class PlantClient:
             self.client._pos[number] = float(read["places"][0, j])
             self.client._cur[number] = 1e3 * float(read["currents"][0, j])
         silent = REBOOT < at < REBOOT + SILENT
-        self.client.last_read_ok = not (
-            self.rng.random() < LOST or (silent and self.rng.random() < 0.5)
-        )
-        self.fails += not self.client.last_read_ok
+        # what the mock offers to make a read fail
+        reader = self.client._pos_vel_cur_reader
+        reader.last_read_ok = not (self.rng.random() < LOST or (silent and self.rng.random() < 0.5))
+        self.fails += not reader.last_read_ok
 
 
 def main() -> None:

@@ -166,7 +166,10 @@ def main() -> None:
         words = [] if found is None else list(found.faults)
         of_first = [one for one in words if one.drive not in names]
         false = [one for one in words if one.drive in names] + [
-            one for one in of_first if one.kind not in TRUE_WORDS.get(fault.kind, ())
+            one
+            for one in of_first
+            if one.kind not in TRUE_WORDS.get(fault.kind, ())
+            and not (fault.kind == "other radius" and "radii are others" in one.sentence)
         ]
         kept = [found is not None and apart(twin.rig, found.rig, m) <= 2.0 for m in sound]
         named = bool(of_first) and not false if fault.kind != "lost reads" else not false

@@ -70,6 +70,8 @@ class Hands:
         self.nodes = np.zeros(drawn.slack.shape)
         self.torques, self.goals = np.zeros((hands, motors)), np.zeros((hands, motors))
         self.limits = np.full((hands, motors), 0.8)
+        # of the motors' servos: stiffness [N m/rad], damping [N m s/rad], dead band [rad]
+        self.stiffness, self.damping, self.dead_band = 6.0, 0.12, 0.0
         self.broken = np.zeros(drawn.slack.shape, dtype=bool)
         self.slips = np.full((hands, motors), np.inf)
         self.slipped = np.zeros((hands, motors))
@@ -102,9 +104,10 @@ class Hands:
         near, far = self._tensions()
         load = np.einsum("htm,ht->hm", d.spools, near)
         # a servo: proportional to what is left, never above its limit
-        self.torques = np.clip(
-            6.0 * (self.goals - self.places) - 0.12 * self.speeds, -self.limits, self.limits
-        )
+        left = self.goals - self.places
+        left = left - np.clip(left, -self.dead_band, self.dead_band)
+        asked = self.stiffness * left - self.damping * self.speeds
+        self.torques = np.clip(asked, -self.limits, self.limits)
         inertia = 2e-4
         free = self.speeds + STEP / inertia * (self.torques - load)
         grip = STEP / inertia * (d.gear_friction + d.gear_load * np.abs(load))

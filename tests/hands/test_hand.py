@@ -16,8 +16,8 @@ from benchmarks.strangers.servo_hands import orca_like
 
 from distal.errors import CommandError, EstimationError, OutputError
 from distal.hands import Hand, Motors
-from distal.hands.motors import AeroMotors
-from distal.rig import Rig, build_rig, load_rig
+from distal.hands.motors import AeroMotors, OrcaMotors
+from distal.rig import Rig, build_rig, load_rig, log_factor
 from distal.rig.hand_tables import Row, hand_of
 from distal.run.drive_range import range_ends
 
@@ -45,6 +45,7 @@ class Orca:
     def __init__(self) -> None:
         self.config = SimpleNamespace(motor_ids=[1, 2], max_current=300.0)
         self.limits = [300.0, 300.0]
+        self.motor_client: Any = None
         self.places, self.currents, self.sent = np.zeros(2), np.zeros(2), dict[int, float]()
         self.last_read_ok, self.fails, self.temperature = True, False, 40.0
 
@@ -160,6 +161,30 @@ def test_a_motor_without_a_goal_does_not_sink(orca: Orca) -> None:
         motors.read()
         motors.write({names[0]: 10.0})
     assert aero.sent == 4 * [[10.0, 7.0]]
+
+
+def test_a_read_that_the_sdk_says_failed_is_none(orca: Orca) -> None:
+    """Its client says so in releases of orca_core, which return old values then."""
+    del orca.last_read_ok
+    orca.motor_client = SimpleNamespace(last_read_ok=True)
+    motors = OrcaMotors(orca, sound_rig())
+    assert len(motors.read()) == 4
+    orca.motor_client.last_read_ok = False
+    assert motors.read() == {}
+
+
+def test_currents_are_limited_by_torques(orca: Orca) -> None:
+    """The rig's torque constant turns one into the other; a motor without a limit has the SDK's."""
+    rig = sound_rig()
+    per_milliampere = log_factor(rig.sensors_of("force")[0])
+    OrcaMotors(orca, rig).limit_torques({"motor_1": 100.0 * per_milliampere})
+    assert orca.limits == pytest.approx([100.0, 300.0])
+
+
+def test_an_old_orca_core_is_told_the_least_version(orca: Orca) -> None:
+    old = SimpleNamespace(config=orca.config, get_motor_pos=orca.get_motor_pos)
+    with pytest.raises(EstimationError, match=r"get_motor_current: it needs orca_core 0\.4\.0"):
+        Hand(old, sound_rig(), compiled=False)
 
 
 def test_one_silent_motor_is_named(hand: Hand, orca: Orca) -> None:

@@ -16,7 +16,7 @@ from distal.hands.sweeps import Sweep
 from distal.rig import Capstan, Rig
 from distal.rig.hand_tables import Row, hand_of
 
-calibrating = importlib.import_module("distal.hands.calibrate")
+part_fit = importlib.import_module("distal.hands.part_fit")
 
 
 def swept(way: int, contact: float, level: float = 0.04) -> Sweep:
@@ -61,7 +61,7 @@ def test_the_first_sweep_leaves_the_joint_at_that_end() -> None:
     for way, end in ((1, high), (-1, low)):
         sweeps = {"m1": [swept(way, way * 1.0), *SWEEPS[1:]]}
         starts = pair_starts(rig, "m1", sweeps["m1"], False)
-        prior = calibrating._prior(rig, ["m1"], sweeps, starts, None)
+        prior = part_fit._prior(rig, ["m1"], sweeps, starts, None, "slack")
         assert prior.joints[0].initial.value == pytest.approx(end)
         assert prior.joints[0].initial.std == pytest.approx(np.deg2rad(1.0))
 

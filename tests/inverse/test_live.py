@@ -257,7 +257,7 @@ def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
     }
     learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
     places = []
-    for one, wanted in ((rig, 0.02), (rig.with_values({"discrepancy": learned}), 0.04)):
+    for one, wanted in ((rig, 0.1), (rig.with_values({"discrepancy": learned}), 0.12)):
         inverse = LiveInverse(one, feedback=Feedback(follow=0.0), compiled=False)
         sample = np.zeros(len(inverse.channels))
         for k in range(80):

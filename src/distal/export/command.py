@@ -14,7 +14,7 @@ from distal.estimators import AdaptiveFilter
 from distal.export.names import checked_name
 from distal.export.outputs import angle_fields, comment, filled, torque_fields
 from distal.inverse.command import CommandModel
-from distal.inverse.inverse import LEAST_TENSION
+from distal.inverse.least_tension import LEAST_TENSION
 from distal.inverse.live import FIRST, gains_of
 from distal.inverse.live_function import layouts, live_function
 from distal.rig import Rig

@@ -19,7 +19,7 @@ from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, Source, true_angles
-from distal.regression import folds_of, groups_of
+from distal.regression import folds_of, groups_of, servos_of
 from distal.rig import Rig, load_rig
 from distal.threads import one_blas_thread
 
@@ -97,7 +97,9 @@ def fit(
         workers=workers,
         compiled=compiled,
     )
-    read = _read(logs, rig, truth, homing)
+    read, start_rig = _read(logs, rig, truth, homing), rig
+    servos = servos_of(read, rig)
+    rig = rig.with_values(servos)
     folds, enough = _folds(read, rig, units)
     parts = len(set(folds)) + 1 if enough else 1
     judged = judge(read, rig, options, of_part(progress, 0, parts), early=early)
@@ -119,7 +121,7 @@ def fit(
         done = with_written(done, by_folds)
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
-    return Fit.of(learned, rig, read, options, tuple(done), asked)
+    return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
 
 
 def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int], bool]:

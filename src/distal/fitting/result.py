@@ -58,7 +58,7 @@ class Fit:
         folds: each log (or unit) left out once.
         doubts: sentences with the reasons not to trust the fit.
         hold: whether filters are to take the numbers as they are.
-        added: path → what the part put into the description.
+        added: path → what the part put into the description, and how servos give way.
         candidates: that were judged, the chosen one first.
         reference_std: of the reference sensor's random error, which scores contain [rad].
     """
@@ -102,10 +102,16 @@ class Fit:
         options: Options,
         folds: tuple[Fold, ...],
         asked: int = 0,
+        servos: Mapping[str, object] | None = None,
     ) -> Fit:
         """Return one result: what was learned from logs, and its scores in the folds; so many were
         asked.
+
+        Args:
+            servos: path → value of how servos give way.
         """
+        part = {} if learned.part is None else learned.part.values
+        servos = {} if servos is None else servos
         numbers, optimum, n_sensors = learned.numbers, learned.numbers.optimum, len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
@@ -115,9 +121,9 @@ class Fit:
         return cls(
             rig=learned.rig,
             start=start,
-            model=start if learned.part is None else start.with_values(learned.part.values),
+            model=start.with_values({**servos, **part}),
             part="" if learned.part is None else learned.part.name,
-            added={} if learned.part is None else learned.part.values,
+            added={**servos, **part},
             fitted=tuple(part for part in learned.fitted if of_rig(part)),
             logs=tuple(log.source for log in logs),
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),

@@ -173,7 +173,10 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
         play = degrees(sum(tendon.slack.value for tendon in tendons) / abs(arm))
         if min(play, by_travel) > LOOSE or by_travel > TRAVELS:
             size = max(play, by_travel)
-            line = f"{name} ({joint}): has about {size:.0f}° of play: its tendons are slack"
+            line = (
+                f"{name} ({joint}): turns about {size:.0f}° further than its range asks for: its "
+                "tendons are slack, or its radii are others"
+            )
             faults.append(Fault("slack", name, size, line))
     return tuple(faults)
 

@@ -82,6 +82,18 @@ class AeroLike(Protocol):
         """Send angles [deg]."""
 
 
+ORCA_METHODS = (
+    "get_motor_pos",
+    "get_motor_current",
+    "get_motor_temp",
+    "write_motor_pos",
+    "set_max_current",
+)
+
+LEAST_ORCA = "0.4.0"
+"""The first release of orca_core with all of them."""
+
+
 class OrcaMotors:
     """The motors of an ORCA hand, as columns of a rig made by `from_orca`."""
 
@@ -166,7 +178,8 @@ def motors_of(hand: object, rig: Rig) -> Motors:
     """Return the motors of a hand by what it can do.
 
     Raises:
-        EstimationError: it is no hand that is known, or not the rig's.
+        EstimationError: it is no hand that is known, of a version that is too old, or not the
+            rig's.
     """
     if isinstance(hand, Motors):
         return hand
@@ -174,6 +187,11 @@ def motors_of(hand: object, rig: Rig) -> Motors:
         return OrcaMotors(hand, rig)
     if isinstance(hand, AeroLike):
         return AeroMotors(hand, rig)
+    lacks = [name for name in ORCA_METHODS if not hasattr(hand, name)]
+    if hasattr(getattr(hand, "config", None), "motor_ids"):
+        raise EstimationError(
+            f"{type(hand).__name__} has no {lacks[0]}: it needs orca_core {LEAST_ORCA} or newer"
+        )
     raise EstimationError(
         f"{type(hand).__name__} is no hand that distal knows: it takes OrcaHand of orca_core, "
         "AeroHand of its SDK, or an "

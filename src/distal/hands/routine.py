@@ -209,6 +209,7 @@ class Routine:
         self._gate, self._together = GoalGate(rig, calibrated=False), _parts_of(rig)
         self._time, self._aborted, self._silent = nan, "", dict.fromkeys(self._motors, 0.0)
         self._failed = dict[str, str]()
+        self._sent = dict.fromkeys(self._motors, nan)
         self._rows = list[list[float]]()
         self._goals, self._places = (
             dict.fromkeys(self._motors, nan),
@@ -270,7 +271,7 @@ class Routine:
         self._time = time
         pairs = self._channels.values()
         read = np.array([[sample.get(channel, nan) for channel in pair] for pair in pairs])
-        self._rows.append([time, *read.ravel().tolist()])
+        self._rows.append([time, *read.ravel().tolist(), *self._sent.values()])
         believed = self._gate.read(time, read[:, 0], read[:, 1])
         for name, place, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
             is_read = isfinite(place) and isfinite(torque)
@@ -282,7 +283,8 @@ class Routine:
                 self._move(name, time, dt, place, torque)
         if self._groups and all(self._ended(name) for name in self._groups[0]):
             self._groups = self._groups[1:]
-        return self.goals
+        self._sent = self.goals
+        return dict(self._sent)
 
     def _move(self, name: str, time: float, dt: float, place: float, torque: float) -> None:
         motor = self._motors[name]
@@ -316,6 +318,7 @@ class Routine:
             {name: rows[:, 1 + k] for k, name in enumerate(names)},
             {},
             "power-on routine",
+            goals={name: rows[:, 1 + len(names) + k] for k, name in enumerate(self._motors)},
         )
 
 

@@ -32,17 +32,20 @@ EASES = 1.0
 LAG = 0.05
 """Lag of a servo of which the rig says nothing, as that of a small servo at 3 Hz [s]."""
 
+SPOOL = 0.01
+"""What holds for an angle of a motor holds for so much of a slider's way: a usual spool [m/rad]."""
+
 STANDS = 0.05
-"""A motor that is slower stands [rad/s, m/s]."""
+"""A motor that is slower stands [rad/s]."""
 
 AGREES = 0.05
-"""A goal this near to what a motor's last place and force say is kept [rad, m]."""
+"""A goal this near to what a motor's last place and force say is kept [rad]."""
 
 JUMP = 0.1
-"""A place that moved by this more than its motor can is in doubt [rad, m]."""
+"""A place that moved by this more than its motor can is in doubt [rad]."""
 
 ARRIVED = 0.15
-"""A motor this near to its goal is where it was sent [rad, m]: so far may a small servo give way at
+"""A motor this near to its goal is where it was sent [rad]: so far may a small servo give way at
 its largest torque.
 """
 
@@ -68,6 +71,10 @@ class GoalGate:
         self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
         self._ends = np.array([_ends(rig, name, calibrated) for name in self._names])
         read = {sensor.of for sensor in rig.sensors_of("position")}
+        # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
+        # leap, to answer with old readings, or to be deaf
+        self._is_motor = np.array([drive.kind == "capstan" for drive in drives])
+        self._scale = np.where(self._is_motor, 1.0, SPOOL)
         self._has_sensor = np.array([name in read for name in self._names])
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
@@ -86,7 +93,7 @@ class GoalGate:
         self._speed, self._torque, self._torque_near = np.zeros((3, n))
         self._at, self._raw_at, self._stopped_at = np.full((3, n), -inf)
         self._followed_at = np.full(n, inf)
-        self._doubted = np.zeros(n, dtype=bool)
+        self._doubted, self._stale = np.zeros((2, n), dtype=bool)
         self._time, self._read_at, self._failing_since = -inf, -inf, inf
         self._before = self._sent
 
@@ -110,8 +117,9 @@ class GoalGate:
         if not time > self._read_at:
             return np.full(len(places), np.nan)
         self._time, self._read_at = max(self._time, time), time
-        torques = self._torque if torques is None else torques
-        known = np.isfinite(places) & ~self._stale(places, torques)
+        torques = np.full(len(places), np.nan) if torques is None else torques
+        self._stale = self._is_stale(places, torques)
+        known = np.isfinite(places) & ~self._stale
         first = known & ~np.isfinite(self._raw)
         self._doubted = self._in_doubt(time, places, known & ~first)
         sound = known & ~self._doubted
@@ -123,11 +131,9 @@ class GoalGate:
         self._raw_at = np.where(known, time, self._raw_at)
         self._place = np.where(sound, places, self._place)
         self._at = np.where(sound, time, self._at)
-        slow = np.abs(self._speed) < STANDS
-        near = ~(np.abs(self._sent - self._place) > ARRIVED)
-        follows = near | ~slow | (np.abs(torques - self._torque_near) > self._quiet)
-        self._torque_near = np.where(near, torques, self._torque_near)
-        self._followed_at = np.where(follows | ~np.isfinite(torques), time, self._followed_at)
+        slow = np.abs(self._speed) < STANDS * self._scale
+        follows = self._follows(slow, torques)
+        self._followed_at = np.where(follows, time, self._followed_at)
         standing = sound & slow & follows & self._calibrated
         self._ahead = np.where(standing, self._sent - places, self._ahead)
         self._torque = np.where(np.isfinite(torques), torques, self._torque)
@@ -137,18 +143,33 @@ class GoalGate:
         """Return which places are in doubt: one that leapt further than its motor can go, until it
         leaps back, or is where it was sent.
         """
-        leaps = known & (np.abs(places - self._raw) > self._fastest * (time - self._raw_at) + JUMP)
+        moved = np.abs(places - self._raw)
+        leaps = known & self._is_motor & (moved > self._fastest * (time - self._raw_at) + JUMP)
         silent = np.minimum(time - self._at, OLDEST)
         is_back = leaps & (np.abs(places - self._place) <= self._fastest * silent + JUMP)
         arrived = known & (np.abs(places - self._sent) <= ARRIVED)
         doubted: Bools = (self._doubted | leaps) & ~(self._doubted & is_back) & ~arrived
         return doubted
 
-    def _stale(self, places: Floats, torques: Floats) -> Bools:
-        """Return which readings are old ones again: nothing of a motor changes that has to move."""
+    def _follows(self, slow: Bools, torques: Floats) -> Bools:
+        """Return which motors do not stand away from their goals with the torque that they had
+        near them; those without a torque that is read cannot tell.
+        """
+        near = ~(np.abs(self._sent - self._place) > ARRIVED)
+        pulls = np.abs(torques - self._torque_near) > self._quiet
+        self._torque_near = np.where(near, torques, self._torque_near)
+        tells = self._is_motor & np.isfinite(torques) & (torques != 0.0)
+        follows: Bools = near | ~slow | pulls | ~tells
+        return follows
+
+    def _is_stale(self, places: Floats, torques: Floats) -> Bools:
+        """Return which readings are old ones again: nothing changes of a motor that has to move,
+        until something does.
+        """
         same = (places == self._raw) & (torques == self._torque) & (torques != 0.0)
         ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
-        stale: Bools = same & (np.abs(self._sent - self._raw - ahead) > AGREES)
+        has_to_move = np.abs(self._sent - self._raw - ahead) > AGREES
+        stale: Bools = self._is_motor & same & (self._stale | has_to_move)
         return stale
 
     @property
@@ -237,8 +258,11 @@ class GoalGate:
     def _where_it_stops(self) -> Floats:
         """Return the goals at which motors stop that have no reading any more."""
         ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
-        coming = self._place + self._speed * (self._time - self._at + self._lag) + ahead
-        agrees = np.abs(self._sent - coming) <= AGREES + np.abs(self._speed) * self._lag
+        since = np.minimum(self._time - self._at, OLDEST)
+        coming = self._place + self._speed * (since + self._lag) + ahead
+        agrees = (
+            np.abs(self._sent - coming) <= AGREES * self._scale + np.abs(self._speed) * self._lag
+        )
         unknown = ~np.isfinite(self._ahead) & self._calibrated
         return np.where(np.isfinite(self._sent) & (agrees | unknown), self._sent, coming)
 

@@ -15,65 +15,25 @@ from scipy.optimize import brentq
 
 from distal.arrays import Bools, Floats
 from distal.errors import CommandError
-from distal.inverse.command import FARTHEST, CommandModel
+from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
 from distal.inverse.distribution import Prefer
 from distal.inverse.held import held_kernel, held_layout
 from distal.inverse.learned import LearnedShift
+from distal.inverse.least_tension import LEAST_TENSION, SLACKEST, TAUTEST, least_tension_of
+from distal.inverse.out_of_reach import TINY, beyond, not_reached, within_stops
 from distal.inverse.reached import place_variances, spread_kernel, stiffness_function
 from distal.inverse.readings import readings
-from distal.inverse.servo import followable, sent
+from distal.inverse.servo import followable, gives_way, sent
 from distal.kernels import Advanced, Feed, Kernel, advance
 from distal.rig import Rig, load_rig
-from distal.rounded import rounded
 from distal.run import LOST
 from distal.simulation.plant import inside_function
-from distal.units import to_si
 
 Indices = NDArray[np.intp]
 
-LEAST_TENSION = 1.0
-"""Tension that every tendon keeps where nothing else is asked for [N]."""
-
-SLACKEST, TAUTEST = 0.1, 500.0
-"""Between these a tension is looked for that makes a joint stiff [N]."""
-
-NEAR = float(np.deg2rad(0.1))
-"""An angle that is missed by less is reached [rad]."""
-
 SETTLES = 3
 """Rounds until the drives' places and what moves inside agree at the start."""
-
-NAMED = 3
-"""So many joints are named that are not where they are wanted."""
-
-TINY = 1e-9
-"""Places that differ by less are one [m, rad], as are pulls [N]."""
-
-SHARE = 1.02
-"""A limit counts as passed from this multiple of it on."""
-
-
-def least_tension_of(value: float | str, rig: Rig) -> float:
-    """Return a least tension [N], given in newtons or as a text with a unit.
-
-    Raises:
-        CommandError: it is none, or no tendon of the rig can have it.
-    """
-    try:
-        tension = to_si(value, "N")
-    except ValueError as problem:
-        raise CommandError(f"least_tension: {problem}") from None
-    if not 0.0 <= tension < inf:
-        raise CommandError(f"least_tension: at least 0 N, {value} came")
-    for tendon in rig.tendons:
-        most = max(FARTHEST * tendon.stiffness.value, TAUTEST)
-        if tension > most:
-            raise CommandError(
-                f"least_tension: {value} would stretch tendon '{tendon.name}' by more than "
-                f"{FARTHEST:g} m; up to {rounded(most, 3)} N can be"
-            )
-    return tension
 
 
 class Inverse:
@@ -137,7 +97,7 @@ class Inverse:
         """
         stamps = np.asarray(time, dtype=np.float64)
         wanted = self._wanted(stamps, angles)
-        notes, held = self._within_stops(stamps, wanted)
+        notes, held = within_stops(self.model, stamps, wanted)
         added = unsure = np.zeros((len(stamps), len(self.rig.joints)))
         run = self._run(stamps, held)
         if self._learned is not None:
@@ -157,10 +117,12 @@ class Inverse:
         ahead = np.column_stack(
             [sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]
         )
+        soft, dead = gives_way(self.rig)
+        ahead += soft * read["forces"] + dead * self.model.carry.view(run.carries, "drives_turned")
         stds = np.sqrt(self._variances(angles, got, run.carries, rows))
         notes += [
-            *self._not_reached(stamps, held, reached, cut),
-            *self._beyond(stamps, read, run.carries),
+            *not_reached(self.model, stamps, held, reached, cut),
+            *beyond(self.model, stamps, read, run.carries, self.least_tension),
         ]
         return Commands(
             self.rig,
@@ -327,25 +289,6 @@ class Inverse:
             raise CommandError("stamps of wanted angles rise from one to the next")
         return wanted
 
-    def _within_stops(self, time: Floats, wanted: Floats) -> tuple[list[str], Floats]:
-        """Return what lies beyond stops in words, and the angles cut at them."""
-        notes, held = list[str](), wanted.copy()
-        for k, j in enumerate(self.model.free):
-            joint = self.rig.joints[j]
-            if joint.stops is None:
-                continue
-            held[:, k] = np.clip(wanted[:, k], *joint.stops)
-            beyond = np.abs(held[:, k] - wanted[:, k])
-            if beyond.max() > NEAR:
-                low, high = np.rad2deg(joint.stops)
-                notes.append(
-                    f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its "
-                    "stops "
-                    f"({low:.4g} to {high:.4g}°), "
-                    f"first at {time[beyond > NEAR][0]:.4g} s"
-                )
-        return notes, held
-
     def _rows(self, time: Floats, angles: Floats) -> Floats:
         speeds = np.gradient(angles, time, axis=0)
         parts = {
@@ -395,56 +338,3 @@ class Inverse:
         unsure = np.tile(place_variances(self.rig), (len(angles), 1))
         rows = np.column_stack([angles, places, turned, unsure, view(carries, "inside")])
         return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys
-
-    def _not_reached(self, time: Floats, wanted: Floats, reached: Floats, cut: Bools) -> list[str]:
-        """Return which joints do not get where they are wanted, the farthest first, in words."""
-        away = np.abs(reached - wanted)
-        far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
-        if not far:
-            return []
-        each = [
-            f"{self.joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° (first at "
-            f"{time[away[:, k] > NEAR][0]:.4g} s)"
-            for k in far[:NAMED]
-        ]
-        more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
-        names = [self.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
-        why = (
-            f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
-            if names
-            else "fewer drives than joints, these follow their springs, off by up to"
-        )
-        return [f"{why}: {', '.join(each)}{more}"]
-
-    def _beyond(self, time: Floats, read: Mapping[str, Floats], carries: Floats) -> list[str]:
-        """Return which limits of drives are passed, and which tendons would go slack, in words."""
-        notes = []
-        asked = self.model.carry.view(carries, "places")
-        for i, drive in enumerate(self.rig.drives):
-            unit = "N" if drive.kind == "slider" else "N m"
-            needed = read["forces"][:, i] + self.model.radius(i) * read["short"][:, i]
-            largest = float(np.abs(needed).max())
-            if drive.limit is not None and largest > SHARE * drive.limit:
-                notes.append(
-                    f"{drive.name} would need {largest:.3g} {unit}, its limit is "
-                    f"{drive.limit:.3g} {unit}"
-                )
-            servo = drive.servo
-            fastest = float(np.abs(np.gradient(read["places"][:, i], time)).max())
-            if servo is not None and servo.fastest is not None and fastest > SHARE * servo.fastest:
-                notes.append(
-                    f"{drive.name} would need a speed of {fastest:.3g}, it reaches "
-                    f"{servo.fastest:.3g}: it is late there"
-                )
-            cut = np.abs(asked[:, i] - read["places"][:, i]) > TINY
-            if drive.stops is not None and cut.any():
-                low, high = drive.stops
-                notes.append(
-                    f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
-                    f"first at {time[cut][0]:.4g} s"
-                )
-        for i, tendon in enumerate(self.rig.tendons):
-            slack = read["tensions"][:, i] < 0.5 * min(self.least_tension, 1e-3)
-            if slack.any():
-                notes.append(f"tendon {tendon.name} goes slack, first at {time[slack][0]:.4g} s")
-        return notes

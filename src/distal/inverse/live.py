@@ -18,7 +18,7 @@ from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.command import CommandModel
 from distal.inverse.goal_gate import GoalGate, crossed_joints
-from distal.inverse.inverse import LEAST_TENSION, least_tension_of
+from distal.inverse.least_tension import LEAST_TENSION, least_tension_of
 from distal.inverse.live_function import GAINS, layouts, live_function
 from distal.kernels import Kernel
 from distal.rig import Rig, load_rig

@@ -21,6 +21,7 @@ from distal.estimators.adaptive import StateVector
 from distal.expressions import Scalar, Vector
 from distal.inverse.command import CommandModel
 from distal.inverse.readings import read_function
+from distal.inverse.servo import gives_way
 from distal.kernels import Layout
 
 SMOOTHED = 0.005
@@ -131,6 +132,9 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
     commanded["forces"] = _within_limits(model, commanded["forces"])
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
+    soft, dead = (ca.DM(part) for part in gives_way(model.rig))
+    turned = model.carry.part(command, "drives_turned")
+    commanded["places"] += soft * commanded["forces"] + dead * turned
     after = {name: guided[name] for name in GUIDED}
     following = layout.carry.joined(
         **after,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from distal.arrays import Floats
-from distal.rig import Capstan, Slider
+from distal.rig import Capstan, Rig, Slider
 
 
 def followable(time: Floats, places: Floats, fastest: float) -> Floats:
@@ -53,3 +53,15 @@ def sent(time: Floats, places: Floats, drive: Slider | Capstan) -> Floats:
     speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
     command: Floats = ahead + lag * speed
     return command
+
+
+def gives_way(rig: Rig) -> tuple[Floats, Floats]:
+    """Return by how much further servos have to be sent, (n_drives,) each: per force [rad/(N m),
+    m/N], and in the way in which they last moved [rad, m].
+
+    A servo of stiffness K and dead band δ is at s = u − F/K − δ d.
+    """
+    servos = [drive.servo for drive in rig.drives]
+    soft = [0.0 if s is None or s.stiffness is None else 1.0 / s.stiffness for s in servos]
+    dead = [0.0 if s is None else s.dead_band for s in servos]
+    return np.array(soft), np.array(dead)

@@ -52,6 +52,7 @@ class Log:
         truth_source: where the truth comes from; of a text alone the kind is not known.
         stamps: the original stamps, since 1970 [ns], (n,), where time counts from the start of a
             log that has dates.
+        goals: drive → where it was sent, as its sensor reads it [m, rad], (n,) each.
 
     Raises:
         LogError: lengths differ, a stamp is not finite, repeats or goes back.
@@ -63,12 +64,13 @@ class Log:
     source: str = "log"
     truth_source: TruthSource = NO_SOURCE
     stamps: NDArray[np.int64] | None = None
+    goals: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check the stamps."""
         object.__setattr__(self, "time", frozen(self.time))
         object.__setattr__(self, "truth_source", truth_source_of(self.truth_source))
-        for name in ("channels", "truth"):
+        for name in ("channels", "truth", "goals"):
             columns = {key: frozen(values) for key, values in getattr(self, name).items()}
             object.__setattr__(self, name, MappingProxyType(columns))
         if self.time.ndim != 1:
@@ -82,7 +84,7 @@ class Log:
                 raise LogError(
                     f"{self.source}: stamps have shape {stamps.shape}, time has {self.time.shape}"
                 )
-        for key, values in {**self.channels, **self.truth}.items():
+        for key, values in {**self.channels, **self.truth, **self.goals}.items():
             if values.shape != self.time.shape:
                 raise LogError(
                     f"{self.source}: '{key}' has shape {values.shape}, time has {self.time.shape}"
@@ -124,7 +126,8 @@ class Log:
         channels = {name: values[rows] for name, values in self.channels.items()}
         truth = {name: values[rows] for name, values in self.truth.items()}
         stamps = None if self.stamps is None else self.stamps[rows]
-        return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps)
+        goals = {name: values[rows] for name, values in self.goals.items()}
+        return Log(self.time[rows], channels, truth, self.source, self.truth_source, stamps, goals)
 
     def columns(self) -> dict[str, Floats]:
         """Return time, channels and truth (prefixed ``true_``), SI."""

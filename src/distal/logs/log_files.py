@@ -53,6 +53,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     joints = [joint.name for joint in rig.joints]
     optional = [
         *references,
+        *_goal_columns(rig).values(),
         *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
     ]
     time_column = rig.log.time.column
@@ -92,7 +93,8 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
             raise LogError(
                 f"{table.source}: the truth ({origin}) reaches {largest:.3g} rad, which is no angle"
             )
-    log = Log(time, channels, angles | _known_torques(rig, table), table.source, origin, stamps)
+    known = angles | _known_torques(rig, table)
+    log = Log(time, channels, known, table.source, origin, stamps, _goals(rig, table))
     for message in _doubts(log, rig):
         warnings.warn(message, DistalWarning, stacklevel=2)
     return log
@@ -239,6 +241,25 @@ def _in_si(sensor: Sensor, table: Table) -> Floats:
     return values
 
 
+def _goal_columns(rig: Rig) -> dict[str, str]:
+    """Return drive → the log column of what it is sent, where the rig names one."""
+    read = {sensor.of for sensor in rig.sensors_of("position")}
+    servos = {drive.name: drive.servo for drive in rig.drives if drive.name in read}
+    return {name: servo.goal for name, servo in servos.items() if servo and servo.goal}
+
+
+def _goals(rig: Rig, table: Table) -> dict[str, Floats]:
+    """Return drive → where it was sent, in SI, as far as the table has it."""
+    places = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    found = {}
+    for name, column in _goal_columns(rig).items():
+        if column in table.columns:
+            place = places[name]
+            factor = factor_of(place, table.units.get(place.log_column), table.source)
+            found[name] = place.sign * factor * table.columns[column]
+    return found
+
+
 def _doubts(log: Log, rig: Rig) -> Iterator[str]:
     """Yield what makes the units of a log doubtful: readings, intervals or angles of an unlikely
     size.
@@ -318,6 +339,11 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
             columns[sensor.log_column] = (
                 sensor.sign * log.channels[sensor.name] / log_factor(sensor)
             )
+    places = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    for name, column in _goal_columns(rig).items():
+        if name in log.goals:
+            place = places[name]
+            columns[column] = place.sign * log.goals[name] / log_factor(place)
     columns.update({f"true_{name}": values for name, values in log.truth.items()})
     write_columns(columns, path)
 

@@ -27,6 +27,7 @@ from distal.regression.learn_map import (
     left_out_errors,
 )
 from distal.regression.random_effects import correlated_samples, independent, line
+from distal.regression.servos import servos_of
 from distal.regression.yardsticks import YARDSTICKS, yardstick_error
 
 __all__ = [
@@ -66,6 +67,7 @@ __all__ = [
     "reporting_function",
     "rms_beyond_noise",
     "seen",
+    "servos_of",
     "splits",
     "student",
     "yardstick_error",

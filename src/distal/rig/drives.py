@@ -150,6 +150,15 @@ class Servo(Description):
     fastest: Annotated[float, In("rad/s", "positive")] | None = Field(
         None, description="largest speed"
     )
+    stiffness: Annotated[float, In("N m/rad", "positive")] | None = Field(
+        None, description="by how much it gives way under load; default: not at all"
+    )
+    dead_band: Annotated[float, In("rad", "nonnegative")] = Field(
+        0.0, description="it comes no nearer to where it is sent"
+    )
+    goal: str = Field(
+        "", description="log column of what it is sent, in the unit in which its place is logged"
+    )
     continuous_torque: Annotated[float, In("N m", "positive")] | None = Field(
         None, description="torque that it may hold for hours; default: what it holds"
     )
@@ -160,6 +169,12 @@ class SliderServo(Servo):
 
     fastest: Annotated[float, In("m/s", "positive")] | None = Field(
         None, description="largest speed"
+    )
+    stiffness: Annotated[float, In("N/m", "positive")] | None = Field(
+        None, description="by how much it gives way under load; default: not at all"
+    )
+    dead_band: Annotated[float, In("m", "nonnegative")] = Field(
+        0.0, description="it comes no nearer to where it is sent"
     )
     continuous_torque: Annotated[float, In("N", "positive")] | None = Field(
         None, description="force that it may hold for hours; default: what it holds"

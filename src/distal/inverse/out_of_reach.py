@@ -1,0 +1,103 @@
+"""What commands cannot do, in words: stops, drives that end, limits of force and speed, slack."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.inverse.command import CommandModel
+from distal.rounded import rounded
+
+NEAR = float(np.deg2rad(0.1))
+"""An angle that is missed by less is reached [rad]."""
+
+NAMED = 3
+"""So many joints are named that are not where they are wanted."""
+
+TINY = 1e-9
+"""Places that differ by less are one [m, rad], as are pulls [N]."""
+
+SHARE = 1.02
+"""A limit counts as passed from this multiple of it on."""
+
+
+def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[list[str], Floats]:
+    """Return what lies beyond stops in words, and the angles cut at them."""
+    notes, held = list[str](), wanted.copy()
+    for k, j in enumerate(model.free):
+        joint = model.rig.joints[j]
+        if joint.stops is None:
+            continue
+        held[:, k] = np.clip(wanted[:, k], *joint.stops)
+        beyond = np.abs(held[:, k] - wanted[:, k])
+        if beyond.max() > NEAR:
+            low, high = np.rad2deg(joint.stops)
+            notes.append(
+                f"{joint.name} is wanted {rounded(np.rad2deg(beyond.max()), 3)}° beyond its "
+                "stops "
+                f"({low:.4g} to {high:.4g}°), "
+                f"first at {time[beyond > NEAR][0]:.4g} s"
+            )
+    return notes, held
+
+
+def not_reached(
+    model: CommandModel, time: Floats, wanted: Floats, reached: Floats, cut: Bools
+) -> list[str]:
+    """Return which joints do not get where they are wanted, the farthest first, in words."""
+    joints = [model.rig.joints[j].name for j in model.free]
+    away = np.abs(reached - wanted)
+    far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
+    if not far:
+        return []
+    each = [
+        f"{joints[k]} {rounded(np.rad2deg(away[:, k].max()))}° (first at "
+        f"{time[away[:, k] > NEAR][0]:.4g} s)"
+        for k in far[:NAMED]
+    ]
+    more = f" and {len(far) - NAMED} more" if len(far) > NAMED else ""
+    names = [model.rig.drives[i].name for i in np.flatnonzero(cut.any(axis=0))]
+    why = (
+        f"{', '.join(names)} cannot do what is wanted, which leaves joints off by up to"
+        if names
+        else "fewer drives than joints, these follow their springs, off by up to"
+    )
+    return [f"{why}: {', '.join(each)}{more}"]
+
+
+def beyond(
+    model: CommandModel, time: Floats, read: Mapping[str, Floats], carries: Floats, least: float
+) -> list[str]:
+    """Return which limits of drives are passed, and which tendons would go slack, in words."""
+    notes = []
+    asked = model.carry.view(carries, "places")
+    for i, drive in enumerate(model.rig.drives):
+        unit = "N" if drive.kind == "slider" else "N m"
+        needed = read["forces"][:, i] + model.radius(i) * read["short"][:, i]
+        largest = float(np.abs(needed).max())
+        if drive.limit is not None and largest > SHARE * drive.limit:
+            notes.append(
+                f"{drive.name} would need {largest:.3g} {unit}, its limit is "
+                f"{drive.limit:.3g} {unit}"
+            )
+        servo = drive.servo
+        fastest = float(np.abs(np.gradient(read["places"][:, i], time)).max())
+        if servo is not None and servo.fastest is not None and fastest > SHARE * servo.fastest:
+            notes.append(
+                f"{drive.name} would need a speed of {fastest:.3g}, it reaches "
+                f"{servo.fastest:.3g}: it is late there"
+            )
+        cut = np.abs(asked[:, i] - read["places"][:, i]) > TINY
+        if drive.stops is not None and cut.any():
+            low, high = drive.stops
+            notes.append(
+                f"{drive.name} would have to go beyond its range [{low:.4g}, {high:.4g}], "
+                f"first at {time[cut][0]:.4g} s"
+            )
+    for i, tendon in enumerate(model.rig.tendons):
+        slack = read["tensions"][:, i] < 0.5 * min(least, 1e-3)
+        if slack.any():
+            notes.append(f"tendon {tendon.name} goes slack, first at {time[slack][0]:.4g} s")
+    return notes

@@ -1,0 +1,208 @@
+"""The contract of the gate through which every goal of a motor goes."""
+
+from __future__ import annotations
+
+from math import nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from distal import Rig, load_rig
+from distal.inverse.goal_gate import AGREES, LAG, OLDEST, PATIENCE, GoalGate
+from distal.run.log_units import FASTEST
+
+PERIOD = 0.01
+
+
+def two_motors(**values: object) -> Rig:
+    """Return a rig of two motors at one joint, and two at another; `values` of all servos."""
+    return load_rig("finger-2n").with_values(values)
+
+
+def moved(gate: GoalGate, speed: float, seconds: float, load: float = 0.0) -> float:
+    """Move all motors along a ramp; goals are ahead of them by a lag and a load. Return the end."""
+    count = round(seconds / PERIOD)
+    for k in range(count):
+        place = speed * k * PERIOD
+        gate.read(k * PERIOD, np.full(4, place))
+        gate.passed(k * PERIOD, np.full(4, place + speed * LAG + load))
+    return count * PERIOD
+
+
+def test_nothing_is_sent_before_the_first_reading_of_a_motor() -> None:
+    gate = GoalGate(two_motors())
+    gate.read(0.0, np.array([0.0, nan, 0.0, 0.0]))
+    sent = gate.passed(0.0, np.full(4, 1e-3))
+    assert np.isnan(sent[1])
+    assert np.isfinite(sent[[0, 2, 3]]).all()
+    assert gate.unread == ["mcp_e"]
+
+
+def test_what_is_no_number_is_not_sent() -> None:
+    gate = GoalGate(two_motors())
+    gate.read(0.0, np.zeros(4))
+    first = gate.passed(0.0, np.full(4, 1e-3))
+    np.testing.assert_array_equal(gate.passed(0.01, np.array([nan, np.inf, -np.inf, 1e-3])), first)
+
+
+def test_a_goal_stays_within_the_range_and_the_speed() -> None:
+    stops = {f"drives.{i}.stops": [-0.01, 0.01] for i in range(4)}
+    gate = GoalGate(two_motors(**stops))
+    gate.read(0.0, np.zeros(4))
+    assert (np.abs(gate.passed(0.0, np.full(4, 5.0))) < 0.02).all()
+    free = GoalGate(two_motors())
+    free.read(0.0, np.zeros(4))
+    np.testing.assert_allclose(free.passed(0.0, np.full(4, 5.0)), FASTEST * OLDEST)
+
+
+def test_one_lost_read_changes_nothing() -> None:
+    gate, twin = GoalGate(two_motors()), GoalGate(two_motors())
+    for k in range(100):
+        place = np.full(4, 1e-3 * k)
+        twin.read(k * PERIOD, place)
+        gate.read(k * PERIOD, np.full(4, nan) if k % 5 == 3 else place)
+        goals = place + 2e-3
+        np.testing.assert_array_equal(
+            gate.passed(k * PERIOD, goals), twin.passed(k * PERIOD, goals)
+        )
+
+
+def test_a_motor_without_readings_stands_with_those_of_its_joint() -> None:
+    """The goals of the first joint's motors stay, those of the other joint go on."""
+    gate = GoalGate(two_motors())
+    time = moved(gate, 0.0, 0.2)
+    for k in range(40):
+        gate.read(time + k * PERIOD, np.array([nan, 0.0, 0.0, 0.0]))
+        sent = gate.passed(time + k * PERIOD, np.full(4, 1e-4 * k))
+    assert gate.stopped.tolist()[:2] == [True, True]
+    assert sent[0] < 1.2e-3
+    assert "mcp_f not read" in gate.note
+    assert "mcp_e" in gate.note
+
+
+@pytest.mark.parametrize("load", [0.0, 0.03, -0.03])
+def test_a_motor_that_stands_keeps_the_force_that_it_held(load: float) -> None:
+    """Its goal is as far ahead of its place as it was: it does not give way."""
+    gate = GoalGate(two_motors())
+    time = moved(gate, 0.0, 0.3, load)
+    for k in range(round(PATIENCE / PERIOD) - 5):
+        gate.read(time + k * PERIOD, np.full(4, nan))
+        sent = gate.passed(time + k * PERIOD, np.full(4, nan))
+    np.testing.assert_allclose(sent, load, atol=1e-3)
+
+
+def test_a_moving_motor_is_not_thrown_back() -> None:
+    """It comes to rest at most its lag, and the time without a reading, ahead."""
+    gate, speed = GoalGate(two_motors()), 2.0
+    time = moved(gate, speed, 0.3)
+    last = speed * (time - PERIOD)
+    for k in range(30):
+        gate.read(time + k * PERIOD, np.full(4, nan))
+        sent = gate.passed(time + k * PERIOD, np.full(4, speed * (time + k * PERIOD + LAG)))
+    assert (sent >= last).all()
+    assert (sent <= last + speed * (OLDEST + 2 * LAG) + AGREES).all()
+
+
+@pytest.mark.parametrize("when_lost", ["hold", "relax"])
+def test_after_its_patience_it_holds_or_relaxes(when_lost: str) -> None:
+    gate = GoalGate(two_motors(when_lost=when_lost))
+    time = moved(gate, 0.0, 0.3, 0.03)
+    for k in range(400):
+        gate.read(time + k * PERIOD, np.full(4, nan))
+        sent = gate.passed(time + k * PERIOD, np.full(4, nan))
+    np.testing.assert_allclose(sent, 0.03 if when_lost == "hold" else 0.0, atol=1e-3)
+    assert ("gives way" in gate.note) == (when_lost == "relax")
+
+
+def test_it_holds_no_more_than_it_may_for_hours() -> None:
+    rig = load_rig("capstan-joint")
+    rig = rig.with_values({f"drives.{rig.drives[0].name}.servo": {"continuous_torque": 0.1}})
+    gate, one = GoalGate(rig), np.ones(1)
+    for k in range(400):
+        lost = k > 30
+        gate.read(k * PERIOD, nan * one if lost else 0.0 * one, 0.2 * one)
+        sent = gate.passed(k * PERIOD, nan * one if lost else 0.04 * one)
+    assert sent == pytest.approx([0.02], abs=1e-3)
+    assert gate.holding == pytest.approx([0.1])
+
+
+def test_a_place_that_leaps_is_in_doubt_until_it_leaps_back() -> None:
+    gate, leapt = GoalGate(load_rig("capstan-joint")), np.full(1, 0.5)
+    for k in range(20):
+        gate.read(k * PERIOD, np.zeros(1))
+        gate.passed(k * PERIOD, np.zeros(1))
+    for k in range(20, 80):
+        assert np.isnan(gate.read(k * PERIOD, leapt)).all()
+        assert np.isnan(gate.passed(k * PERIOD, np.full(1, 1e-3))).all()
+    assert "in doubt" in gate.note
+    assert gate.read(0.8, np.zeros(1)) == [0.0]
+    assert np.isfinite(gate.passed(0.8, np.full(1, 1e-3))).all()
+
+
+def test_a_place_that_leaps_to_where_it_was_sent_is_believed() -> None:
+    gate = GoalGate(load_rig("capstan-joint"))
+    gate.read(0.0, np.zeros(1))
+    sent = gate.passed(0.0, np.full(1, 0.6))
+    assert gate.read(0.01, sent) == pytest.approx(sent)
+
+
+def test_goals_of_a_motor_that_is_deaf_come_back_to_it_again_and_again() -> None:
+    """Its place and its torque stay while its goals go on; each 0.1 s it is tried anew."""
+    gate = GoalGate(load_rig("capstan-joint"))
+    rng, rows = np.random.default_rng(1), []
+    for k in range(100):
+        noise = 1e-5 * rng.normal(size=1)
+        gate.read(k * PERIOD, noise, 0.01 + noise)
+        rows.append(gate.passed(k * PERIOD, np.full(1, 0.02 * k))[0])
+    for begin in (20, 40, 60, 80):
+        assert min(rows[begin : begin + 20]) < 0.2
+
+
+def test_goals_that_are_not_sent_are_not_where_motors_go() -> None:
+    gate = GoalGate(two_motors())
+    time = moved(gate, 0.0, 0.2)
+    for k in range(50):
+        gate.read(time + k * PERIOD, np.zeros(4))
+        sent = gate.passed(time + k * PERIOD, np.full(4, 0.01 * k))
+        gate.confirm(False)
+    assert (np.abs(sent) < 0.2).all()
+    assert gate.stopped.all()
+    gate.confirm(True)
+    assert not gate.stopped.any()
+
+
+def test_readings_that_never_change_although_a_motor_has_to_move_are_old() -> None:
+    gate, force = GoalGate(load_rig("capstan-joint")), np.full(1, 0.03)
+    for k in range(60):
+        gate.read(k * PERIOD, np.zeros(1), force)
+        sent = gate.passed(k * PERIOD, np.full(1, 0.02 * k))
+    assert gate.stopped.all()
+    assert sent[0] < 0.5
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-3, 3) | st.just(nan),
+            st.floats(-1e3, 1e3) | st.sampled_from([nan, np.inf, -np.inf]),
+            st.floats(1e-4, 0.5),
+        ),
+        min_size=1,
+        max_size=40,
+    )
+)
+def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
+    rows: list[tuple[float, float, float]],
+) -> None:
+    """One motor is read and wanted at random; each goal that is sent is near the one before."""
+    gate, time, before = GoalGate(two_motors()), 0.0, nan
+    for place, goal, dt in rows:
+        time += dt
+        gate.read(time, np.array([place, 0.0, 0.0, 0.0]))
+        sent = gate.passed(time, np.full(4, goal))
+        assert not np.isinf(sent).any()
+        if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
+            assert abs(sent[1] - before) <= FASTEST * OLDEST + 1e-9
+        before = float(sent[1])
