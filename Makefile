@@ -89,6 +89,10 @@ accuracy: $(STAMP)
 	$(BIN)/python -m benchmarks.hands faults --draws 24
 	$(BIN)/python -m benchmarks.hands sound --draws 40
 	$(BIN)/python -m benchmarks.hands_watched
+	$(BIN)/python -m benchmarks.power_on_faults
+	$(BIN)/python -m benchmarks.motor_faults
+	$(BIN)/python -m benchmarks.servos
+	$(BIN)/python -m benchmarks.out_of_reach
 	$(BIN)/python -m benchmarks.hand_page
 	$(BIN)/python -m benchmarks.newcomers --longer --busy 8
 	$(BIN)/python -m benchmarks.fit_command named

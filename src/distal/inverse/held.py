@@ -47,14 +47,14 @@ def held_kernel(model: CommandModel) -> ca.Function:
     numbers = ca.vertcat(p, came["inside"]) if inside else p
     ends = [model.rig.joints[j].stops or (-ca.inf, ca.inf) for j in model.free]
     low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
-    step, found = _step(model), carry[: model.nf]
+    step, angles = _step(model), carry[: model.nf]
     for _ in range(ROUNDS):
-        found = ca.fmin(ca.fmax(found + step(found, came["places"], numbers), low), high)
-    away = ca.norm_inf(found - came["angles"]) > BACK
+        angles = ca.fmin(ca.fmax(angles + step(angles, came["places"], numbers), low), high)
+    away = ca.norm_inf(angles - came["angles"]) > BACK
     behind = ca.logic_or(came["cut"] > 0, ca.logic_and(behind > 0, away))
-    found = ca.if_else(behind, found, came["angles"])
+    angles = ca.if_else(behind, angles, came["angles"])
     names = ["carry", "x", "p"], ["next", "y"]
-    return ca.Function("held", [carry, x, p], [ca.vertcat(found, behind), found], *names)
+    return ca.Function("held", [carry, x, p], [ca.vertcat(angles, behind), angles], *names)
 
 
 def _step(model: CommandModel) -> ca.Function:

@@ -18,7 +18,10 @@ SLACKEST, TAUTEST = 0.1, 500.0
 
 
 def least_tension_of(value: float | str, rig: Rig) -> float:
-    """Return a least tension [N], given in newtons or as a text with a unit.
+    """Return a least tension [N].
+
+    Args:
+        value: newtons, or a text with a unit.
 
     Raises:
         CommandError: it is none, or no tendon of the rig can have it.

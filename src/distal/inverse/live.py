@@ -283,8 +283,8 @@ class LiveInverse:
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not unusable
         if self._time is None:
-            here = self._live.mean[self._free]
-            self._asked = np.where(np.isfinite(self._asked), self._asked, here)
+            begin = self._live.mean[self._free]
+            self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
             x["wanted"][:], x["dt"][0] = self._asked, 0.0
             for _ in range(FIRST):
                 self._loop.step()
@@ -308,10 +308,10 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        here, stds = self._live.mean[self._free], self._live.angle_stds[self._free]
-        away = stands & (np.abs(self._carry["reference"] - here) > CLEARLY * stds)
+        angles, stds = self._live.mean[self._free], self._live.angle_stds[self._free]
+        away = stands & (np.abs(self._carry["reference"] - angles) > CLEARLY * stds)
         for name in ("reference", "wished"):
-            np.copyto(self._carry[name], here, where=away)
+            np.copyto(self._carry[name], angles, where=away)
         for name in ("rate", "speed", "acceleration"):
             self._carry[name][stands] = 0.0
         self._carry["at_end"][:] = 1.0

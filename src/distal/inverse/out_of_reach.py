@@ -24,7 +24,12 @@ SHARE = 1.02
 
 
 def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[list[str], Floats]:
-    """Return what lies beyond stops in words, and the angles cut at them."""
+    """Return what lies beyond stops in words, and the angles cut at them.
+
+    Args:
+        time: stamps [s], (k,).
+        wanted: angles of free joints [rad], (k, n_free).
+    """
     notes, held = list[str](), wanted.copy()
     for k, j in enumerate(model.free):
         joint = model.rig.joints[j]
@@ -46,7 +51,14 @@ def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[lis
 def not_reached(
     model: CommandModel, time: Floats, wanted: Floats, reached: Floats, cut: Bools
 ) -> list[str]:
-    """Return which joints do not get where they are wanted, the farthest first, in words."""
+    """Return which joints do not get where they are wanted, the farthest first, in words.
+
+    Args:
+        time: stamps [s], (k,).
+        wanted: angles of free joints [rad], (k, n_free).
+        reached: the same with what is sent [rad], (k, n_free).
+        cut: where drives cannot do what is wanted, (k, n_drives).
+    """
     joints = [model.rig.joints[j].name for j in model.free]
     away = np.abs(reached - wanted)
     far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
@@ -70,7 +82,14 @@ def not_reached(
 def beyond(
     model: CommandModel, time: Floats, read: Mapping[str, Floats], carries: Floats, least: float
 ) -> list[str]:
-    """Return which limits of drives are passed, and which tendons would go slack, in words."""
+    """Return which limits of drives are passed, and which tendons would go slack, in words.
+
+    Args:
+        time: stamps [s], (k,).
+        read: part of the command → its values, (k, n) each, SI.
+        carries: of the commands, (k, n_carry).
+        least: tension of the tendons [N].
+    """
     notes = []
     asked = model.carry.view(carries, "places")
     for i, drive in enumerate(model.rig.drives):

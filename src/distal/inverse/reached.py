@@ -58,7 +58,14 @@ def spread_function(model: CommandModel) -> ca.Function:
 def lacking(
     model: CommandModel, free: Vector, places: Vector, turned: Vector, external: Vector
 ) -> tuple[Vector, Vector]:
-    """Return what joints at rest lack, (n_free,) [N m], and their friction limits."""
+    """Return what joints at rest lack, (n_free,) [N m], and their friction limits.
+
+    Args:
+        free: angles of free joints [rad], (n_free,).
+        places: of the drives [m, rad], (n_drives,).
+        turned: which way friction acts, −1 to 1, (n_free,).
+        external: torques on all joints from outside [N m], (n_joints,).
+    """
     mechanism, zeros = model.mechanism, ca.SX.zeros(model.nf)
     joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
     needed, friction = model.needed(

@@ -251,13 +251,13 @@ def _goal_columns(rig: Rig) -> dict[str, str]:
 def _goals(rig: Rig, table: Table) -> dict[str, Floats]:
     """Return drive → where it was sent, in SI, as far as the table has it."""
     places = {sensor.of: sensor for sensor in rig.sensors_of("position")}
-    found = {}
+    goals = {}
     for name, column in _goal_columns(rig).items():
         if column in table.columns:
             place = places[name]
             factor = factor_of(place, table.units.get(place.log_column), table.source)
-            found[name] = place.sign * factor * table.columns[column]
-    return found
+            goals[name] = place.sign * factor * table.columns[column]
+    return goals
 
 
 def _doubts(log: Log, rig: Rig) -> Iterator[str]:

@@ -35,7 +35,7 @@ def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
     """Return path by names → value of the servos whose goals are in the logs: stiffness [N m/rad,
     N/m] and dead band [rad, m].
     """
-    found: dict[str, object] = {}
+    servos: dict[str, object] = {}
     for drive in rig.drives:
         parts = [part for log in logs if (part := _rows(log, rig, drive)) is not None]
         if not parts:
@@ -47,10 +47,10 @@ def servos_of(logs: Sequence[Log], rig: Rig) -> dict[str, object]:
         values, errors = _trimmed(matrix, left, count)
         path = f"drives.{drive.name}.servo"
         if values[0] > CLEARLY * errors[0]:
-            found[f"{path}.stiffness"] = float(f"{1.0 / values[0]:.6g}")
+            servos[f"{path}.stiffness"] = float(f"{1.0 / values[0]:.6g}")
         if values[1] > CLEARLY * errors[1]:
-            found[f"{path}.dead_band"] = float(f"{values[1]:.6g}")
-    return found
+            servos[f"{path}.dead_band"] = float(f"{values[1]:.6g}")
+    return servos
 
 
 def _rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, float] | None:
