@@ -2,10 +2,10 @@
 [--first-seed N] [--hands N]`.
 
 Joints of `strangers.servo_hands` in sheaths, on servos with a P loop and a dead band, that give way
-by 25 of 4096 counts under a usual load. Each rig is fitted to three logs with a reference and the
-goals that were sent. Then sines, ramps and steps are commanded in an open loop and live. By hand:
-goals that are affine in the wanted angles, and affine with their speed and direction, by least
-squares on the same logs.
+by 25 of 4096 counts under a usual load. Each hand is calibrated by its power-on routine, and fitted
+from there to three logs with a reference and the goals that were sent. Then sines, ramps and steps
+are commanded in an open loop and live. By hand: goals that are affine in the wanted angles, and
+affine with their speed and direction, by least squares on the same logs.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.commands import wanted_angles
-from benchmarks.hands import Driven, rig_of
-from benchmarks.motor_faults import told
+from benchmarks.hands import Driven, calibrated, rig_of
 from benchmarks.report import table
 from benchmarks.strangers.servo_hands import PERIOD, Hands, Known, orca_like
 from distal import Inverse, LiveInverse, Log, Rig, fit
@@ -27,6 +26,9 @@ from distal.logs import FROM_SENSOR
 JOINTS = ("index_mcp", "index_pip")
 STIFFNESS, DAMPING, DEAD_BAND = 1.3, 0.05, 4 * 2 * np.pi / 4096
 """Of the servos [N m/rad, N m s/rad, rad]."""
+
+ENCODER = np.deg2rad(0.1)
+"""Step of the temporary encoders in the joints [rad]."""
 
 GOES_THERE = 2.0
 """Time to the first angle [s]."""
@@ -71,7 +73,8 @@ def log_of(known: Known, run: dict[str, Any], goals: Any, name: str) -> Log:
     time = np.arange(len(goals)) * PERIOD
     channels = {f"{m}_position": run["places"][:, i] for i, m in enumerate(known.motors)}
     channels |= {f"{m}_current": run["torques"][:, i] for i, m in enumerate(known.motors)}
-    truth = {f"theta_{joint}": run["angles"][:, j] for j, joint in enumerate(known.joints)}
+    seen = ENCODER * np.round(run["angles"] / ENCODER)
+    truth = {f"theta_{joint}": seen[:, j] for j, joint in enumerate(known.joints)}
     sent = {m: goals[:, i] for i, m in enumerate(known.motors)}
     return Log(time, channels, truth, name, FROM_SENSOR, goals=sent)
 
@@ -126,13 +129,9 @@ def errors_of(seed: int) -> dict[str, float]:
     for i, kind in enumerate(KINDS):
         goals = zeros + ratio * angles_of(known, 1000 * seed + i, kind)
         logs.append(log_of(known, driven(known, hands, goals), goals, kind))
-    start = told(known, hands, 0)
-    values = {f"drives.{m}.servo.goal": f"{m}_goal" for m in known.motors}
-    for m, name in enumerate(known.motors):
-        values[f"sensors.{name}_position.bias"] = {"value": float(zeros[m]), "std": 0.2}
-    fitted = fit(logs, rig.with_values(values), compiled=True).rig
-    print([(d.servo.stiffness, d.servo.dead_band) for d in fitted.drives if d.servo])
-    del start
+    ((found, _),) = calibrated(known, hands_of(seed)[1], rig)
+    rigs = {"routine": found.rig, "routine and logs": fit(logs, found.rig).rig}
+    rigs |= {f"{name}, stiff servo": without(one) for name, one in rigs.items()}
     sums = dict[str, list[float]]()
     for i, kind in enumerate(KINDS):
         wanted = angles_of(known, 1000 * seed + 100 + i, kind)
@@ -144,17 +143,16 @@ def errors_of(seed: int) -> dict[str, float]:
             "with speed, by hand": np.column_stack(
                 [moving(wanted[:, j]) @ by_hand(logs, j, moving, known) for j in range(2)]
             ),
-            "open loop": Inverse(fitted)(time, wanted).sent,
-            "open loop, stiff servo": Inverse(without(fitted))(time, wanted).sent,
+            **{f"open loop, {name}": Inverse(one)(time, wanted).sent for name, one in rigs.items()},
         }
         for name, goals in ways.items():
             _, own = hands_of(seed)
             error = driven(known, own, goals)["angles"] - wanted
             sums.setdefault(name, []).append(float(np.mean(error**2)))
-        for name, one in (("live", fitted), ("live, stiff servo", without(fitted))):
+        for name, one in rigs.items():
             _, own = hands_of(seed)
             error = live(known, own, one, wanted) - wanted
-            sums.setdefault(name, []).append(float(np.mean(error**2)))
+            sums.setdefault(f"live, {name}", []).append(float(np.mean(error**2)))
     return {name: float(np.rad2deg(np.sqrt(np.mean(each)))) for name, each in sums.items()}
 
 

@@ -163,6 +163,58 @@ def test_a_motor_without_a_goal_does_not_sink(orca: Orca) -> None:
     assert aero.sent == 4 * [[10.0, 7.0]]
 
 
+def test_motors_that_stand_pull_no_more_than_they_did(hand: Hand, orca: Orca) -> None:
+    """Reads fail for longer than 0.1 s: goals and torques stay, it is said, and it goes on."""
+    for k in range(60):
+        orca.places[:] = min(0.02 * k, 0.6)
+        hand.update(0.01 * k)
+    hand.set_joint_positions({"index_mcp": 40.0})
+    for k in range(60, 160):
+        hand.update(0.01 * k)
+    before = orca.places.copy()
+    hand.set_joint_positions({"index_mcp": 10.0})
+    orca.fails = True
+    for k in range(160, 220):
+        hand.update(0.01 * k)
+    assert "motor_1, motor_2 not read" in hand.health().held_back
+    assert max(orca.limits) < 300.0
+    assert np.abs(orca.places - before).max() < 0.7
+    stood = orca.places.copy()
+    hand.update(2.2)
+    np.testing.assert_array_equal(orca.places, stood)
+    orca.fails = False
+    for k in range(221, 400):
+        hand.update(0.01 * k)
+    assert "stands" not in hand.health().held_back
+    assert orca.limits == [300.0, 300.0]
+    assert hand.get_joint_positions()["index_mcp"] == pytest.approx(10.0, abs=4.0)
+
+
+def test_a_hot_motor_is_not_moved_by_the_routine() -> None:
+    own = Own()
+    own.temperatures = lambda: {"motor_1": 80.0, "motor_2": 30.0}  # type: ignore[method-assign]
+    hand = Hand(own, sound_rig(), compiled=False)
+    ticks = iter(np.arange(0.0, 100.0, 0.004))
+    with pytest.raises(CommandError, match="motor_1: it is hot, 80 °C"):
+        hand.power_on(sleep=lambda _: None, now=lambda: float(next(ticks)))
+
+
+def test_a_motor_whose_turn_is_not_known_gets_no_goal(orca: Orca) -> None:
+    """Its encoder wraps, and its joint goes through more than a turn of it."""
+    raw = sound_rig().model_dump()
+    raw["joints"] = [raw["joints"][0] | {"stops": (-4.0, 4.0)}, *raw["joints"][1:]]
+    counts = {"unit": "count", "counts_per_turn": 4096, "resolution": 2 * np.pi / 4096}
+    raw["sensors"] = [raw["sensors"][0] | counts, *raw["sensors"][1:]]
+    hand = Hand(orca, build_rig(raw, "hand"), compiled=False)
+    orca.places[0] = 2000.0  # 176° or −184°
+    for k in range(30):
+        reading = hand.update(0.01 * k)
+    assert reading.health == "restarted"
+    assert "motor_1: in which of its turns" in reading.detail
+    with pytest.raises(CommandError, match="in which of its turns motor_1 is, is not known"):
+        hand.set_joint_positions({"index_mcp": 10.0})
+
+
 def test_a_read_that_the_sdk_says_failed_is_none(orca: Orca) -> None:
     """Its client says so in releases of orca_core, which return old values then."""
     del orca.last_read_ok
@@ -418,13 +470,23 @@ class Simulated:
 
 
 @pytest.mark.slow
-def test_from_power_on_to_live_angles_and_wanted_ones(tmp_path: Path) -> None:
+def test_from_power_on_to_live_angles_and_wanted_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is full at its end costs the record, and not the calibration."""
     own = Simulated()
     hand = Hand(own, renamed(rig_of(own.known)))
     said = list[str]()
-    found = hand.power_on(show=said.append, sleep=own.sleep, now=own.now)
+
+    def full(*_: object) -> None:
+        raise OutputError("no space left on device")
+
+    monkeypatch.setattr("distal.hands.hand.write_log", full)
+    record = tmp_path / "routine.csv"
+    found = hand.power_on(show=said.append, record=record, sleep=own.sleep, now=own.now)
     assert said[:2] == ["motor_1", "motor_2"]
     assert found.faults == ()
+    assert found.notes == ("the record was not kept: no space left on device",)
     found.save(tmp_path / "calibrated.toml")
     assert load_rig(tmp_path / "calibrated.toml") == found.rig == hand.rig
     for _ in range(100):

@@ -162,3 +162,42 @@ def test_a_motor_that_counts_its_turns_may_count_anew_after_a_restart(
     assert units.logged("motor_angle", sign * 0.6) == pytest.approx(0.6 + 2 * pi * turns)
     assert units.sample(0.4, {"motor_angle": 0.2})[0] == pytest.approx(sign * 0.2)
     assert units.sample(0.5, {"motor_angle": pi})[0] == pytest.approx(sign * pi)
+
+
+def wide_rig() -> Rig:
+    """Return the same with a travel of more than a turn of its motor, less than two."""
+    raw = rig_of().model_dump()
+    arm, radius = (
+        raw["tendons"][0]["insertion"]["radius"]["value"],
+        raw["drives"][0]["radius"]["value"],
+    )
+    raw["joints"][0]["stops"] = (-1.4 * pi * radius / arm, 1.4 * pi * radius / arm)
+    return build_rig(raw, "wide joint")
+
+
+def test_a_first_turn_that_is_a_guess_is_in_doubt_until_motion_tells_it() -> None:
+    """The motor goes up from −200° to the top of its range: only one turn is left long before."""
+    units = LogUnits(wide_rig())
+    low, high = units._ranges[0]
+    assert 2 * pi < high - low < 4 * pi
+    true, doubted, read = np.linspace(-3.5, 4.0, 400), [], []
+    for k, place in enumerate(true):
+        count = (place / (2 * pi) * 4096) % 4096
+        read.append(units.sample(0.01 * k, [float(count), 0.0])[0])
+        doubted.append(units.in_doubt != ())
+    assert doubted[0]
+    assert not doubted[-1]
+    settled = doubted.index(False)
+    np.testing.assert_allclose(read[settled:], true[settled:], atol=1e-9)
+
+
+def test_before_a_power_on_routine_the_range_changes_no_reading() -> None:
+    """A motor with a broken tendon goes on beyond its range: its readings are what limits it."""
+    rig = build_rig({**rig_of().model_dump()}, "counting joint")
+    units = LogUnits(rig, ranged=False)
+    turns = np.linspace(0.0, 3.0, 300)
+    read = [units.sample(0.01 * k, [4096 * turn % 4096, 0.0])[0] for k, turn in enumerate(turns)]
+    np.testing.assert_allclose(read, 2 * pi * turns, atol=1e-9)
+    assert units.in_doubt == ()
+    after = units.followed_by(rig)
+    assert after.sample(3.01, [0.0, 0.0])[0] == pytest.approx(6 * pi)
