@@ -31,6 +31,8 @@ SMALLEST: dict[str, tuple[str, ...]] = {
     "commands": ("--time",),
     "events": ("--first-seed", "1", "--draws", "1"),
     "false_alarms": ("--first-seed", "1", "--rigs", "1"),
+    "motor_faults": ("--episodes", "1"),
+    "out_of_reach": ("--cases", "1"),
     "fit_command": ("lacking", "--rigs", "1", "--first-seed", "300"),
 }
 

@@ -15,7 +15,7 @@ from benchmarks.strangers.servo_hands import Hands, Known, orca_like
 from distal import estimate
 from distal.errors import CommandError, FitError, LogError
 from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved
-from distal.hands.findings import faults_of
+from distal.hands.findings import faults_of, travel_of
 from distal.hands.routine import OF_PAIR
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
@@ -242,6 +242,34 @@ def test_a_log_without_sweeps_says_what_it_needs() -> None:
     channels = {f"m{i}_{kind}": still for i in (1, 2) for kind in ("position", "current")}
     with pytest.raises(LogError, match="motor 'm2' sweeps 0 times"):
         calibrate(Log(0.01 * np.arange(200), channels, {}, "still"), rig)
+
+
+def test_a_log_of_free_motion_is_no_routine() -> None:
+    """Motors go to and fro, and nothing ever resists."""
+    known, _ = hand()
+    time = np.arange(0.0, 20.0, 0.01)
+    rng = np.random.default_rng(1)
+    channels = {}
+    for i in (1, 2):
+        swing = np.sin(2.0 * time + i)
+        channels[f"m{i}_position"] = swing
+        friction = 0.03 * np.sign(np.gradient(swing))
+        channels[f"m{i}_current"] = friction + 2e-3 * rng.normal(size=len(time))
+    with pytest.raises(LogError, match="no motor meets an end of its travel; is it the log of a"):
+        calibrate(Log(time, channels, {}, "free motion"), rig_of(known))
+
+
+def test_a_joint_that_stops_early_is_said_by_its_travel() -> None:
+    """It goes 75 % of its range: the radius that would explain it is far from the rig's."""
+    rig = rig_of(hand()[0])
+    radius = rig.drives[0].radius
+    wrong = rig.with_values({"drives.m1.radius": {"value": radius.value / 0.75, "std": radius.std}})
+    (fault,) = travel_of(wrong, rig, ["m1", "m2"])
+    assert fault.drive == "m1"
+    assert fault.kind == "travel"
+    assert "goes 75 % of its travel" in fault.sentence
+    assert "stops before its end, or the radii are others" in fault.sentence
+    assert travel_of(rig, rig, ["m1", "m2"]) == ()
 
 
 def test_a_rig_of_sliders_is_refused() -> None:

@@ -174,7 +174,8 @@ def _sweeps(
             if drive is rig.drives[-1] and not any(sweeps.values()):
                 raise
             without[drive.name] = str(problem)
-    if not any(sweep.resisted for of_drive in sweeps.values() for sweep in of_drive):
+    resisted = any(sweep.resisted for of_drive in sweeps.values() for sweep in of_drive)
+    if len(sweeps) > 1 and not resisted:
         raise LogError(
             f"{log.source}: no motor meets an end of its travel; is it the log of a power-on "
             "routine (see distal.hands.Routine)?"
