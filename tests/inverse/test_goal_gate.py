@@ -69,6 +69,15 @@ def test_one_lost_read_changes_nothing() -> None:
         )
 
 
+def test_a_sensor_that_is_read_seldom_is_not_lost() -> None:
+    """At 4 Hz in a loop of 100 Hz."""
+    rig = load_rig("capstan-joint")
+    gate = GoalGate(rig.with_values({f"sensors.{rig.sensors[0].name}.rate": 4.0}))
+    for k in range(200):
+        gate.read(k * PERIOD, np.zeros(1) if k % 25 == 0 else np.full(1, nan))
+        assert gate.passed(k * PERIOD, np.full(1, 1e-4 * k)) == pytest.approx([1e-4 * k])
+
+
 def test_a_motor_without_readings_stands_with_those_of_its_joint() -> None:
     """The goals of the first joint's motors stay, those of the other joint go on."""
     gate = GoalGate(two_motors())

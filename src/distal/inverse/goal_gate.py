@@ -23,6 +23,9 @@ from distal.run.log_units import FASTEST
 OLDEST = 0.1
 """A reading that is older does not tell where a motor is [s]."""
 
+MISSED = 2.5
+"""A sensor that is read less often may miss so many of its samples."""
+
 PATIENCE = 1.0
 """A motor that stopped for longer does what the rig says in `when_lost` [s]."""
 
@@ -70,12 +73,14 @@ class GoalGate:
         self._fastest = np.array([FASTEST if most is None else most for most in fastest])
         self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
         self._ends = np.array([_ends(rig, name, calibrated) for name in self._names])
-        read = {sensor.of for sensor in rig.sensors_of("position")}
+        rates = {sensor.of: sensor.rate for sensor in rig.sensors_of("position")}
+        oldest = [MISSED / rates.get(name, inf) for name in self._names]
+        self._oldest = np.maximum(oldest, OLDEST)
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # leap, to answer with old readings, or to be deaf
         self._is_motor = np.array([drive.kind == "capstan" for drive in drives])
         self._scale = np.where(self._is_motor, 1.0, SPOOL)
-        self._has_sensor = np.array([name in read for name in self._names])
+        self._has_sensor = np.array([name in rates for name in self._names])
         crossed = crossed_joints(rig)
         self._together = (crossed @ crossed.T) | np.eye(len(crossed), dtype=bool)
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
@@ -124,7 +129,7 @@ class GoalGate:
         self._doubted = self._in_doubt(time, places, known & ~first)
         sound = known & ~self._doubted
         gap = time - self._at
-        recent = sound & (gap > 0.0) & (gap <= OLDEST)
+        recent = sound & (gap > 0.0) & (gap <= self._oldest)
         speed = np.divide(places - self._place, gap, out=np.zeros(len(gap)), where=recent)
         self._speed = np.where(recent, (self._speed + speed) / 2, np.where(sound, 0, self._speed))
         self._raw = np.where(known, places, self._raw)
@@ -145,7 +150,7 @@ class GoalGate:
         """
         moved = np.abs(places - self._raw)
         leaps = known & self._is_motor & (moved > self._fastest * (time - self._raw_at) + JUMP)
-        silent = np.minimum(time - self._at, OLDEST)
+        silent = np.minimum(time - self._at, self._oldest)
         is_back = leaps & (np.abs(places - self._place) <= self._fastest * silent + JUMP)
         arrived = known & (np.abs(places - self._sent) <= ARRIVED)
         doubted: Bools = (self._doubted | leaps) & ~(self._doubted & is_back) & ~arrived
@@ -187,9 +192,9 @@ class GoalGate:
         """Which motors have no reading that is young enough, or do not get their goals: they stand
         away from them and pull no more than at the last that they reached.
         """
-        failing = self._time - self._failing_since > OLDEST
-        unread = self._has_sensor & (self._time - self._at > OLDEST)
-        lost: Bools = unread | failing | (self._time - self._followed_at > OLDEST)
+        failing = self._time - self._failing_since > self._oldest
+        unread = self._has_sensor & (self._time - self._at > self._oldest)
+        lost: Bools = unread | failing | (self._time - self._followed_at > self._oldest)
         return lost
 
     @property
@@ -237,7 +242,7 @@ class GoalGate:
         before = self.expected
         before = np.where(np.isfinite(before), before, wanted)
         wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
-        most = self._fastest * OLDEST
+        most = self._fastest * self._oldest
         wanted = np.clip(wanted, before - most, before + most)
         eased = self._held - (1.0 - self._share()) * np.where(
             np.isfinite(self._ahead), self._ahead, 0.0
@@ -258,7 +263,7 @@ class GoalGate:
     def _where_it_stops(self) -> Floats:
         """Return the goals at which motors stop that have no reading any more."""
         ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
-        since = np.minimum(self._time - self._at, OLDEST)
+        since = np.minimum(self._time - self._at, self._oldest)
         coming = self._place + self._speed * (since + self._lag) + ahead
         agrees = (
             np.abs(self._sent - coming) <= AGREES * self._scale + np.abs(self._speed) * self._lag
