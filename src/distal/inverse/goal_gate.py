@@ -200,7 +200,10 @@ class GoalGate:
     @property
     def stopped(self) -> Bools:
         """Which motors stand because a reading is lost or in doubt, (n_drives,)."""
-        stopped: Bools = self._together @ (self._lost | self._doubted)
+        alone = self._lost | self._doubted
+        if not alone.any():
+            return alone
+        stopped: Bools = self._together @ alone
         return stopped
 
     @property
@@ -208,15 +211,21 @@ class GoalGate:
         """The torques that stopped motors had [N, N m], less what is eased off; infinite for the
         others, (n_drives,).
         """
-        return np.where(self.stopped, np.abs(self._torque) * self._share(), inf)
+        stopped = self.stopped
+        if not stopped.any():
+            return np.full(len(stopped), inf)
+        return np.where(stopped, np.abs(self._torque) * self._share(stopped), inf)
 
     @property
     def note(self) -> str:
         """What is held back and why, in words; may be empty."""
+        stopped = self.stopped
+        if not stopped.any():
+            return ""
         doubted = self._named(self._doubted)
         lost = self._named(self._lost & ~self._doubted)
-        also = self._named(self.stopped & ~self._lost & ~self._doubted)
-        eased = self._named(self.stopped & (self._share() < 1.0))
+        also = self._named(stopped & ~self._lost & ~self._doubted)
+        eased = self._named(stopped & (self._share(stopped) < 1.0))
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
             (f"{{}} not read, or deaf to its goals, for {OLDEST:g} s: stands", lost),
@@ -233,10 +242,6 @@ class GoalGate:
             goals: places as the sensors would read them, NaN for no new one, (n_drives,).
         """
         self._time = max(self._time, time)
-        stopped = self.stopped
-        begins = stopped & ~np.isfinite(self._held)
-        self._held = np.where(begins, self._where_it_stops(), np.where(stopped, self._held, np.nan))
-        self._stopped_at = np.where(begins, time, self._stopped_at)
         low, high = self._ends.T
         wanted = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
@@ -244,10 +249,9 @@ class GoalGate:
         wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
         most = self._fastest * self._oldest
         wanted = np.clip(wanted, before - most, before + most)
-        eased = self._held - (1.0 - self._share()) * np.where(
-            np.isfinite(self._ahead), self._ahead, 0.0
-        )
-        sent = np.where(stopped, eased, wanted)
+        stopped = self.stopped
+        sent = np.where(stopped, self._eased(time, stopped), wanted) if stopped.any() else wanted
+        self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
         self._sent = np.where(np.isfinite(self._place) | ~self._has_sensor, sent, np.nan)
         return np.where(self._doubted, np.nan, self._sent)
@@ -260,6 +264,14 @@ class GoalGate:
         self._failing_since = min(self._failing_since, self._time)
         self._sent = self._before
 
+    def _eased(self, time: float, stopped: Bools) -> Floats:
+        """Return the goals of motors that stand, less the force that they no longer hold."""
+        begins = stopped & ~np.isfinite(self._held)
+        self._held = np.where(begins, self._where_it_stops(), self._held)
+        self._stopped_at = np.where(begins, time, self._stopped_at)
+        ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
+        return self._held - (1.0 - self._share(stopped)) * ahead
+
     def _where_it_stops(self) -> Floats:
         """Return the goals at which motors stop that have no reading any more."""
         ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
@@ -271,14 +283,14 @@ class GoalGate:
         unknown = ~np.isfinite(self._ahead) & self._calibrated
         return np.where(np.isfinite(self._sent) & (agrees | unknown), self._sent, coming)
 
-    def _share(self) -> Floats:
+    def _share(self, stopped: Bools) -> Floats:
         """Return the share of its force that each motor still holds."""
         stopped_for = self._time - self._stopped_at - PATIENCE
         eased = np.clip(stopped_for / EASES, 0.0, 1.0)
         left = np.zeros(len(eased))
         if not self._relaxes:
             left = np.minimum(self._continuous / np.maximum(np.abs(self._torque), 1e-12), 1.0)
-        return np.where(self.stopped, 1.0 - eased * (1.0 - left), 1.0)
+        return np.where(stopped, 1.0 - eased * (1.0 - left), 1.0)
 
     def _named(self, chosen: Bools) -> list[str]:
         return [name for name, is_chosen in zip(self._names, chosen) if is_chosen]

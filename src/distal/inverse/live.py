@@ -289,7 +289,8 @@ class LiveInverse:
             for _ in range(FIRST):
                 self._loop.step()
         else:
-            stands = self._gate.stopped @ self._moves
+            stopped = self._gate.stopped
+            stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
             self._rest(stands | self._stood)
             self._stood = stands
             x["wanted"][:] = np.where(stands, self._carry["reference"], self._asked)
