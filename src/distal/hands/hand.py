@@ -136,6 +136,9 @@ class Hand:
             names = [drive.name for drive in self._rig.drives]
             self._inverse.confirm(self._write(dict(zip(names, command.places.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
+        if self._units.restarts:
+            said = f"{', '.join(self._units.restarts)} counts from another turn: it restarted"
+            self._reading = replace(self._reading, health="restarted", detail=said)
         turns = self._units.in_doubt
         if turns:
             said = f"{', '.join(turns)}: in which of its turns, is not known; no goal is sent to it"

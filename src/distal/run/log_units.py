@@ -111,6 +111,7 @@ class LogUnits:
         self._last, self._seen, self._ahead = (np.full(len(self._sensors), nan) for _ in range(3))
         self._ahead[:] = 0.0
         self._doubts: tuple[str, ...] = ()
+        self._restarts: tuple[str, ...] = ()
         # least and largest place of those whose turn is a guess, in the turn that was guessed
         self._guessed = dict[int, tuple[float, float]]()
 
@@ -118,6 +119,13 @@ class LogUnits:
     def doubts(self) -> tuple[str, ...]:
         """Of the last sample: columns whose encoder may have turned without a value, in words."""
         return self._doubts
+
+    @property
+    def restarts(self) -> tuple[str, ...]:
+        """Of the last sample: motors that count from another turn than before, which is made up
+        for.
+        """
+        return self._restarts
 
     @property
     def in_doubt(self) -> tuple[str, ...]:
@@ -187,8 +195,13 @@ class LogUnits:
         for i in np.flatnonzero(np.isfinite(self._turns) & np.isfinite(sample)).tolist():
             sample[i] = self._unwrapped(i, time, float(sample[i]), doubts)
         self._doubts = tuple(doubts)
+        before = self._ahead.copy()
         for i in self._counted:
+            is_known = isfinite(self._last[i])
             sample[i] = self._counted_anew(i, float(sample[i]))
+            before[i] = before[i] if is_known else self._ahead[i]
+        anew = np.flatnonzero(self._ahead[self._counted] != before[self._counted])
+        self._restarts = tuple(self._sensors[self._counted[k]].of for k in anew)
         for name, temperature in (temperatures or {}).items():
             _check_temperature(name, temperature)
             for i in self._torques_of(name):
