@@ -24,6 +24,9 @@ from distal.hands import Hand
 
 JOINTS = ("index_mcp", "index_pip")
 BATCH, SECONDS = 40, 4.0
+PLANTS = 20
+"""So many plants: a kernel is compiled for each."""
+
 FIRST, SECOND = 0.5, 2.0
 """When the two angles are wanted [s]."""
 
@@ -143,7 +146,7 @@ class Plant:
     """Hands side by side."""
 
     def __init__(self, seeds: range, copies: int) -> None:
-        each = [seed for seed in seeds for _ in range(copies)]
+        each = [seed % PLANTS for seed in seeds for _ in range(copies)]
         self.known, self.hands = orca_like(each, JOINTS)
         self.signs = self.hands.d.signs
         self.goals = self.hands.places + self.hands.d.zeros * self.signs
