@@ -16,6 +16,7 @@ from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.motors import TorqueLimited, motors_of
 from distal.hands.routine import Routine, RoutineOptions
 from distal.inverse import LiveInverse
+from distal.inverse.goal_gate import GoalGate
 from distal.logs import write_log
 from distal.logs.atomic_writes import check_writable
 from distal.rig import Capstan, Rig, load_rig
@@ -105,6 +106,7 @@ class Hand:
         self._joints = tuple(joint.name for joint in self._rig.joints)
         self._live = LiveEstimator(self._rig, compiled=compiled)
         self._monitor, self._units = Monitor(self._live), LogUnits(self._rig, self._live.channels)
+        self._gate = GoalGate(self._rig)
         self._inverse: LiveInverse | None = None
         self._wanted: dict[str, float] = {}
         self._reading: Reading | None = None
@@ -128,10 +130,11 @@ class Hand:
         """
         time = clock.monotonic() if time is None else time
         sample, problem = self._sample(time)
+        believed = self._gate.believed(time, sample, self._live.channels)
         if self._inverse is None:
             self._reading = self._monitor.take(time, sample)
         else:
-            command = self._inverse.step(time, self._wanted, sample)
+            command = self._inverse.step(time, self._wanted, believed)
             self._reading, self._held_back = command.reading, command.note
             names = [drive.name for drive in self._rig.drives]
             self._inverse.confirm(self._write(dict(zip(names, command.places.tolist()))))
@@ -267,12 +270,13 @@ class Hand:
             wanted[name] = radians(float(np.clip(angle, low, high)))
         self._wanted = wanted
         if self._inverse is None:
-            self._inverse = LiveInverse(self._rig, compiled=self._compiled)
+            self._inverse = LiveInverse(self._rig, compiled=self._compiled, gate=self._gate)
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
 
     def relax(self) -> None:
         """Want no angles any more: `update` sends nothing."""
         self._inverse, self._wanted, self._held_back = None, {}, ""
+        self._gate = GoalGate(self._rig)
 
     def _write(self, goals: Mapping[str, float]) -> bool:
         """Send the goals that are known [rad], in the unit of the log; return whether that
@@ -401,7 +405,7 @@ class Hand:
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         # its ranges are those of the rig that was found, by which a motor's turn is known
-        self._units = units.followed_by(rig)
+        self._units, self._gate = units.followed_by(rig), GoalGate(rig)
         self._inverse, self._wanted, self._reading = None, {}, None
 
 

@@ -11,9 +11,11 @@ the u of that. It is not sent s: it would give way by F/K. After `PATIENCE` come
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf, pi
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.rig import Rig
@@ -56,6 +58,12 @@ NOISES = 5.0
 """A torque that changed by less than so many standard deviations of its noise did not change."""
 
 
+def columns_of(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
+    """Return where a sample has each drive's place or force, −1 for one without, (n_drives,)."""
+    at = {sensor.of: channels.index(sensor.name) for sensor in rig.sensors_of(kind)}
+    return np.array([at.get(drive.name, -1) for drive in rig.drives])
+
+
 class GoalGate:
     """Takes in what motors read and lets their goals pass, (n_drives,) each, SI.
 
@@ -66,7 +74,7 @@ class GoalGate:
     """
 
     def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
-        drives = rig.drives
+        drives, self._rig = rig.drives, rig
         self._names = [drive.name for drive in drives]
         servos = [drive.servo for drive in drives]
         fastest = [None if servo is None else servo.fastest for servo in servos]
@@ -177,6 +185,21 @@ class GoalGate:
         stale: Bools = self._is_motor & same & (self._stale | has_to_move)
         return stale
 
+    def believed(self, time: float, sample: Floats, channels: Sequence[str]) -> Floats:
+        """Take in a sample and return it without the places of drives that cannot be.
+
+        Args:
+            time: stamp [s].
+            sample: values of `channels`, SI, NaN where missing, (n_channels,).
+        """
+        at = columns_of(self._rig, channels, "position")
+        forces = columns_of(self._rig, channels, "force")
+        sample = np.array(sample, dtype=np.float64)
+        places = np.where(at >= 0, sample[at], np.nan)
+        torques = np.where(forces >= 0, sample[forces], np.nan)
+        sample[at[at >= 0]] = self.read(time, places, torques)[at >= 0]
+        return sample
+
     @property
     def unread(self) -> list[str]:
         """Motors that were never read, although a sensor is there."""
@@ -277,9 +300,9 @@ class GoalGate:
         ahead = np.where(np.isfinite(self._ahead), self._ahead, 0.0)
         since = np.minimum(self._time - self._at, self._oldest)
         coming = self._place + self._speed * (since + self._lag) + ahead
-        agrees = (
-            np.abs(self._sent - coming) <= AGREES * self._scale + np.abs(self._speed) * self._lag
-        )
+        # a motor that overshoots comes back to its goal: either way is as likely
+        near = AGREES * self._scale + np.abs(self._speed) * (since + 2.0 * self._lag)
+        agrees = np.abs(self._sent - self._place - ahead) <= near
         unknown = ~np.isfinite(self._ahead) & self._calibrated
         return np.where(np.isfinite(self._sent) & (agrees | unknown), self._sent, coming)
 

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import CommandError
 from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.command import CommandModel
-from distal.inverse.goal_gate import GoalGate, crossed_joints
+from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.least_tension import LEAST_TENSION, least_tension_of
 from distal.inverse.live_function import GAINS, layouts, live_function
 from distal.kernels import Kernel
@@ -155,6 +154,7 @@ class LiveInverse:
         feedback: see `Feedback`; of all joints, or by their names.
         fastest: largest speed of the joints that move by themselves [rad/s]; default all of their
             range in 0.25 s.
+        gate: that takes in the samples elsewhere, before they come here; default one of its own.
 
     Raises:
         CommandError: a number is none, or the filter cannot run on this rig.
@@ -168,6 +168,7 @@ class LiveInverse:
         feedback: Feedback | Mapping[str, Feedback] | None = None,
         fastest: float | None = None,
         compiled: bool = True,
+        gate: GoalGate | None = None,
     ) -> None:
         self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
         runner = AdaptiveFilter(self._rig, compiled)
@@ -188,10 +189,9 @@ class LiveInverse:
             np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])
         )
         self._has_map = bool(runner.report.states)
-        self._gate = GoalGate(self._rig)
-        self._places, self._torques = (
-            _columns(self._rig, runner.channels, kind) for kind in ("position", "force")
-        )
+        self._gate = GoalGate(self._rig) if gate is None else gate
+        self._is_believed = gate is not None
+        self._places = columns_of(self._rig, runner.channels, "position")
         self._moves = crossed_joints(self._rig) @ (np.array(model.mechanism.spread) != 0.0)
         carry = self._layouts.carry
         self._carry = {name: self._loop.carry[carry[name]] for name in carry.names}
@@ -203,7 +203,8 @@ class LiveInverse:
         """Forget everything: the next sample is the first."""
         self._monitor.reset()
         self._loop.carry[:] = 0.0
-        self._gate.reset()
+        if not self._is_believed:
+            self._gate.reset()
         self._forces = np.full(len(self._rig.drives), nan)
         self._asked = np.full(len(self.joints), nan)
         self._stood = np.zeros(len(self.joints), dtype=bool)
@@ -264,8 +265,8 @@ class LiveInverse:
                 f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another "
                 "joint's"
             )
-        if sample_problem(sample, self.channels) is None:
-            sample = self._believed(time, sample)
+        if sample_problem(sample, self.channels) is None and not self._is_believed:
+            sample = self._gate.believed(time, sample, self.channels)
         reading = self._monitor.take(time, sample)
         if not all(map(isfinite, reading.angles)):
             stays = [] if self._time is None else ["the last command stays"]
@@ -317,15 +318,6 @@ class LiveInverse:
             self._carry[name][stands] = 0.0
         self._carry["at_end"][:] = 1.0
 
-    def _believed(self, time: float, sample: Floats) -> Floats:
-        """Return a sample without the readings of drives that cannot be."""
-        sample = np.array(sample, dtype=np.float64)
-        places = np.where(self._places >= 0, sample[self._places], nan)
-        torques = np.where(self._torques >= 0, sample[self._torques], nan)
-        believed = self._gate.read(time, places, torques)
-        sample[self._places[self._places >= 0]] = believed[self._places >= 0]
-        return sample
-
     def _command(self, reading: Reading, notes: list[str]) -> Command:
         """Return what passes the gate."""
         y, count = self._y, len(self._rig.drives)
@@ -362,9 +354,3 @@ class LiveInverse:
     def __deepcopy__(self, memo: object) -> LiveInverse:
         """Return a clone."""
         return self.clone()
-
-
-def _columns(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
-    """Return where a sample has each drive's place or force, −1 for one without, (n_drives,)."""
-    at = {sensor.of: channels.index(sensor.name) for sensor in rig.sensors_of(kind)}
-    return np.array([at.get(drive.name, -1) for drive in rig.drives])
