@@ -274,6 +274,8 @@ class LiveInverse:
         unread = self._gate.unread
         if self._time is None and unread:
             return self._command(reading, [f"{', '.join(unread)} not read yet"])
+        if self._time is None and reading.unusable:
+            return self._command(reading, [reading.unusable])
         x, y, unusable = self._x, self._y, reading.unusable
         self._asked = np.where(np.isfinite(angles), angles, self._asked)
         x["state"][:] = self._live.mean
