@@ -140,12 +140,12 @@ class Hand:
             self._inverse.confirm(self._write(dict(zip(names, command.places.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
         if self._units.restarts:
-            said = f"{', '.join(self._units.restarts)} counts from another turn: it restarted"
-            self._reading = replace(self._reading, health="restarted", detail=said)
+            detail = f"{', '.join(self._units.restarts)} counts from another turn: it restarted"
+            self._reading = replace(self._reading, health="restarted", detail=detail)
         turns = self._units.in_doubt
         if turns:
-            said = f"{', '.join(turns)}: in which of its turns, is not known; no goal is sent to it"
-            self._reading = replace(self._reading, health="restarted", detail=said)
+            detail = f"{', '.join(turns)}: in which of its turns, is not known; it gets no goal"
+            self._reading = replace(self._reading, health="restarted", detail=detail)
         if problem and self._reading.health in ("ok", "bad"):
             word = "missing" if self._reading.health == "ok" else self._reading.health
             self._reading = replace(self._reading, health=word, detail=problem)
