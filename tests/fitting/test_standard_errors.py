@@ -157,3 +157,13 @@ def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> No
     (three,) = untold([0.95, 0.9, 0.49])
     assert "c" in three.partition(" only")[0]
     assert untold([1.0, 0.0]) == untold([0.0, 1.0, 0.1]) == ()
+
+
+def test_numbers_that_go_with_each_other_exactly_have_errors_too() -> None:
+    """Of a singular covariance: with one of two held, nothing is left of the other."""
+    covariance = np.array([[4.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 9.0]])
+    nothing = np.zeros(3, dtype=bool)
+    errors = Uncertainty(covariance, nothing, nothing, ()).errors_holding(
+        np.array([True, False, False])
+    )
+    assert errors == pytest.approx([0.0, 0.0, 3.0])

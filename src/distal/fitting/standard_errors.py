@@ -71,8 +71,11 @@ class Uncertainty:
         (n,).
         """
         errors, free = np.zeros(len(held)), ~held
-        precision = np.linalg.inv(self.covariance)[np.ix_(free, free)]
-        errors[free] = np.sqrt(np.diag(np.linalg.inv(precision)))
+        across = self.covariance[np.ix_(free, held)]
+        # some may go with others exactly: then their covariance has no inverse
+        of_held = np.linalg.pinv(self.covariance[np.ix_(held, held)], hermitian=True)
+        left = np.diag(self.covariance)[free] - np.diag(across @ of_held @ across.T)
+        errors[free] = np.sqrt(np.maximum(left, 0.0))
         return errors
 
 
@@ -96,7 +99,10 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     covariance *= np.outer(shrink, shrink)
     yardstick = yardsticks(problem, z)
     share = np.where(np.isfinite(limit), TOLD, 1.0)
-    errors, alone = np.sqrt(np.diag(covariance)), 1.0 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    errors = np.sqrt(np.diag(covariance))
+    precision = np.diag(np.linalg.pinv(covariance, hermitian=True))
+    # to know the others takes nothing off
+    alone = np.minimum(errors, 1.0 / np.sqrt(np.maximum(precision, 1e-300)))
     together = (errors > CONFOUNDED * yardstick) & (alone < SEEN_ALONE * errors)
     determined = (errors < share * yardstick) & ~together
     return Uncertainty(covariance, determined, together, _combinations(problem, derivatives, z))
