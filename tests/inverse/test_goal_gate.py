@@ -215,3 +215,18 @@ def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
         if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
             assert abs(sent[1] - before) <= FASTEST * OLDEST + 1e-9
         before = float(sent[1])
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_goal_that_ran_away_gives_way_to_where_its_motor_comes_to_rest(way: float) -> None:
+    """s + v (age + T), with the age of the reading and the servo's lag, in the way it went."""
+    gate, speed = GoalGate(load_rig("capstan-joint")), way * 2.0
+    for k in range(40):
+        place = speed * max(k - 10, 0) * PERIOD  # it stands at first
+        gate.read(k * PERIOD, np.full(1, place))
+        gate.passed(k * PERIOD, np.full(1, place + way * 0.9 * (k > 10)))
+    last = speed * 29 * PERIOD
+    for k in range(40, 70):
+        gate.read(k * PERIOD, np.full(1, nan))
+        sent = gate.passed(k * PERIOD, np.full(1, nan))
+    assert sent == pytest.approx([last + speed * (OLDEST + LAG)], abs=0.03)

@@ -18,6 +18,7 @@ from distal import Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Commands, Inverse
 from distal.inverse.distribution import least_pulls
+from distal.inverse.reached import lacking
 from distal.rig import number
 from distal.study.plants import draws_of
 from tests.estimators.test_discrepancy import made
@@ -141,6 +142,26 @@ def test_a_drive_goes_no_further_than_its_range_and_it_is_said() -> None:
     low, high = np.array([drive.stops for drive in rig.drives]).T
     assert np.all((commands.places >= low) & (commands.places <= high))
     assert any("left would have to go beyond its range" in note for note in commands.notes)
+
+
+@pytest.mark.parametrize("wanted", [30.0, 60.0, -60.0])
+def test_a_joint_whose_drives_end_rests_where_friction_holds_it(wanted: float) -> None:
+    """|r(θ, s)| ≤ l at the places that are sent, on the way that the joint came."""
+    inverse = Inverse(load_rig("paper-2008"), compiled=False)
+    time = np.linspace(0.0, 2.0, 100)
+    way = 0.5 - 0.5 * np.cos(np.pi * time / 2.0)
+    commands = inverse(time, np.deg2rad(wanted) * way[:, None])
+    model = inverse.model
+    free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
+    still, none = ca.SX.zeros(model.nf), ca.SX.zeros(model.nj)
+    p = model.mechanism.parameters
+    look = ca.Function("look", [free, places, p.symbols], lacking(model, free, places, still, none))
+    lacks, friction = look(commands.angles[-1], commands.places[-1], p.values)
+    assert abs(float(lacks)) <= 1.001 * float(friction)
+    reached = np.rad2deg(commands.angles[:, 0]) * np.sign(wanted)
+    assert 15.0 < reached[-1] < abs(wanted)
+    assert (np.diff(reached) > -0.5).all()
+    assert "cannot do what is wanted" in " ".join(commands.notes)
 
 
 def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
