@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.inverse.goal_gate import AGREES, LAG, OLDEST, PATIENCE, GoalGate
+from distal.inverse.goal_gate import LAG, PATIENCE, GoalGate
+from distal.inverse.motor_readings import AGREES, OLDEST
 from distal.run.log_units import FASTEST
 
 PERIOD = 0.01
@@ -123,6 +124,18 @@ def test_after_its_patience_it_holds_or_relaxes(when_lost: str) -> None:
         sent = gate.passed(time + k * PERIOD, np.full(4, nan))
     np.testing.assert_allclose(sent, 0.03 if when_lost == "hold" else 0.0, atol=1e-3)
     assert ("gives way" in gate.note) == (when_lost == "relax")
+
+
+def test_a_hot_motor_that_stands_gives_way_at_once() -> None:
+    gate = GoalGate(load_rig("capstan-joint"))
+    gate.heated([load_rig("capstan-joint").drives[0].name])
+    for k in range(150):
+        lost = k > 30
+        gate.read(k * PERIOD, np.full(1, nan if lost else 0.0), np.full(1, 0.2))
+        sent = gate.passed(k * PERIOD, np.full(1, nan if lost else 0.04))
+        assert lost or sent == pytest.approx([0.04])
+    assert sent == pytest.approx([0.0], abs=1e-3)
+    assert "is hot and gives way" in gate.note
 
 
 def test_it_holds_no_more_than_it_may_for_hours() -> None:

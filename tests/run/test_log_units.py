@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable
+from copy import copy, deepcopy
 from math import degrees, nan, pi, radians
 
 import numpy as np
@@ -107,6 +110,20 @@ def test_degrees_are_those_of_the_estimator_itself() -> None:
         plain.step(0.005 * k, np.array([10 * k * 2 * pi / 4096, 0.01]))
     assert angles["jaw"] == pytest.approx(degrees(plain.angle), abs=1e-12)
     assert live.stds["jaw"] == pytest.approx(degrees(plain.angle_std), abs=1e-12)
+
+
+@pytest.mark.parametrize("again", [copy, deepcopy, lambda live: pickle.loads(pickle.dumps(live))])
+def test_a_copy_goes_on_alone(again: Callable[[LiveInLogUnits], LiveInLogUnits]) -> None:
+    live = LiveInLogUnits(rig_of(), compiled=False)
+    for k in range(20):
+        live.step(0.005 * k, [4000 + 10 * k, 20.0])
+    other = again(live)
+
+    def onwards(one: LiveInLogUnits) -> list[dict[str, float]]:
+        # the counts begin a new turn
+        return [one.step(0.005 * k, [(4000 + 10 * k) % 4096, 20.0]) for k in range(20, 30)]
+
+    assert onwards(live) == onwards(other)
 
 
 def test_a_hot_motor_has_less_torque() -> None:

@@ -131,6 +131,7 @@ class Hand:
         time = clock.monotonic() if time is None else time
         sample, problem = self._sample(time)
         believed = self._gate.believed(time, sample, self._live.channels)
+        self._gate.heated(tuple(self._hot))
         if self._inverse is None:
             self._reading = self._monitor.take(time, sample)
         else:
@@ -214,15 +215,18 @@ class Hand:
             for i, name in enumerate(self._joints)
         }
 
+    @property
+    def _hot(self) -> dict[str, float]:
+        return {name: value for name, value in self._temperatures.items() if value > HOT}
+
     def health(self) -> HandHealth:
         """Return how the hand is, by the last `update`."""
-        hot = {name: value for name, value in self._temperatures.items() if value > HOT}
         word, detail = (
             ("untested", "not updated yet")
             if self._reading is None
             else (self._reading.health, self._reading.detail)
         )
-        return HandHealth(word, detail, self._silent, hot, self._lost, self._held_back)
+        return HandHealth(word, detail, self._silent, self._hot, self._lost, self._held_back)
 
     def set_joint_positions(self, positions: Mapping[str, float]) -> None:
         """Want these angles [deg]: each `update` sends the motors there, through play, stretch and
@@ -356,9 +360,8 @@ class Hand:
             while not routine.done:
                 time = now() - begin
                 sample, _ = self._sample(time)
-                for name, value in self._temperatures.items():
-                    if value > HOT:
-                        routine.fail(name, f"it is hot, {value:.0f} °C")
+                for name, value in self._hot.items():
+                    routine.fail(name, f"it is hot, {value:.0f} °C")
                 goals = routine.step(time, dict(zip(self._units.channels, sample.tolist())))
                 routine.confirm(self._write(goals))
                 if show is not None and routine.moving != shown:

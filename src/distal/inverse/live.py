@@ -216,7 +216,7 @@ class LiveInverse:
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
         other._loop.carry[:] = self._loop.carry
-        other._gate, other._forces = self._gate.clone(self._rig), self._forces.copy()
+        other._gate, other._forces = self._gate.clone(), self._forces.copy()
         other._time, other._asked = self._time, self._asked.copy()
         other._stood = self._stood.copy()
         return other

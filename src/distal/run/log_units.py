@@ -5,6 +5,7 @@ turn are unwrapped.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from math import ceil, degrees, floor, inf, isfinite, nan, pi
 from pathlib import Path
@@ -329,6 +330,10 @@ class LiveInLogUnits:
         self._scale = degrees(1.0) if unit == "deg" else 1.0
         self._joints = tuple(joint.name for joint in self._live.rig.joints)
         self._reading: Reading | None = None
+
+    def __copy__(self) -> LiveInLogUnits:
+        """Return another one that goes on alone: buffers are never shared."""
+        return deepcopy(self)
 
     @property
     def rig(self) -> Rig:

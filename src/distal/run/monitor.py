@@ -5,6 +5,7 @@ by one word.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan, sqrt
 
@@ -116,10 +117,15 @@ class Monitor:
 
     def clone(self, live: LiveEstimator) -> Monitor:
         """Return another one for a clone of its estimator, with the same memory."""
-        other = Monitor(live)
-        other._memory, other._anew, other._fresh = self._memory.copy(), self._anew, self._fresh
-        other._late, other._last_late, other._time = self._late, self._last_late, self._time
-        return other
+        return _with_memory(live, self._remembered())
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how to make it again, in another process too: its estimator, and its memory."""
+        return _with_memory, (self._live, self._remembered())
+
+    def _remembered(self) -> dict[str, object]:
+        names = ("_anew", "_fresh", "_late", "_last_late", "_time")
+        return {"_memory": self._memory.copy()} | {name: getattr(self, name) for name in names}
 
     @property
     def rig(self) -> Rig:
@@ -277,3 +283,10 @@ class Monitor:
 
     def _names(self, chosen: Bools) -> str:
         return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)
+
+
+def _with_memory(live: LiveEstimator, remembered: Mapping[str, object]) -> Monitor:
+    monitor = Monitor(live)
+    for name, value in remembered.items():
+        setattr(monitor, name, copy(value))
+    return monitor
