@@ -275,7 +275,8 @@ def judged(found: dict[str, Any], seeds: range) -> list[Episode]:
         end = min(begin + round((fault.lasts + 0.5) / PERIOD), len(own))
         # what is shorter than a motor's own lag, and what changes nothing while all stand, needs no
         # word
-        moved = np.ptp(twin[begin:end], axis=0).max() > 2.0
+        ended = min(begin + round(fault.lasts / PERIOD), len(own))
+        moved = np.ptp(twin[begin : ended + 1], axis=0).max() > 2.0
         said = bool(found["said"][begin:end, 2 * k + 1].any()) or fault.lasts < 0.15 or not moved
         away = float(np.abs(own[-20:] - twin[-20:]).mean(axis=0).max())
         pushed = float((pushes[1] - pushes[0]).max())

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
-from distal.inverse.motor_readings import AGREES, OLDEST, MotorReadings
+from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, MotorReadings
 from distal.rig import Rig
 from distal.run.drive_range import motor_range, place_range
 
@@ -31,6 +31,10 @@ EASES = 1.0
 
 LAG = 0.05
 """Lag of a servo of which the rig says nothing, as that of a small servo at 3 Hz [s]."""
+
+
+AHEAD = 2 * ARRIVED
+"""A motor that stands is sent no further from where it is, until it moves [rad]."""
 
 
 def columns_of(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
@@ -69,7 +73,7 @@ class GoalGate:
         self._sent, self._held = np.full((2, n), np.nan)
         self._stopped_at = np.full(n, -inf)
         self._hot = np.zeros(n, dtype=bool)
-        self._time, self._failing_since = -inf, inf
+        self._time, self._passed_at, self._failing_since = -inf, -inf, inf
         self._before = self._sent
 
     def clone(self) -> GoalGate:
@@ -151,14 +155,15 @@ class GoalGate:
     @property
     def note(self) -> str:
         """What is held back and why, in words; may be empty."""
-        stopped = self.stopped
-        if not stopped.any():
+        stopped, deaf = self.stopped, self._motors.deaf
+        if not (stopped | deaf).any():
             return ""
         doubted, lost = self._motors.doubted, self._lost
         eased = stopped & (self._share(stopped) < 1.0)
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
-            (f"{{}} not read, or deaf to its goals, for {OLDEST:g} s: stands", lost & ~doubted),
+            (f"{{}} not read for {OLDEST:g} s: stands", lost & ~doubted & ~deaf),
+            ("{} does not follow its goals: they stay near it", deaf),
             ("{} stands too: its tendons cross the same joint", stopped & ~lost & ~doubted),
             ("{} gives way", eased & ~self._hot),
             ("{} is hot and gives way", eased & self._hot),
@@ -174,14 +179,18 @@ class GoalGate:
             time: now [s].
             goals: places as the sensors would read them, NaN for no new one, (n_drives,).
         """
-        self._time = max(self._time, time)
+        since = min(max(time - self._passed_at, 0.0), OLDEST)
+        self._time, self._passed_at = max(self._time, time), time
         low, high = self._ends.T
         wanted = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
         before = np.where(np.isfinite(before), before, wanted)
         wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
-        most = self._motors.fastest * self._motors.oldest
+        most = self._motors.fastest * since + AGREES * self._motors.scale
         wanted = np.clip(wanted, before - most, before + most)
+        rests = self._motors.place + self._ahead
+        near = np.clip(wanted, rests - AHEAD, rests + AHEAD)
+        wanted = np.where(self._motors.stands, near, wanted)
         stopped = self.stopped
         sent = np.where(stopped, self._eased(time, stopped), wanted) if stopped.any() else wanted
         self._held = np.where(stopped, self._held, np.nan)

@@ -58,6 +58,8 @@ class MotorReadings:
         torque: that was read last; 0 before the first.
         ahead: by how much the goal of a standing motor is ahead of its place.
         doubted: whether its last reading is in doubt.
+        stands: whether it is a motor that does not move.
+        deaf: whether it did not follow its last goals, and did nothing since.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -84,7 +86,7 @@ class MotorReadings:
         self.speed, self.torque, self._torque_near = np.zeros((3, n))
         self.at, self._raw_at = np.full((2, n), -inf)
         self._followed_at = np.full(n, inf)
-        self.doubted, self._stale = np.zeros((2, n), dtype=bool)
+        self.doubted, self.stands, self.deaf, self._stale = np.zeros((4, n), dtype=bool)
         self._read_at = -inf
 
     def read(self, time: float, places: Floats, torques: Floats, sent: Floats) -> Floats:
@@ -115,9 +117,12 @@ class MotorReadings:
         self.place = np.where(sound, places, self.place)
         self.at = np.where(sound, time, self.at)
         slow = np.abs(self.speed) < STANDS * self.scale
-        follows = self._follows(slow, torques, sent)
+        self.stands = slow & self._is_motor
+        follows, acts = self._follows(slow, torques, sent)
         self._followed_at = np.where(follows, time, self._followed_at)
-        self.ahead = np.where(sound & slow & follows, sent - places, self.ahead)
+        self.deaf = (self.deaf | (time - self._followed_at > self.oldest)) & ~acts
+        rests = sound & slow & follows & ~self.deaf
+        self.ahead = np.where(rests, sent - places, self.ahead)
         self.torque = np.where(np.isfinite(torques), torques, self.torque)
         return np.where(sound, places, np.nan)
 
@@ -139,16 +144,16 @@ class MotorReadings:
         doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
         return doubted
 
-    def _follows(self, slow: Bools, torques: Floats, sent: Floats) -> Bools:
+    def _follows(self, slow: Bools, torques: Floats, sent: Floats) -> tuple[Bools, Bools]:
         """Return which motors do not stand away from their goals with the torque that they had
-        near them; those without a torque that is read cannot tell.
+        near them, and which move or pull anew; those without a torque that is read cannot tell.
         """
         near = ~(np.abs(sent - self.place) > ARRIVED)
         pulls = np.abs(torques - self._torque_near) > self._quiet
         self._torque_near = np.where(near, torques, self._torque_near)
         tells = self._is_motor & np.isfinite(torques) & (torques != 0.0)
-        follows: Bools = near | ~slow | pulls | ~tells
-        return follows
+        acts: Bools = ~slow | pulls | ~tells
+        return near | acts, acts
 
     def _is_stale(self, places: Floats, torques: Floats, sent: Floats) -> Bools:
         """Return which readings are old ones again: nothing changes of a motor that has to move,
