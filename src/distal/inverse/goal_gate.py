@@ -187,8 +187,10 @@ class GoalGate:
         before = np.where(np.isfinite(before), before, wanted)
         wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
         most = self._motors.fastest * since + AGREES * self._motors.scale
-        wanted = np.clip(wanted, before - most, before + most)
-        rests = self._motors.place + self._ahead
+        place = self._motors.place
+        # back to where a motor is, a goal may go at once
+        wanted = np.clip(wanted, np.fmin(before - most, place), np.fmax(before + most, place))
+        rests = place + self._ahead
         near = np.clip(wanted, rests - AHEAD, rests + AHEAD)
         wanted = np.where(self._motors.stands, near, wanted)
         stopped = self.stopped

@@ -38,6 +38,9 @@ REFERENCE = 25.0
 TURN = 2 * pi
 """Of a motor that is read in radians or degrees [rad]."""
 
+BOOTS = 0.05
+"""No motor restarts and answers again in less [s]: a place that leaps sooner is a wrong reading."""
+
 HOTTEST = 200.0
 """No motor that still turns is hotter, or colder than minus this [°C]."""
 
@@ -199,7 +202,7 @@ class LogUnits:
         before = self._ahead.copy()
         for i in self._counted:
             is_known = isfinite(self._last[i])
-            sample[i] = self._counted_anew(i, float(sample[i]))
+            sample[i] = self._counted_anew(i, time, float(sample[i]))
             before[i] = before[i] if is_known else self._ahead[i]
         anew = np.flatnonzero(self._ahead[self._counted] != before[self._counted])
         self._restarts = tuple(self._sensors[self._counted[k]].of for k in anew)
@@ -264,7 +267,7 @@ class LogUnits:
         del self._guessed[i]
         return float(self._turns[i]) * turns[0]
 
-    def _counted_anew(self, i: int, place: float) -> float:
+    def _counted_anew(self, i: int, time: float, place: float) -> float:
         """Return a place [rad] of a motor that counts its turns: after a restart it may count from
         another one.
 
@@ -275,11 +278,13 @@ class LogUnits:
         low, high = self._ranges[i]
         at = place + float(self._ahead[i])
         jumped = not abs(at - float(self._last[i])) < TURN / 2
-        if jumped and not low <= at <= high:
+        was_silent = not time - float(self._seen[i]) < BOOTS
+        if jumped and was_silent and not low <= at <= high:
             ahead = TURN * round(((low + high) / 2 - place) / TURN)
             if low <= place + ahead <= high:
                 self._ahead[i] = ahead
         self._last[i] = place + float(self._ahead[i])
+        self._seen[i] = time
         return float(self._last[i])
 
     def logged(self, channel: str, value: float) -> float:
