@@ -47,7 +47,11 @@ HELD_OUT = 2
 
 @dataclass
 class Outcome:
-    """What came of one rig: whether a file was written, its score, and errors on held-out logs."""
+    """What came of one rig: whether a file was written, its score, and errors on held-out logs.
+
+    The `errors` are beside the encoder of the fit, as the score is; `true_errors` and `inside` are
+    beside the plant's angle, where it is another.
+    """
 
     name: str
     ended: bool
@@ -55,16 +59,21 @@ class Outcome:
     message: str = ""
     score: float = float("nan")
     errors: list[float] = field(default_factory=list)
+    true_errors: list[float] = field(default_factory=list)
     inside: list[float] = field(default_factory=list)
     best: float = float("nan")
     chosen: str = ""
     candidates: dict[str, tuple[float, float, list[float]]] = field(default_factory=dict)
 
 
-def write_folder(folder: Path, rig: Rig, logs: Sequence[Log], held_out: Sequence[Log]) -> None:
-    """Write what a user has: a rig file, logs to fit and logs that are kept apart."""
+def write_folder(
+    folder: Path, rig: Rig, logs: Sequence[Log], held_out: Sequence[Log], plant: Sequence[Log] = ()
+) -> None:
+    """Write what a user has: a rig file, logs to fit and logs that are kept apart; and the latter
+    with the plant's own angle.
+    """
     write_rig(rig, folder / "mine.toml")
-    for kind, kept in (("run", logs), ("held_out", held_out)):
+    for kind, kept in (("run", logs), ("held_out", held_out), ("plant", plant)):
         for i, log in enumerate(kept):
             write_log(as_logged(log, rig), rig, folder / f"{kind}_{i}.csv")
 
@@ -85,9 +94,11 @@ def write_lacking(folder: Path, seed: int) -> None:
     count = LOGS[seed % len(LOGS)]
     drawn = drawn_rig(2 * seed, False)
     # the last log is of a wider motion: it is not one that the score speaks of
-    logs, _ = lacking.logs_of(drawn, seed, count, HELD_OUT + 1)
+    logs, _ = lacking.logs_of(drawn, seed, count + HELD_OUT, 1)
+    plant, _ = lacking.logs_of(drawn, seed, count, HELD_OUT + 1)
+    kept = slice(count, count + HELD_OUT)
     rig = build_rig(drawn.raw, f"lacking {seed}")
-    write_folder(folder, rig, logs[:count], logs[count : count + HELD_OUT])
+    write_folder(folder, rig, logs[:count], logs[kept], plant[kept])
 
 
 def write_named(folder: Path, name: str) -> None:
@@ -106,16 +117,21 @@ def judged(folder: Path, name: str) -> Outcome:
         outcome.message = done.stderr.strip().splitlines()[-1]
         return outcome
     outcome.score = first_score(done.stdout)
-    for held_out in sorted(folder.glob("held_out_*.csv")):
-        words = ("estimate", held_out.name, "--rig", "fitted.toml", "-e", "adaptive")
-        said = command(folder, *words, "--no-what-if")
-        row = re.search(r"^\s*adaptive\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M)
-        if row is None:
-            outcome.message = said.stderr.strip()[-300:] or "no error against the truth was printed"
-            outcome.ended = False
-            return outcome
-        outcome.errors.append(float(row[1]))
-        outcome.inside.append(float(row[2]) / 100.0)
+    kinds = ("held_out", "plant") if any(folder.glob("plant_*.csv")) else ("held_out",)
+    for kind in kinds:
+        for log in sorted(folder.glob(f"{kind}_*.csv")):
+            words = ("estimate", log.name, "--rig", "fitted.toml", "-e", "adaptive")
+            said = command(folder, *words, "--no-what-if")
+            row = re.search(r"^\s*adaptive\s+([\d.]+)\s+[\d.]+\s+(\d+) %", said.stdout, re.M)
+            if row is None:
+                outcome.message = said.stderr.strip()[-300:] or "no error was printed"
+                outcome.ended = False
+                return outcome
+            if kind == "held_out":
+                outcome.errors.append(float(row[1]))
+            if kind == kinds[-1]:
+                outcome.true_errors.append(float(row[1]))
+                outcome.inside.append(float(row[2]) / 100.0)
     return outcome
 
 
@@ -172,10 +188,17 @@ def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
     """Return the rows of the goals, over all rigs."""
     ended = [outcome for outcome in outcomes if outcome.ended]
     rows = [["fits that end with their file", f"{len(ended)} of {len(outcomes)}"]]
-    ratios = np.array([mean(one.errors) / one.score for one in ended if one.score > 0.0])
-    if len(ratios):
-        rows.append(["RMS / score printed first, geometric mean", f"{_geometric(ratios):.2f}"])
-        rows.append(["at most 2", f"{100 * np.mean(ratios <= 2.0):.0f} %"])
+    for words, errors in (
+        ("RMS beside the same encoder", "errors"),
+        ("RMS of the plant's angle", "true_errors"),
+    ):
+        ratios = np.array(
+            [mean(getattr(one, errors)) / one.score for one in ended if one.score > 0.0]
+        )
+        if len(ratios):
+            about = f"{words} / score printed first"
+            rows.append([f"{about}, geometric mean", f"{_geometric(ratios):.2f}"])
+            rows.append([f"{about}, at most 2", f"{100 * np.mean(ratios <= 2.0):.0f} %"])
     inside = [share for one in ended for share in one.inside]
     if inside:
         rows.append(["inside the band, pooled", f"{100 * np.mean(inside):.0f} %"])

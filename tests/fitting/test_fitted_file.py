@@ -113,6 +113,15 @@ def test_each_candidate_is_written_as_it_was_judged(
     assert load_rig(tmp_path / "fitted.toml").bare() == candidate.rig.bare()
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.0, False), (0.4, False), (0.6, True)])
+def test_an_encoders_zero_that_no_score_shows_is_said(
+    share: float, said: bool, found: Found
+) -> None:
+    result = Fit.of(found.learned(found.candidates[0]), found.rig, found.logs, OPTIONS, ())
+    result = replace(result, reference_offset=share * result.scores()[0][1])
+    assert any("whose own zero may be off by" in line for line in result.advice()) == said
+
+
 def test_other_models_widen_the_report_alone(found: Found) -> None:
     numbers = found.solutions[0]
     wider = among_models(numbers, found.models)

@@ -13,6 +13,7 @@ from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.map_samples import (
     filtered,
     partly_homed,
+    reference_offset,
     reference_std,
     with_reference_error,
     without_offset,
@@ -50,6 +51,8 @@ def test_what_the_reference_errs_by(rig: Rig) -> None:
     noise = np.deg2rad(np.hypot(0.1, 0.09 / np.sqrt(12.0)))
     assert reference_std(rig, log(FROM_SENSOR)) == pytest.approx(noise, rel=1e-6)
     assert reference_std(rig, log("the simulation")) == 0.0
+    assert reference_offset(rig, log(FROM_SENSOR)) == pytest.approx(np.deg2rad(0.35))
+    assert reference_offset(rig, log("the simulation")) == 0.0
 
 
 @pytest.mark.parametrize("hold", [False, True])

@@ -241,6 +241,15 @@ def reference_std(rig: Rig, log: Log) -> float:
     )
 
 
+def reference_offset(rig: Rig, log: Log) -> float:
+    """Return the std of the zero of the angle sensor that a log's truth comes from [rad], the
+    largest of all; 0 where it comes from elsewhere.
+    """
+    if log.truth_kind is not TruthKind.SENSOR:
+        return 0.0
+    return max((sensor.bias.filter_std for sensor in rig.sensors_of("angle")), default=0.0)
+
+
 def _sensors(rig: Rig) -> tuple[Sensor, ...]:
     channels = channels_of(rig, "adaptive")
     return (*channels.positions, *channels.tensions, *channels.forces)

@@ -18,11 +18,14 @@ from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import WRITTEN, Compared, Fold
-from distal.fitting.map_samples import reference_std
+from distal.fitting.map_samples import reference_offset, reference_std
 from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
 from distal.rounded import rounded
+
+HIDDEN = 0.5
+"""An encoder's zero that is unsure by this share of the error beside it is said."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,7 @@ class Fit:
         added: path → what the part put into the description, and how servos give way.
         candidates: that were judged, the chosen one first.
         reference_std: of the reference sensor's random error, which scores contain [rad].
+        reference_offset: std of its zero, which no score shows [rad].
     """
 
     rig: Rig
@@ -92,6 +96,7 @@ class Fit:
     added: Mapping[str, object] = field(default_factory=dict)
     candidates: tuple[Candidate, ...] = ()
     reference_std: float = 0.0
+    reference_offset: float = 0.0
 
     @classmethod
     def of(
@@ -148,6 +153,7 @@ class Fit:
             hold=learned.hold,
             candidates=learned.candidates,
             reference_std=max((reference_std(start, log) for log in logs), default=0.0),
+            reference_offset=max((reference_offset(start, log) for log in logs), default=0.0),
         )
 
     def __repr__(self) -> str:
@@ -216,6 +222,14 @@ class Fit:
         """
         errors = {candidate.name: candidate.error for candidate in self.candidates}
         lines = [f"doubt: {line}" for line in self.doubts]
+        scores = self.scores()
+        if scores and self.reference_offset > HIDDEN * scores[0][1]:
+            offset = rounded(np.rad2deg(self.reference_offset))
+            lines.insert(
+                0,
+                f"errors are beside the encoder, whose own zero may be off by {offset}° more "
+                "(bias.std); the band contains that",
+            )
         if self.part:
             before, after = (
                 np.rad2deg(errors.get(BY_EQUATIONS, np.inf)),
