@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from distal import LiveInverse, load_rig, simulate
+from distal import LiveInverse, Rig, load_rig, simulate
 from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
 from distal.export.command import c_command
 from distal.export.source import c_filter
+from distal.inverse.motor_readings import OLDEST
 from distal.kernels.compiler import find_compiler
 from tests.export.helpers import missing_tools
 from tests.export.test_microcontroller import cases, measure
@@ -25,17 +26,38 @@ needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no
 
 GLUE = """
 #include "f_command.h"
-static f_state filter; static f_command_state state; static int begun;
+static f_state filter; static f_command_state state; static int begun, stands;
 int commanded(double dt, const f_real* values, const f_real* wanted, int trusted, f_command_output* commands) {
   f_output out;
   int code;
   if (!begun) { f_begin(&filter, values); f_command_begin(&state); }
   code = f_step(&filter, (f_real)dt, values, &out);
   begun = 1;
-  f_command_step(&state, &filter, (f_real)dt, values, &out, wanted, trusted, commands);
+  stands = f_command_step(&state, &filter, (f_real)dt, values, &out, wanted, trusted, commands);
   return code;
 }
+int code_of_command(void) { return stands; }
 """
+
+
+def built(rig: Rig, tmp_path: Path, single: bool) -> ctypes.CDLL:
+    """Return the filter and the commands of a rig, compiled."""
+    export_c(rig, tmp_path, single=single, name="f", command=True)
+    (tmp_path / "glue.c").write_text(GLUE)
+    sources = [str(tmp_path / file) for file in ("f.c", "f_command.c", "glue.c")]
+    strict = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Werror",
+        *(["-Wdouble-promotion"] if single else []),
+    ]
+    subprocess.run(
+        ["cc", *strict, "-O1", "-fPIC", "-shared", *sources, "-o", str(tmp_path / "f.so"), "-lm"],
+        check=True,
+    )
+    return ctypes.CDLL(str(tmp_path / "f.so"))
 
 
 @needs_compiler
@@ -54,22 +76,7 @@ def test_c_says_what_python_says(
     not trusted.
     """
     rig = load_rig(name)
-    export_c(rig, tmp_path, single=single, name="f", command=True)
-    (tmp_path / "glue.c").write_text(GLUE)
-    sources = [str(tmp_path / file) for file in ("f.c", "f_command.c", "glue.c")]
-    strict = [
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Wpedantic",
-        "-Werror",
-        *(["-Wdouble-promotion"] if single else []),
-    ]
-    subprocess.run(
-        ["cc", *strict, "-O1", "-fPIC", "-shared", *sources, "-o", str(tmp_path / "f.so"), "-lm"],
-        check=True,
-    )
-    call = ctypes.CDLL(str(tmp_path / "f.so")).commanded
+    call = built(rig, tmp_path, single).commanded
     real = np.float32 if single else np.float64
     log = simulate(rig, scenario)
     inverse = LiveInverse(rig, compiled=False)
@@ -96,6 +103,39 @@ def test_c_says_what_python_says(
             out[drives : 2 * drives], expected.speeds, rtol=0, atol=near * 500
         )
         np.testing.assert_allclose(out[2 * drives :], expected.forces, rtol=0, atol=near * 5000)
+
+
+@needs_compiler
+def test_c_sends_nothing_before_drives_are_read_and_stands_where_they_are_lost(
+    tmp_path: Path,
+) -> None:
+    rig = load_rig("paper-2008-observed")
+    library, inverse = built(rig, tmp_path, False), LiveInverse(rig, compiled=False)
+    log, drives = simulate(rig, "series-2"), len(rig.drives)
+    samples = np.column_stack([log.channels[channel] for channel in inverse.channels])[:200]
+    moving = next(sensor.of for sensor in rig.sensors_of("position"))
+    at = next(i for i, drive in enumerate(rig.drives) if drive.name == moving)
+    channel = inverse.channels.index(rig.sensors_of("position")[0].name)
+    samples[0, channel] = np.nan
+    samples[100:160, channel] = np.nan
+    dt, rows, codes = float(log.time[1] - log.time[0]), [], []
+    for k, sample in enumerate(samples):
+        wanted, out = np.array([0.3 * np.sin(0.05 * k)]), np.zeros(3 * drives)
+        pointers = [ctypes.c_void_p(part.ctypes.data) for part in (sample, wanted)]
+        library.commanded(
+            ctypes.c_double(dt if k else 0.0), *pointers, 1, ctypes.c_void_p(out.ctypes.data)
+        )
+        codes.append(library.code_of_command())
+        rows.append(out)
+    places = np.array(rows)[:, at]
+    assert codes[0] == 2
+    assert np.isnan(rows[0]).all()
+    lost_for = round(OLDEST / dt)
+    assert codes[1 : 100 + lost_for - 1] == [0] * (98 + lost_for)
+    assert codes[100 + lost_for + 1 : 160] == [1] * (59 - lost_for)
+    assert np.ptp(places[100 + lost_for + 1 : 160]) == 0.0
+    assert codes[160:] == [0] * 40
+    assert np.abs(np.diff(places[1:])).max() < 3 * np.abs(np.diff(places[1:100])).max()
 
 
 def test_a_step_costs_few_operations() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from distal import Rig, load_rig
-from distal.inverse.goal_gate import LAG, PATIENCE, AHEAD, GoalGate
+from distal.inverse.goal_gate import AHEAD, LAG, PATIENCE, GoalGate
 from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, SPOOL
 from distal.run.log_units import FASTEST
 

@@ -8,15 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distal.arrays import Bools
 from distal.codegen import CodeError, Emitter, Plain
 from distal.errors import ExportError
 from distal.estimators import AdaptiveFilter
 from distal.export.names import checked_name
 from distal.export.outputs import angle_fields, comment, filled, torque_fields
 from distal.inverse.command import CommandModel
+from distal.inverse.goal_gate import crossed_joints
 from distal.inverse.least_tension import LEAST_TENSION
 from distal.inverse.live import FIRST, gains_of
 from distal.inverse.live_function import layouts, live_function
+from distal.inverse.motor_readings import MotorReadings
 from distal.rig import Rig
 from distal.run import LOST
 
@@ -58,6 +61,9 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     gains = gains_of(model, LEAST_TENSION, None, None)
     numbers = np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])
     at = {sensor.of: runner.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
+    crossed = crossed_joints(rig)
+    moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
+    together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
     reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
     reported += [(runner.state_names.index(state), field) for state, field in torque_fields(runner)]
     values = {
@@ -87,6 +93,10 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         ),
         "free": ", ".join(map(str, model.free)),
         "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
+        "oldest": ", ".join(real.constant(float(age)) for age in MotorReadings(rig).oldest),
+        "moves": _matrix(moves),
+        "together": _matrix(together),
+        **{f"c_{part}": str(layout.carry[part].start) for part in ("reference", *MOVING, "at_end")},
         "zero": real.constant(0.0),
         "one": real.constant(1.0),
         "first": str(FIRST),
@@ -99,6 +109,14 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     operations = emitter.functions[advance].cost.operations
     header, source = filled(_HEADER, values), filled(_SOURCE, values)
     return ExportedCommand(name, header, source, layout.carry.size, operations, tuple(model.free))
+
+
+MOVING = ("rate", "speed", "acceleration")
+"""What is remembered of a joint that moves."""
+
+
+def _matrix(values: Bools) -> str:
+    return ", ".join(f"{{{', '.join(str(int(value)) for value in row)}}}" for row in values)
 
 
 _HEADER = """\
@@ -124,10 +142,16 @@ extern "C" {
 #define $NAME$_JOINTS $n_joints$
 #define $NAME$_DRIVES $n_drives$
 
+#define $NAME$_MOVES 0  /* all drives get what is wanted */
+#define $NAME$_STANDS 1 /* a drive was not read for too long: it, and those that move the same joints, stand */
+#define $NAME$_UNREAD 2 /* a drive was never read: nothing is to be sent, all commands are NAN */
+
 typedef struct {
   $real$ carry[$n_carry$];
   $real$ wanted[$NAME$_JOINTS];
   $real$ places[$NAME$_DRIVES];
+  $real$ forces[$NAME$_DRIVES];
+  $real$ age[$NAME$_DRIVES];
   int begun;
 } $name$_state;
 
@@ -141,9 +165,10 @@ typedef struct {
 void $name$_begin($name$_state* state);
 
 /* Say what the drives do next, after a step of the filter that returned OK, with its dt, values and output. Where the
- * estimate is not `trusted` (its health is bad or dead) or its std is large, the correction by feedback stays as it was. */
-void $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
-                 const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands);
+ * estimate is not `trusted` (its health is bad or dead) or its std is large, the correction by feedback stays as it was.
+ * Drives that stand keep the last command. Returns one of the numbers above; how long drives may stand, the caller says. */
+int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
+                const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands);
 
 #ifdef __cplusplus
 }
@@ -166,17 +191,40 @@ $prelude$
 $functions$
 void $name$_begin($name$_state* state) { memset(state, 0, sizeof *state); }
 
-void $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
-                 const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands) {
+int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
+                const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands) {
   static const int joints[] = {$free$}, positions[] = {$positions$};
+  static const int moves[][$n_joints$] = {$moves$}, together[][$n_drives$] = {$together$};
+  static const $real$ oldest[] = {$oldest$};
+  int lost[$n_drives$], stands[$n_drives$] = {0}, rests[$n_joints$] = {0};
   $real$ x[$n_x$], y[$n_y$];
-  int i, k;
+  int i, j, k, code = $NAME$_MOVES;
+  for (i = 0; i < $n_drives$; ++i) {
+    const int is_read = positions[i] < 0 || values[positions[i]] == values[positions[i]];
+    if (!is_read && !state->begun) code = $NAME$_UNREAD;
+    state->age[i] = is_read ? $zero$ : state->age[i] + dt;
+    lost[i] = state->age[i] > oldest[i];
+  }
+  if (code == $NAME$_UNREAD) {
+    for (i = 0; i < $n_drives$; ++i) commands->places[i] = commands->speeds[i] = commands->forces[i] = ($real$)NAN;
+    return code;
+  }
+  for (i = 0; i < $n_drives$; ++i) {
+    for (j = 0; j < $n_drives$; ++j) stands[i] |= together[i][j] && lost[j];
+    for (j = 0; j < $n_joints$; ++j) rests[j] |= moves[i][j] && stands[i];
+    if (stands[i]) code = $NAME$_STANDS;
+  }
   memcpy(x + $x_state$, filter->carry, $n_states$ * sizeof *x);
 $reported$
   for (i = 0; i < $n_joints$; ++i) {
     if (wanted[i] - wanted[i] == $zero$) state->wanted[i] = wanted[i];
     else if (!state->begun) state->wanted[i] = x[$x_state$ + joints[i]];
     x[$x_wanted$ + i] = state->wanted[i];
+    if (rests[i]) {
+      x[$x_wanted$ + i] = state->carry[$c_reference$ + i];
+      state->carry[$c_rate$ + i] = state->carry[$c_speed$ + i] = state->carry[$c_acceleration$ + i] = $zero$;
+      state->carry[$c_at_end$] = $one$; /* feedback does not wind up */
+    }
     x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->carry[joints[i]];
   }
   for (i = 0; i < $n_drives$; ++i) {
@@ -187,10 +235,16 @@ $reported$
   x[$x_trusted$] = trusted && $known$ ? $one$ : $zero$;
   x[$x_dt$] = state->begun ? dt : $zero$;
   for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->carry, x, numbers, y);
-  memcpy(commands->places, y + $y_places$, sizeof commands->places);
-  memcpy(commands->speeds, y + $y_speeds$, sizeof commands->speeds);
-  memcpy(commands->forces, y + $y_forces$, sizeof commands->forces);
-  memcpy(state->places, commands->places, sizeof state->places);
+  for (i = 0; i < $n_drives$; ++i) {
+    if (!stands[i]) {
+      state->places[i] = y[$y_places$ + i];
+      state->forces[i] = y[$y_forces$ + i];
+    }
+    commands->places[i] = state->places[i];
+    commands->forces[i] = state->forces[i];
+    commands->speeds[i] = stands[i] ? $zero$ : y[$y_speeds$ + i];
+  }
   state->begun = 1;
+  return code;
 }
 """
