@@ -25,7 +25,7 @@ from distal.estimators.adaptive.drive_tracking import (
 from distal.estimators.adaptive.prediction import shifted_variance
 from distal.estimators.adaptive.unexplained_force import opened_torque, watched
 from distal.estimators.state_kinds import StateKind
-from distal.kernels.mask import READ
+from distal.kernels.mask import MISSING, READ
 from distal.simulation import build_scenario
 
 CHAIN = Robustness.usual(3)
@@ -109,14 +109,15 @@ def tracked(
     readings: list[float], dt: float, least: float = 0.5, pulls: float = 0.0, off: float = 0.0
 ) -> list[dict[str, float]]:
     """Return what is remembered of a drive after each reading; its force rises by `pulls` per m,
-    and the model is `off`.
+    and the model is `off`. One that is NaN is missing.
     """
     memory, reading, effort = ca.SX.sym("memory", MEMORY), ca.SX.sym("z"), ca.SX.sym("U")
+    mask = ca.SX.sym("mask")
     force = ForceEvidence(effort + off, ca.SX(READ), ca.SX(2500.0), ca.SX(0.1), effort, least)
     drive = track(
         memory,
         reading,
-        ca.SX(READ),
+        mask,
         ca.SX(2.5e-11),
         ca.SX(dt),
         robustness=CHAIN,
@@ -125,12 +126,13 @@ def tracked(
     )
     step = ca.Function(
         "step",
-        [memory, reading, effort],
+        [memory, reading, effort, mask],
         [ca.vertcat(*(getattr(drive, name) for name in REMEMBERED))],
     )
     now, found = np.zeros(MEMORY), []
     for value in readings:
-        now = np.array(step(now, value, pulls * value)).ravel()
+        place, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
+        now = np.array(step(now, place, pulls * place, seen)).ravel()
         found.append(dict(zip(REMEMBERED, now)))
     return found
 
@@ -163,6 +165,16 @@ def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
     assert tracked([0.0] + [3e-3] * 8, 0.05, least=0.0)[-1]["place"] == pytest.approx(
         3e-3, rel=1e-3
     )
+
+
+def test_a_drive_that_moved_while_it_was_not_read_has_not_lost_its_zero() -> None:
+    """Within 5 ms no drive starts, moves 6 mm and stops; within the 15 ms since it was read it
+    does.
+    """
+    lost = [np.nan, np.nan]
+    assert tracked([0.0, 6e-3], 0.005, least=0.0)[-1]["shift"] == pytest.approx(6e-3)
+    found = tracked([0.0, *lost, *[6e-3] * 8], 0.005, least=0.0)
+    assert all(one["shift"] == 0.0 for one in found)
 
 
 def test_a_drive_that_its_force_shows_has_jumped_itself() -> None:

@@ -334,7 +334,7 @@ def track(
     # (2b) or the zero of its sensor has jumped, and the drive goes on as it did
     if robustness.zeros_jump and force_evidence is not None:
         first = ca.logic_and(ca.logic_and(far, judged), ca.logic_and(doubt <= 0, real < 0.5))
-        jumped = ca.logic_and(first, zero_jumped(force_evidence, jump, effort, dt))
+        jumped = ca.logic_and(first, zero_jumped(force_evidence, jump, effort, time))
         shift += ca.if_else(jumped, jump, 0)
         if force_evidence.least == 0.0:  # the joint may have followed the drive at once
             shift_std = ca.if_else(jumped, ca.fabs(jump) / 2, shift_std)

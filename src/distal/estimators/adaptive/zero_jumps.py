@@ -57,19 +57,19 @@ class ForceEvidence:
     least: float = 0.5
 
 
-def zero_jumped(force: ForceEvidence, jump: Scalar, effort: Scalar, dt: Scalar) -> Scalar:
+def zero_jumped(force: ForceEvidence, jump: Scalar, effort: Scalar, time: Scalar) -> Scalar:
     """Return 1 where a `jump` of a reading is one of its sensor's zero, since the drive's force
     does not show it: (2b).
 
-    The force read `effort` before, and `dt` is the length of the interval [s]. A joint that follows
-    within an interval leaves no force behind: then only an interval in which no drive starts and
-    stops can tell.
+    The force read `effort` before, and `time` is since the last good reading [s]. A joint that
+    follows within an interval leaves no force behind: then only an interval in which no drive
+    starts and stops can tell.
     """
     pull = force.stiffness * jump
     silent = ca.logic_and(
         (force.effort - effort) * pull < SHOWS * pull**2, pull**2 > LONGEST_SLIP**2 * force.variance
     )
-    return silent if force.least > 0.0 else ca.logic_and(silent, dt <= SOONEST_STOP)
+    return silent if force.least > 0.0 else ca.logic_and(silent, time <= SOONEST_STOP)
 
 
 def kept_shift(
