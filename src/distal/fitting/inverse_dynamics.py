@@ -25,7 +25,6 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
@@ -220,6 +219,8 @@ class Equations:
             data.log.time,
         )
         complete = np.asarray(np.isfinite(q).all(axis=1))
+        from scipy.signal import savgol_coeffs, savgol_filter  # takes as long to load as distal
+
         step = float(np.median(np.diff(time)))
         window = max(5, round(SMOOTHED / step) | 1)
         if np.count_nonzero(complete) < max(FEWEST, 3 * window):
