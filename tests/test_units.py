@@ -2,13 +2,15 @@ from __future__ import annotations
 
 import contextlib
 import math
+import subprocess
+import sys
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from distal.errors import UnitError
-from distal.units import base_powers, to_si, unit_factor
+from distal.units import USUAL, _factor_by_pint, base_powers, to_si, unit_factor
 
 
 @pytest.mark.parametrize(
@@ -96,3 +98,14 @@ def test_any_text_is_a_quantity_or_a_unit_error(text: str) -> None:
 def test_a_unit_as_powers_of_base_units(unit: str, powers: dict[str, int]) -> None:
     """An FMU declares its units so; a kilogram is one, not a thousand grams."""
     assert base_powers(unit) == powers
+
+
+@pytest.mark.parametrize("si", USUAL)
+def test_usual_units_are_those_of_pint(si: str) -> None:
+    assert USUAL[si] == {unit: _factor_by_pint(unit, si) for unit in USUAL[si]}
+
+
+def test_a_rig_of_usual_units_does_not_load_pint() -> None:
+    """It takes as long as the rest of a short command."""
+    code = "import sys, distal; distal.load_rig('finger-2n'); assert 'pint' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -28,6 +28,26 @@ _ANGLE_WORDS = re.compile(
 )
 
 
+USUAL = {
+    "m": {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6},
+    "rad": {"rad": 1.0, "deg": math.pi / 180},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "N": {"N": 1.0, "mN": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "N m": {"N m": 1.0, "mN m": 1e-3},
+    "N/m": {"N/m": 1.0, "N/mm": 1e3},
+    "N m/A": {"N m/A": 1.0, "mN m/A": 1e-3},
+    "N s/m": {"N s/m": 1.0},
+    "N m s/rad": {"N m s": 1.0},
+    "N m/rad": {"N m/rad": 1.0},
+    "kg m^2": {"kg m^2": 1.0},
+    "kg/s": {"kg/s": 1.0},
+    "m/s^2": {"m/s^2": 1.0},
+}
+"""SI unit → factors of usual units, as pint gives them: it takes 0.3 s to load."""
+
+
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry[float]:
     import pint
@@ -49,6 +69,11 @@ def unit_factor(unit: str, si: str) -> float:
     Raises:
         UnitError: the unit is unknown, has an offset, or its dimension is not that of `si`.
     """
+    usual = USUAL.get(si, {}).get(unit)
+    return _factor_by_pint(unit, si) if usual is None else usual
+
+
+def _factor_by_pint(unit: str, si: str) -> float:
     import pint
 
     wanted = f"a unit like '{si}'" if si else "a plain number without a unit"
