@@ -189,16 +189,16 @@ def summary(outcomes: Sequence[Outcome]) -> list[list[str]]:
     ended = [outcome for outcome in outcomes if outcome.ended]
     rows = [["fits that end with their file", f"{len(ended)} of {len(outcomes)}"]]
     for words, errors in (
-        ("RMS beside the same encoder", "errors"),
+        ("RMS beside the encoder", "errors"),
         ("RMS of the plant's angle", "true_errors"),
     ):
         ratios = np.array(
             [mean(getattr(one, errors)) / one.score for one in ended if one.score > 0.0]
         )
         if len(ratios):
-            about = f"{words} / score printed first"
-            rows.append([f"{about}, geometric mean", f"{_geometric(ratios):.2f}"])
-            rows.append([f"{about}, at most 2", f"{100 * np.mean(ratios <= 2.0):.0f} %"])
+            at_most = f"{100 * np.mean(ratios <= 2.0):.0f} %"
+            rows.append([f"{words} / score printed first", f"{_geometric(ratios):.2f}"])
+            rows.append([f"{words}, at most twice the score", at_most])
     inside = [share for one in ended for share in one.inside]
     if inside:
         rows.append(["inside the band, pooled", f"{100 * np.mean(inside):.0f} %"])
