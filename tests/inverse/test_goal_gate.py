@@ -192,6 +192,16 @@ def test_goals_of_a_motor_that_is_deaf_stay_near_it_until_it_moves() -> None:
     assert gate.note == ""
 
 
+def test_a_far_goal_is_not_held_where_a_motor_never_moved() -> None:
+    """Nothing says yet how far it gives way; no motor gives way by so much."""
+    gate = GoalGate(load_rig("capstan-joint"))
+    for k in range(60):
+        gate.read(k * PERIOD, np.full(1, 0.0 if k < 30 else nan), np.zeros(1))
+        sent = gate.passed(k * PERIOD, np.full(1, 0.02 * k))
+        assert k > 40 or sent[0] <= AHEAD
+    assert sent == pytest.approx([0.0], abs=1e-6)
+
+
 def test_goals_that_are_not_sent_are_not_where_motors_go() -> None:
     gate = GoalGate(two_motors())
     time = moved(gate, 0.0, 0.2)

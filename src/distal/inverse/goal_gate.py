@@ -143,6 +143,11 @@ class GoalGate:
         return stopped
 
     @property
+    def are_ignored(self) -> bool:
+        """Whether motors do not go where they are sent, or what is sent fails."""
+        return bool(self._motors.deaf.any()) or self._failing_since < inf
+
+    @property
     def holding(self) -> Floats:
         """The torques that stopped motors had [N, N m], less what is eased off; infinite for the
         others, (n_drives,).
@@ -224,8 +229,10 @@ class GoalGate:
         # a motor that overshoots comes back to its goal: either way is as likely
         near = AGREES * motors.scale + np.abs(motors.speed) * (since + 2.0 * self._lag)
         agrees = np.abs(self._sent - motors.place - self._ahead) <= near
-        unknown = ~np.isfinite(motors.ahead) & self._calibrated
-        return np.where(np.isfinite(self._sent) & (agrees | unknown), self._sent, coming)
+        # how far it gives way is not known yet
+        gives_way = ~np.isfinite(motors.ahead) & self._calibrated
+        gives_way &= ~motors.is_motor | (np.abs(self._sent - motors.place) <= near + ARRIVED)
+        return np.where(np.isfinite(self._sent) & (agrees | gives_way), self._sent, coming)
 
     @property
     def _ahead(self) -> Floats:

@@ -285,22 +285,23 @@ class LiveInverse:
         read = np.where(self._places >= 0, sample[self._places], nan)
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not unusable
-        if self._time is None:
+        stopped = self._gate.stopped
+        stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
+        if self._time is None or (stands.all() and self._gate.are_ignored):
+            # it begins anew: joints did not go where their commands would have brought them
             begin = self._live.mean[self._free]
             self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
-            x["wanted"][:], x["dt"][0] = self._asked, 0.0
+            self._loop.carry[:] = 0.0
+            x["wanted"][:], x["dt"][0] = begin, 0.0
             for _ in range(FIRST):
                 self._loop.step()
         else:
-            stopped = self._gate.stopped
-            stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
             self._rest(stands | self._stood)
-            self._stood = stands
             x["wanted"][:] = np.where(stands, self._carry["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
             x["dt"][0] = min(max(time - self._time, SHORTEST), PAUSE * self._live.interval)
             self._loop.step()
-        self._time = time
+        self._time, self._stood = time, stands
         ended = [drive.name for drive, is_cut in zip(self._rig.drives, y["at_end"]) if is_cut]
         notes = [f"no feedback: {unusable}"] if unusable else []
         notes += [f"{', '.join(ended)} at the end of its range"] if ended else []

@@ -51,6 +51,7 @@ class MotorReadings:
     Attributes:
         fastest: speed of each motor at most [rad/s].
         oldest: a reading that is older does not tell where a motor is [s].
+        is_motor: whether it turns a spool; a slider does not.
         scale: what holds for an angle of a motor, for each drive: 1, or m/rad of a slider.
         has_sensor: whether a sensor reads its place.
         place: that was believed last, NaN before the first.
@@ -73,8 +74,8 @@ class MotorReadings:
         self.has_sensor = np.array([name in rates for name in names])
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
         # leap, to answer with old readings, or to be deaf
-        self._is_motor = np.array([drive.kind == "capstan" for drive in drives])
-        self.scale = np.where(self._is_motor, 1.0, SPOOL)
+        self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
+        self.scale = np.where(self.is_motor, 1.0, SPOOL)
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
         self._quiet = NOISES * np.array([noise.get(name, 0.0) for name in names])
         self.reset()
@@ -117,11 +118,12 @@ class MotorReadings:
         self.place = np.where(sound, places, self.place)
         self.at = np.where(sound, time, self.at)
         slow = np.abs(self.speed) < STANDS * self.scale
-        self.stands = slow & self._is_motor
-        follows, acts = self._follows(slow, torques, sent)
-        self._followed_at = np.where(follows, time, self._followed_at)
+        self.stands = slow & self.is_motor
+        near = ~(np.abs(sent - self.place) > ARRIVED)
+        acts = self._acts(slow, near, torques)
+        self._followed_at = np.where(near | acts, time, self._followed_at)
         self.deaf = (self.deaf | (time - self._followed_at > self.oldest)) & ~acts
-        rests = sound & slow & follows & ~self.deaf
+        rests = sound & slow & (near | ~self.is_motor) & ~self.deaf
         self.ahead = np.where(rests, sent - places, self.ahead)
         self.torque = np.where(np.isfinite(torques), torques, self.torque)
         return np.where(sound, places, np.nan)
@@ -137,23 +139,22 @@ class MotorReadings:
     def _in_doubt(self, time: float, places: Floats, known: Bools, sent: Floats) -> Bools:
         """Return which places are in doubt."""
         moved = np.abs(places - self._raw)
-        leaps = known & self._is_motor & (moved > self.fastest * (time - self._raw_at) + JUMP)
+        leaps = known & self.is_motor & (moved > self.fastest * (time - self._raw_at) + JUMP)
         silent = np.minimum(time - self.at, self.oldest)
         is_back = leaps & (np.abs(places - self.place) <= self.fastest * silent + JUMP)
         arrived = known & (np.abs(places - sent) <= ARRIVED)
         doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
         return doubted
 
-    def _follows(self, slow: Bools, torques: Floats, sent: Floats) -> tuple[Bools, Bools]:
-        """Return which motors do not stand away from their goals with the torque that they had
-        near them, and which move or pull anew; those without a torque that is read cannot tell.
+    def _acts(self, slow: Bools, near: Bools, torques: Floats) -> Bools:
+        """Return which motors move, or pull otherwise than at the last goal that they were near to;
+        those without a torque that is read cannot tell.
         """
-        near = ~(np.abs(sent - self.place) > ARRIVED)
         pulls = np.abs(torques - self._torque_near) > self._quiet
         self._torque_near = np.where(near, torques, self._torque_near)
-        tells = self._is_motor & np.isfinite(torques) & (torques != 0.0)
+        tells = self.is_motor & np.isfinite(torques) & (torques != 0.0)
         acts: Bools = ~slow | pulls | ~tells
-        return near | acts, acts
+        return acts
 
     def _is_stale(self, places: Floats, torques: Floats, sent: Floats) -> Bools:
         """Return which readings are old ones again: nothing changes of a motor that has to move,
@@ -162,5 +163,5 @@ class MotorReadings:
         same = (places == self._raw) & (torques == self.torque) & (torques != 0.0)
         ahead = np.where(np.isfinite(self.ahead), self.ahead, 0.0)
         has_to_move = np.abs(sent - self._raw - ahead) > AGREES
-        stale: Bools = self._is_motor & same & (self._stale | has_to_move)
+        stale: Bools = self.is_motor & same & (self._stale | has_to_move)
         return stale
