@@ -198,8 +198,8 @@ def test_a_far_goal_is_not_held_where_a_motor_never_moved() -> None:
     for k in range(60):
         gate.read(k * PERIOD, np.full(1, 0.0 if k < 30 else nan), np.zeros(1))
         sent = gate.passed(k * PERIOD, np.full(1, 0.02 * k))
-        assert k > 40 or sent[0] <= AHEAD
-    assert sent == pytest.approx([0.0], abs=1e-6)
+        assert sent[0] <= AHEAD + ARRIVED
+    assert sent[0] <= ARRIVED
 
 
 def test_goals_that_are_not_sent_are_not_where_motors_go() -> None:
