@@ -224,6 +224,20 @@ def test_readings_that_never_change_although_a_motor_has_to_move_are_old() -> No
     assert sent[0] < 0.5
 
 
+def test_a_reading_that_a_motor_has_left_behind_is_not_believed() -> None:
+    gate, rng, places = GoalGate(load_rig("capstan-joint")), np.random.default_rng(2), []
+    torques = 0.02 + 1e-3 * rng.normal(size=40)
+    for k in range(40):
+        late = k in (20, 25, 26)
+        at = k - 4 if late else k
+        read = gate.read(k * PERIOD, np.full(1, 0.04 * at), np.full(1, torques[at]))
+        gate.passed(k * PERIOD, np.full(1, 0.04 * k + 0.1))
+        assert np.isnan(read).all() == late
+        assert (gate.note == "motor answers with an old reading") == late
+        places.append(read)
+    assert places[-1] == pytest.approx(0.04 * 39)
+
+
 @given(
     st.lists(
         st.tuples(

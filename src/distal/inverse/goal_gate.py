@@ -160,8 +160,8 @@ class GoalGate:
     @property
     def note(self) -> str:
         """What is held back and why, in words; may be empty."""
-        stopped, deaf = self.stopped, self._motors.deaf
-        if not (stopped | deaf).any():
+        stopped, deaf, stale = self.stopped, self._motors.deaf, self._motors.stale
+        if not (stopped | deaf | stale).any():
             return ""
         doubted, lost = self._motors.doubted, self._lost
         eased = stopped & (self._share(stopped) < 1.0)
@@ -169,6 +169,7 @@ class GoalGate:
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
             (f"{{}} not read for {OLDEST:g} s: stands", lost & ~doubted & ~deaf),
             ("{} does not follow its goals: they stay near it", deaf),
+            ("{} answers with an old reading", stale & ~stopped),
             ("{} stands too: its tendons cross the same joint", stopped & ~lost & ~doubted),
             ("{} gives way", eased & ~self._hot),
             ("{} is hot and gives way", eased & self._hot),

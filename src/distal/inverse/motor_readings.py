@@ -2,7 +2,7 @@
 
 A motor is where it was read last, unless that is in doubt: it leapt further than it can go, until
 it leaps back or is where it was sent. A reading that does not change although the motor has to move
-is an old one. A motor that stands away from its goal, and pulls no more than near it, is deaf.
+is an old one, and so is one from which it had moved away. A motor that stands away from its goal, and pulls no more than near it, is deaf.
 """
 
 from __future__ import annotations
@@ -38,6 +38,9 @@ ARRIVED = 0.15
 its largest torque.
 """
 
+REMEMBERED = 10
+"""So many readings are remembered: what comes again was waiting somewhere for no longer."""
+
 NOISES = 5.0
 """A torque that changed by less than so many standard deviations of its noise did not change."""
 
@@ -61,6 +64,7 @@ class MotorReadings:
         doubted: whether its last reading is in doubt.
         stands: whether it is a motor that does not move.
         deaf: whether it did not follow its last goals, and did nothing since.
+        stale: whether its last reading is an old one.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -87,7 +91,8 @@ class MotorReadings:
         self.speed, self.torque, self._torque_near = np.zeros((3, n))
         self.at, self._raw_at = np.full((2, n), -inf)
         self._followed_at = np.full(n, inf)
-        self.doubted, self.stands, self.deaf, self._stale = np.zeros((4, n), dtype=bool)
+        self.doubted, self.stands, self.deaf, self.stale = np.zeros((4, n), dtype=bool)
+        self._before = np.full((REMEMBERED, 2, n), np.nan)
         self._read_at = -inf
 
     def read(self, time: float, places: Floats, torques: Floats, sent: Floats) -> Floats:
@@ -104,8 +109,9 @@ class MotorReadings:
         if not time > self._read_at:
             return np.full(len(places), np.nan)
         self._read_at = time
-        self._stale = self._is_stale(places, torques, sent)
-        known = np.isfinite(places) & ~self._stale
+        self.stale = self._is_stale(places, torques, sent)
+        self._before = np.concatenate([self._before[1:], [[places, torques]]])
+        known = np.isfinite(places) & ~self.stale
         first = known & ~np.isfinite(self._raw)
         self.doubted = self._in_doubt(time, places, known & ~first, sent)
         sound = known & ~self.doubted
@@ -158,10 +164,13 @@ class MotorReadings:
 
     def _is_stale(self, places: Floats, torques: Floats, sent: Floats) -> Bools:
         """Return which readings are old ones again: nothing changes of a motor that has to move,
-        until something does.
+        until something does; or it is where it came from, with the very same torque.
         """
         same = (places == self._raw) & (torques == self.torque) & (torques != 0.0)
         ahead = np.where(np.isfinite(self.ahead), self.ahead, 0.0)
         has_to_move = np.abs(sent - self._raw - ahead) > AGREES
-        stale: Bools = self.is_motor & same & (self._stale | has_to_move)
+        unmoved = same & (self.stale | has_to_move)
+        came_before = (self._before == [places, torques]).all(axis=1).any(axis=0)
+        again = came_before & (np.abs(places - self._raw) > AGREES / 2) & (torques != 0.0)
+        stale: Bools = self.is_motor & (unmoved | again)
         return stale
