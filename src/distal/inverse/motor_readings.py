@@ -2,7 +2,8 @@
 
 A motor is where it was read last, unless that is in doubt: it leapt further than it can go, until
 it leaps back or is where it was sent. A reading that does not change although the motor has to move
-is an old one, and so is one from which it had moved away. A motor that stands away from its goal, and pulls no more than near it, is deaf.
+is an old one, and so is one from which it had moved away. A motor that stands away from its goal,
+and pulls no more than near it, is deaf.
 """
 
 from __future__ import annotations
