@@ -40,12 +40,16 @@ def test_an_orca_hand_and_an_sdk_that_is_not_there(tmp_path: Path) -> None:
     done = run("rig", "from-orca", str(config), "--out", str(out))
     assert done.exit_code == 0, done.output
     assert "zero is not known" in done.output
-    before = out.read_text()
-    config.write_text("joint_to_motor_map: {mcp: 3}\n")
+    before, other = out.read_text(), tmp_path / "other.toml"
     done = run("rig", "from-orca", str(config), "--out", str(out))
-    assert isinstance(done.exception, RigError)
+    assert isinstance(done.exception, OutputError)
     assert out.read_text() == before
-    assert isinstance(run("rig", "from-aero", str(tmp_path), "--out", str(out)).exception, RigError)
+    config.write_text("joint_to_motor_map: {mcp: 3}\n")
+    done = run("rig", "from-orca", str(config), "--out", str(other))
+    assert isinstance(done.exception, RigError)
+    done = run("rig", "from-aero", str(tmp_path), "--out", str(other))
+    assert isinstance(done.exception, RigError)
+    assert not other.exists()
     assert isinstance(
         run("rig", "from-orca", str(config), "--out", str(config)).exception, OutputError
     )

@@ -74,6 +74,11 @@ def test_smoothing_after_homing_is_refused_before_anything_runs(
     refused(run(*words), "--smooth uses the whole log")
 
 
+def test_smoothing_is_of_adaptive(run, log: Path) -> None:
+    words = ("estimate", log, "--rig", "paper-2008", "--smooth", "-e", "ekf")
+    refused(run(*words), "--smooth is of adaptive; leave out -e ekf")
+
+
 def test_a_plot_of_an_unknown_kind_is_refused_before_commands_are_written(
     run, tmp_path: Path
 ) -> None:
@@ -166,6 +171,7 @@ def test_a_table_says_zeros_in_counts_and_names_of_columns(run, tmp_path: Path) 
         "mcp,1,7,8,1,-20,95,4096,1024,raw,amps,stamp [ms]\n"
     )
     assert run("rig", "from-table", path, "--out", out).code == 0
+    refused(run("rig", "from-table", path, "--out", out), "exists already")
     rig = load_rig(out)
     position, current = rig.sensors_of("position")[0], rig.sensors_of("force")[0]
     assert (position.log_column, current.log_column) == ("raw", "amps")

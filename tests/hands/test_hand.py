@@ -199,6 +199,78 @@ def test_a_hot_motor_is_not_moved_by_the_routine() -> None:
         hand.power_on(sleep=lambda _: None, now=lambda: float(next(ticks)))
 
 
+def moved_to(hand: Hand, angle: float) -> float:
+    """Move a joint there, and return the stamp of the last update."""
+    for k in range(50):
+        hand.update(0.01 * k)
+    hand.set_joint_positions({"index_mcp": angle})
+    for k in range(50, 150):
+        hand.update(0.01 * k)
+    return 1.49
+
+
+def test_limits_of_torque_are_lifted_when_a_hand_is_relaxed(hand: Hand, orca: Orca) -> None:
+    time, orca.fails = moved_to(hand, 30.0), True
+    for k in range(1, 40):
+        hand.update(time + 0.01 * k)
+    assert orca.limits[0] < 300.0
+    orca.fails = False
+    hand.relax()
+    hand.update(time + 0.4)
+    assert list(orca.limits) == [300.0, 300.0]
+
+
+def test_a_place_in_doubt_is_so_after_the_hand_was_relaxed(hand: Hand, orca: Orca) -> None:
+    time = moved_to(hand, 30.0)
+    orca.places[0] += 2.0
+    orca.write_motor_pos = lambda *_: None  # type: ignore[method-assign]
+    hand.update(time + 0.01)
+    hand.relax()
+    hand.update(time + 0.02)
+    assert "in doubt" in hand.health().sentence
+
+
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, -np.inf, 1e301])
+def test_a_stamp_that_is_none_changes_no_goal(hand: Hand, orca: Orca, stamp: float) -> None:
+    time = moved_to(hand, 30.0)
+    before = orca.sent
+    hand.update(stamp)
+    assert orca.sent == before
+    for k in range(1, 30):
+        hand.update(time + 0.01 * k)
+    assert "stands" not in hand.health().held_back
+    orca.temperature = 90.0
+    hand.update(time + 2.0)
+    assert "motor_1" in hand.health().hot
+
+
+def test_after_the_clock_was_set_back_lost_reads_are_noticed(hand: Hand, orca: Orca) -> None:
+    time = moved_to(hand, 30.0) - 100.0
+    for k in range(100):
+        hand.update(time + 0.01 * k)
+    assert "stands" not in hand.health().held_back
+    orca.fails = True
+    for k in range(100, 130):
+        hand.update(time + 0.01 * k)
+    assert "stands" in hand.health().held_back
+
+
+def test_temperatures_are_read_while_readings_are_lost(hand: Hand, orca: Orca) -> None:
+    time, orca.fails, orca.temperature = moved_to(hand, 30.0), True, 90.0
+    for k in range(1, 150):
+        hand.update(time + 0.01 * k)
+    assert hand.health().hot == {"motor_1": 90.0}
+    assert "motor_1 is hot and gives way" in hand.health().held_back
+
+
+def test_a_temperature_that_cannot_be_costs_no_reading(orca: Orca) -> None:
+    hand = Hand(orca, sound_rig(), compensated=True, compiled=False)
+    orca.temperature = 255.0
+    moved_to(hand, 30.0)
+    assert hand.health().lost == 0
+    assert hand.get_joint_positions()["index_mcp"] == pytest.approx(30.0, abs=5.0)
+
+
 def test_a_motor_whose_turn_is_not_known_gets_no_goal(orca: Orca) -> None:
     """Its encoder wraps, and its joint goes through more than a turn of it."""
     raw = sound_rig().model_dump()

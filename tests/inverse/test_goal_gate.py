@@ -141,6 +141,29 @@ def test_a_hot_motor_that_stands_gives_way_at_once() -> None:
     assert "is hot and gives way" in gate.note
 
 
+def test_what_a_hot_motor_let_go_is_not_held_again_before_it_is_read() -> None:
+    gate, name = GoalGate(load_rig("capstan-joint")), load_rig("capstan-joint").drives[0].name
+    for k in range(250):
+        gate.heated([name] if k < 150 else [])
+        lost = k > 30
+        gate.read(k * PERIOD, np.full(1, nan if lost else 0.0), np.full(1, 0.2))
+        sent = gate.passed(k * PERIOD, np.full(1, nan if lost else 0.04))
+    assert sent == pytest.approx([0.0], abs=1e-3)
+    gate.read(2.5, np.zeros(1), np.full(1, 0.2))
+    assert gate.passed(2.5, np.full(1, 0.04)) == pytest.approx([0.04])
+
+
+def test_a_place_far_beyond_its_range_is_not_where_a_slider_stops() -> None:
+    gate = GoalGate(two_motors(**{f"drives.{i}.stops": [-0.01, 0.01] for i in range(4)}))
+    time = moved(gate, 0.0, 0.3)
+    for k in range(40):
+        wild = np.array([1.0 if k < 8 else nan, 0.0, 0.0, 0.0])
+        gate.read(time + k * PERIOD, wild)
+        sent = gate.passed(time + k * PERIOD, np.zeros(4))
+    assert np.abs(sent).max() < 0.011
+    assert "mcp_f not read" in gate.note
+
+
 def test_it_holds_no_more_than_it_may_for_hours() -> None:
     rig = load_rig("capstan-joint")
     rig = rig.with_values({f"drives.{rig.drives[0].name}.servo": {"continuous_torque": 0.1}})
@@ -261,7 +284,7 @@ def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
         assert not np.isinf(sent).any()
         if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
             most = FASTEST * min(dt, OLDEST) + AGREES * SPOOL + 1e-9
-            assert abs(sent[1] - before) <= most or abs(sent[1]) <= most
+            assert abs(sent[1] - before) <= most or abs(sent[1]) <= max(abs(before), most)
         before = float(sent[1])
 
 

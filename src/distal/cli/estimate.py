@@ -139,6 +139,10 @@ def estimate_command(
         raise EstimationError(
             "--smooth uses the whole log and --homing its beginning; give one of them"
         )
+    if smooth and set(estimator or ()) - {"adaptive"}:
+        raise EstimationError(
+            f"--smooth is of adaptive; leave out -e {', '.join(estimator or ())}, or --smooth"
+        )
     if len(logs) > 1 or is_dataset(logs[0]) or scheduler is not None:
         sources = [
             source

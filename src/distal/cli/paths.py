@@ -118,3 +118,9 @@ def _files_of(log: Path) -> Iterator[Path]:
     folder = log.parent if log.suffix.lower() == ".db3" else log
     if is_recording(log) and folder.is_dir():
         yield from (file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG)
+
+
+def check_new(path: Path) -> None:
+    """Raise an `OutputError` where a file exists already: somebody may have worked on it."""
+    if path.exists():
+        raise OutputError(f"{path}: exists already; give another name or remove it")

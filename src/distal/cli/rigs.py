@@ -12,8 +12,7 @@ from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
 from distal.cli.options import RigArgument, SetOption
-from distal.cli.paths import check_outputs, to_file
-from distal.errors import OutputError
+from distal.cli.paths import check_new, check_outputs, to_file
 from distal.rounded import rounded
 
 if TYPE_CHECKING:
@@ -152,7 +151,6 @@ def new_command(
         print(template_text(), end="")
         return
     check_outputs(to_file("OUT", out))
-    if out.exists():
-        raise OutputError(f"{out}: exists already; give another name or remove it")
+    check_new(out)
     write_whole(out, template_text())
     say(f"wrote {out}; edit it, then `distal rig check {out}`")

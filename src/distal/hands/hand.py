@@ -21,6 +21,7 @@ from distal.logs import write_log
 from distal.logs.atomic_writes import check_writable
 from distal.rig import Capstan, Rig, load_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
+from distal.run.log_units import HOTTEST
 from distal.suggestions import did_you_mean
 
 HOT = 65.0
@@ -134,6 +135,8 @@ class Hand:
         self._gate.heated(tuple(self._hot))
         if self._inverse is None:
             self._reading = self._monitor.take(time, sample)
+            self._held_back = self._gate.note
+            self._limit({})
         else:
             command = self._inverse.step(time, self._wanted, believed)
             self._reading, self._held_back = command.reading, command.note
@@ -155,21 +158,11 @@ class Hand:
     def _sample(self, time: float) -> tuple[Floats, str]:
         """Return a sample in SI, and what the SDK failed at, in words."""
         problem, values = "", dict[str, float]()
+        # the clock may have been set back, or be another one
+        if not self._looked <= time < self._looked + LOOKS:
+            self._look(time)
         try:
             values = dict(self._motors.read())
-            if time - self._looked >= LOOKS:
-                self._looked = time
-                told, drives = (
-                    self._motors.temperatures(),
-                    [drive.name for drive in self._rig.drives],
-                )
-                self._temperatures = {
-                    name: float(value)
-                    for name, value in told.items()
-                    if name in drives
-                    and isinstance(value, (int, float, np.number))
-                    and isfinite(value)
-                }
         except DistalError:
             raise
         except Exception as failure:  # serial ports and their packages raise many kinds
@@ -198,6 +191,23 @@ class Hand:
             if sensor.of in self._units.in_doubt and sensor.name in self._units.channels:
                 sample[self._units.channels.index(sensor.name)] = nan
         return sample, problem
+
+    def _look(self, time: float) -> None:
+        """Read the motors' temperatures; what is none is left out."""
+        self._looked = time
+        drives = [drive.name for drive in self._rig.drives]
+        try:
+            self._temperatures = {
+                name: float(value)
+                for name, value in self._motors.temperatures().items()
+                if name in drives
+                and isinstance(value, (int, float, np.number))
+                and abs(value) <= HOTTEST
+            }
+        except DistalError:
+            raise
+        except Exception:  # a read that is lost; the last ones hold until the next look
+            self._lost += 1
 
     def get_joint_positions(self) -> dict[str, float]:
         """Return joint → angle [deg] of the last `update`; NaN before the first, and where there
@@ -279,8 +289,8 @@ class Hand:
 
     def relax(self) -> None:
         """Want no angles any more: `update` sends nothing."""
-        self._inverse, self._wanted, self._held_back = None, {}, ""
-        self._gate = GoalGate(self._rig)
+        self._inverse, self._wanted = None, {}
+        self._gate.release()
 
     def _write(self, goals: Mapping[str, float]) -> bool:
         """Send the goals that are known [rad], in the unit of the log; return whether that
@@ -358,6 +368,7 @@ class Hand:
         begin = now()
         try:
             while not routine.done:
+                self._limit({})  # that of motors that stood
                 time = now() - begin
                 sample, _ = self._sample(time)
                 for name, value in self._hot.items():

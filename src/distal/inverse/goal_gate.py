@@ -22,6 +22,8 @@ from distal.arrays import Bools, Floats
 from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, MotorReadings
 from distal.rig import Rig
 from distal.run.drive_range import motor_range, place_range
+from distal.run.live import LATEST
+from distal.run.monitor import REWOUND
 
 PATIENCE = 1.0
 """A motor that stopped for longer does what the rig says in `when_lost` [s]."""
@@ -73,8 +75,19 @@ class GoalGate:
         self._sent, self._held = np.full((2, n), np.nan)
         self._stopped_at = np.full(n, -inf)
         self._hot = np.zeros(n, dtype=bool)
+        self._share, self._before = np.ones(n), self._sent
+        self._read_at, self._late_at, self._late = -inf, -inf, 0
+        self._begin()
+
+    def _begin(self) -> None:
         self._time, self._passed_at, self._failing_since = -inf, -inf, inf
-        self._before = self._sent
+
+    def release(self) -> None:
+        """Forget what motors were sent, and keep what is known of them."""
+        n = len(self._names)
+        self._sent, self._held = np.full((2, n), np.nan)
+        self._share, self._before = np.ones(n), self._sent
+        self._failing_since = inf
 
     def clone(self) -> GoalGate:
         """Return another one that goes on alone."""
@@ -86,16 +99,34 @@ class GoalGate:
     def read(self, time: float, places: Floats, torques: Floats | None = None) -> Floats:
         """Take in what motors read, NaN where lost, and return the places that can be believed.
 
-        A stamp that does not rise tells nothing.
+        A stamp that does not rise tells nothing, nor does a place far beyond its range.
 
         Args:
             time: stamp [s].
             places: what the sensors of the drives' places read [m, rad], (n_drives,).
             torques: what the motors pull with [N, N m], (n_drives,).
         """
+        if not self._rises(time):
+            return np.full(len(places), np.nan)
         self._time = max(self._time, time)
+        low, high = self._ends.T
+        beyond = np.maximum(low - places, places - high) > high - low
         torques = np.full(len(places), np.nan) if torques is None else torques
-        return self._motors.read(time, places, torques, self._sent)
+        return self._motors.read(time, np.where(beyond, np.nan, places), torques, self._sent)
+
+    def _rises(self, time: float) -> bool:
+        """Return whether a stamp rises; where the clock was set back, readings begin anew."""
+        if not abs(time) < LATEST:
+            return False
+        if time <= self._read_at:
+            self._late = self._late + 1 if time > self._late_at else 1
+            self._late_at = time
+            if self._late < REWOUND:
+                return False
+            self._motors.reset()
+            self._begin()
+        self._read_at, self._late = time, 0
+        return True
 
     def believed(self, time: float, sample: Floats, channels: Sequence[str]) -> Floats:
         """Take in a sample and return it without the places of drives that cannot be.
@@ -129,9 +160,13 @@ class GoalGate:
     @property
     def _lost(self) -> Bools:
         """Which motors are not read, or do not get their goals."""
-        failing = self._time - self._failing_since > self._motors.oldest
-        lost: Bools = self._motors.lost(self._time) | failing
+        lost: Bools = self._motors.lost(self._time) | self._is_failing
         return lost
+
+    @property
+    def _is_failing(self) -> Bools:
+        failing: Bools = self._time - self._failing_since > self._motors.oldest
+        return failing
 
     @property
     def stopped(self) -> Bools:
@@ -155,7 +190,7 @@ class GoalGate:
         stopped = self.stopped
         if not stopped.any():
             return np.full(len(stopped), inf)
-        return np.where(stopped, np.abs(self._motors.torque) * self._share(stopped), inf)
+        return np.where(stopped, np.abs(self._motors.torque) * self._share, inf)
 
     @property
     def note(self) -> str:
@@ -163,11 +198,12 @@ class GoalGate:
         stopped, deaf, stale = self.stopped, self._motors.deaf, self._motors.stale
         if not (stopped | deaf | stale).any():
             return ""
-        doubted, lost = self._motors.doubted, self._lost
-        eased = stopped & (self._share(stopped) < 1.0)
+        doubted, lost, failing = self._motors.doubted, self._lost, self._is_failing
+        eased = stopped & (self._share < 1.0)
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
-            (f"{{}} not read for {OLDEST:g} s: stands", lost & ~doubted & ~deaf),
+            (f"no goal arrives at {{}} for {OLDEST:g} s: stands", failing),
+            (f"{{}} not read for {OLDEST:g} s: stands", lost & ~doubted & ~deaf & ~failing),
             ("{} does not follow its goals: they stay near it", deaf),
             ("{} answers with an old reading", stale & ~stopped),
             ("{} stands too: its tendons cross the same joint", stopped & ~lost & ~doubted),
@@ -185,13 +221,15 @@ class GoalGate:
             time: now [s].
             goals: places as the sensors would read them, NaN for no new one, (n_drives,).
         """
+        time = time if abs(time) < LATEST else self._time
         since = min(max(time - self._passed_at, 0.0), OLDEST)
         self._time, self._passed_at = max(self._time, time), time
         low, high = self._ends.T
         wanted = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
         before = np.where(np.isfinite(before), before, wanted)
-        wanted = np.clip(wanted, np.fmin(low, before), np.fmax(high, before))
+        low, high = np.fmin(low, before), np.fmax(high, before)
+        wanted = np.clip(wanted, low, high)
         most = self._motors.fastest * since + AGREES * self._motors.scale
         place = self._motors.place
         # back to where a motor is, a goal may go at once
@@ -200,7 +238,11 @@ class GoalGate:
         near = np.clip(wanted, rests - AHEAD, rests + AHEAD)
         wanted = np.where(self._motors.stands, near, wanted)
         stopped = self.stopped
-        sent = np.where(stopped, self._eased(time, stopped), wanted) if stopped.any() else wanted
+        sent = wanted
+        if stopped.any():
+            sent = np.where(stopped, np.clip(self._eased(time, stopped), low, high), wanted)
+        else:
+            self._share = np.ones(len(wanted))
         self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
         never_read = self._motors.has_sensor & ~np.isfinite(self._motors.place)
@@ -220,7 +262,9 @@ class GoalGate:
         begins = stopped & ~np.isfinite(self._held)
         self._held = np.where(begins, self._where_it_stops(), self._held)
         self._stopped_at = np.where(begins, time, self._stopped_at)
-        return self._held - (1.0 - self._share(stopped)) * self._ahead
+        # what was let go is not held again before the motor is read
+        self._share = np.where(stopped, np.minimum(self._share, self._left()), 1.0)
+        return self._held - (1.0 - self._share) * self._ahead
 
     def _where_it_stops(self) -> Floats:
         """Return the goals at which motors stop that have no reading any more."""
@@ -241,15 +285,15 @@ class GoalGate:
         holds = np.isfinite(self._motors.ahead) & self._calibrated
         return np.where(holds, self._motors.ahead, 0.0)
 
-    def _share(self, stopped: Bools) -> Floats:
-        """Return the share of its force that each motor still holds."""
+    def _left(self) -> Floats:
+        """Return the share of its force that each motor may still hold."""
         patience = np.where(self._hot, 0.0, PATIENCE)
         eased = np.clip((self._time - self._stopped_at - patience) / EASES, 0.0, 1.0)
         left = np.zeros(len(eased))
         if not self._relaxes:
             torques = np.maximum(np.abs(self._motors.torque), 1e-12)
             left = np.where(self._hot, 0.0, np.minimum(self._continuous / torques, 1.0))
-        return np.where(stopped, 1.0 - eased * (1.0 - left), 1.0)
+        return 1.0 - eased * (1.0 - left)
 
     def _named(self, chosen: Bools) -> list[str]:
         return [name for name, is_chosen in zip(self._names, chosen) if is_chosen]

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from distal.arrays import Bools, Floats
 from distal.errors import CommandError
+from distal.estimators import LARGEST_ANGLE
 from distal.inverse.command import CommandModel
 from distal.inverse.commands import Commands
 from distal.inverse.distribution import Prefer
@@ -285,6 +286,13 @@ class Inverse:
                 else "a stamp is none"
             )
             raise CommandError(f"wanted angles and their stamps are finite numbers; {where}")
+        far = np.argwhere(np.abs(wanted) > LARGEST_ANGLE)
+        if len(far):
+            row, joint = far[0]
+            raise CommandError(
+                f"{names[joint]} is wanted at {wanted[row, joint]:.3g} rad; no joint turns beyond "
+                f"{LARGEST_ANGLE:g} rad"
+            )
         if not np.all(np.diff(time) > 0.0):
             raise CommandError("stamps of wanted angles rise from one to the next")
         return wanted

@@ -215,7 +215,7 @@ class LiveInverse:
         other = LiveInverse(self._rig, **self._setup)
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
-        other._loop.carry[:] = self._loop.carry
+        other._loop.carry[:], other._loop.y[:] = self._loop.carry, self._loop.y
         other._gate, other._forces = self._gate.clone(), self._forces.copy()
         other._time, other._asked = self._time, self._asked.copy()
         other._stood = self._stood.copy()

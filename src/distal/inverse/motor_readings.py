@@ -94,22 +94,16 @@ class MotorReadings:
         self._followed_at = np.full(n, inf)
         self.doubted, self.stands, self.deaf, self.stale = np.zeros((4, n), dtype=bool)
         self._before = np.full((REMEMBERED, 2, n), np.nan)
-        self._read_at = -inf
 
     def read(self, time: float, places: Floats, torques: Floats, sent: Floats) -> Floats:
         """Take in what motors read, NaN where lost, and return the places that can be believed.
 
-        A stamp that does not rise tells nothing.
-
         Args:
-            time: stamp [s].
+            time: stamp [s], which rises.
             places: what the sensors of the drives' places read [m, rad].
             torques: what the motors pull with [N, N m].
             sent: their goals, NaN of one that has none [m, rad].
         """
-        if not time > self._read_at:
-            return np.full(len(places), np.nan)
-        self._read_at = time
         self.stale = self._is_stale(places, torques, sent)
         self._before = np.concatenate([self._before[1:], [[places, torques]]])
         known = np.isfinite(places) & ~self.stale
