@@ -153,15 +153,19 @@ def test_what_a_hot_motor_let_go_is_not_held_again_before_it_is_read() -> None:
     assert gate.passed(2.5, np.full(1, 0.04)) == pytest.approx([0.04])
 
 
-def test_a_place_far_beyond_its_range_is_not_where_a_slider_stops() -> None:
-    gate = GoalGate(two_motors(**{f"drives.{i}.stops": [-0.01, 0.01] for i in range(4)}))
+@pytest.mark.parametrize("stops", [None, [-0.01, 0.01]])
+@pytest.mark.parametrize("wild", [1.0, 1e300])
+def test_a_place_that_cannot_be_is_not_where_a_slider_stops(
+    wild: float, stops: list[float] | None
+) -> None:
+    gate = GoalGate(two_motors(**{f"drives.{i}.stops": stops for i in range(4)}))
     time = moved(gate, 0.0, 0.3)
     for k in range(40):
-        wild = np.array([1.0 if k < 8 else nan, 0.0, 0.0, 0.0])
-        gate.read(time + k * PERIOD, wild)
+        places = np.array([wild if k < 8 else nan, 0.0, 0.0, 0.0])
+        gate.read(time + k * PERIOD, places)
         sent = gate.passed(time + k * PERIOD, np.zeros(4))
-    assert np.abs(sent).max() < 0.011
-    assert "mcp_f not read" in gate.note
+    assert np.nanmax(np.abs(sent)) < 0.011
+    assert gate.stopped[0]
 
 
 def test_it_holds_no_more_than_it_may_for_hours() -> None:

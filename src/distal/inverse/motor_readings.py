@@ -78,7 +78,7 @@ class MotorReadings:
         self.oldest = np.maximum([MISSED / rates.get(name, inf) for name in names], OLDEST)
         self.has_sensor = np.array([name in rates for name in names])
         # how fast a slider goes, and what it has to feel, is not known: only motors can be told to
-        # leap, to answer with old readings, or to be deaf
+        # answer with old readings, or to be deaf, and a slider leaps only where it is absurd
         self.is_motor = np.array([drive.kind == "capstan" for drive in drives])
         self.scale = np.where(self.is_motor, 1.0, SPOOL)
         noise = {sensor.of: sensor.noise for sensor in rig.sensors_of("force")}
@@ -140,7 +140,7 @@ class MotorReadings:
     def _in_doubt(self, time: float, places: Floats, known: Bools, sent: Floats) -> Bools:
         """Return which places are in doubt."""
         moved = np.abs(places - self._raw)
-        leaps = known & self.is_motor & (moved > self.fastest * (time - self._raw_at) + JUMP)
+        leaps = known & (moved > self.fastest * (time - self._raw_at) + JUMP)
         silent = np.minimum(time - self.at, self.oldest)
         is_back = leaps & (np.abs(places - self.place) <= self.fastest * silent + JUMP)
         arrived = known & (np.abs(places - sent) <= ARRIVED)
