@@ -74,6 +74,12 @@ def test_smoothing_after_homing_is_refused_before_anything_runs(
     refused(run(*words), "--smooth uses the whole log")
 
 
+@pytest.mark.parametrize("time", ["0 s", "-3s"])
+def test_a_homing_time_is_above_zero(run, log: Path, time: str) -> None:
+    words = ("estimate", log, "--rig", "paper-2008", "--homing", time)
+    refused(run(*words), "--homing is a time above 0 s")
+
+
 def test_smoothing_is_of_adaptive(run, log: Path) -> None:
     words = ("estimate", log, "--rig", "paper-2008", "--smooth", "-e", "ekf")
     refused(run(*words), "--smooth is of adaptive; leave out -e ekf")

@@ -266,6 +266,7 @@ def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
         (TIME, {"mcp": TIME}, "mcp, pip"),
         (TIME, np.zeros((len(TIME), 3)), "2 angles"),
         (TIME, np.full((len(TIME), 2), np.nan), "finite"),
+        (TIME, np.full((len(TIME), 2), 60.0), "mcp is wanted at 60 rad; no joint turns beyond 50"),
         (TIME[::-1], np.zeros((len(TIME), 2)), "rise"),
         ([0.0], np.zeros((1, 2)), "two stamps"),
     ],

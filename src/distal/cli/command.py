@@ -9,7 +9,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from distal.cli.console import say, warn, working
-from distal.cli.options import RigOption, SetOption
+from distal.cli.options import RigOption, SetOption, newtons
 from distal.cli.paths import check_outputs, to_file
 from distal.rounded import rounded
 
@@ -56,7 +56,7 @@ def command_command(
     if plot is not None:
         plot_kind(plot)
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig)
-    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=least_tension)
+    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
     joints = [joint.name for joint in inverse.rig.joints]
     columns = {
         joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints

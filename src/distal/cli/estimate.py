@@ -19,8 +19,8 @@ from distal.cli.options import (
     TruthOption,
     UnitOption,
     estimators,
+    homing_time,
     joint_angle,
-    seconds,
     settings,
 )
 from distal.cli.paths import check_outputs, to_file
@@ -134,7 +134,7 @@ def estimate_command(
         raise EstimationError(
             f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
         )
-    home = seconds(homing)
+    home = homing_time(homing)
     if smooth and home is not None:
         raise EstimationError(
             "--smooth uses the whole log and --homing its beginning; give one of them"

@@ -17,7 +17,14 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.console import err, say, table
-from distal.cli.options import MemoryOption, RepeatedOption, RigOption, SetOption, seconds, settings
+from distal.cli.options import (
+    MemoryOption,
+    RepeatedOption,
+    RigOption,
+    SetOption,
+    homing_time,
+    settings,
+)
 from distal.cli.paths import check_outputs, to_file, to_folder, write_each
 from distal.errors import FitError, OutputError
 
@@ -126,7 +133,7 @@ def fit_command(
             )
     if units is not None:
         groups_of([str(path) for path in logs], units)
-    home = seconds(homing)
+    home = homing_time(homing)
     changes = settings(set_, repeated)
     description = load_rig(rig, changes)
     read = [read_log(path, description, truth) for path in logs]

@@ -155,6 +155,22 @@ def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
     return (name.strip(), angle(place)) if colon else (None, angle(text))
 
 
-def seconds(text: str | None) -> float | None:
-    """Return a time given as ``3s``, ``200 ms`` or a bare number [s], None where none is given."""
-    return None if text is None else _in_si(text, "s")
+def homing_time(text: str | None) -> float | None:
+    """Return a time given as ``3s``, ``200 ms`` or a bare number [s], None where none is given.
+
+    Raises:
+        UnitError: it is no time, or not above 0.
+    """
+    from distal.errors import UnitError
+
+    if text is None:
+        return None
+    time = _in_si(text, "s")
+    if not time > 0.0:
+        raise UnitError(f"--homing is a time above 0 s, {text} came")
+    return time
+
+
+def newtons(text: str) -> float:
+    """Return a force given as ``2 N``, ``500 mN`` or a bare number [N]."""
+    return _in_si(text, "N")

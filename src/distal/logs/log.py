@@ -164,7 +164,7 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
         i = int(back[0]) + 1
         fault, remedy = "goes back", "sort the rows"
         if time[i] == time[i - 1]:
-            fault, remedy = "repeats", "--repeated last keeps the last of such rows"
+            fault, remedy = "repeats", "--repeated last keeps the last of them (estimate, fit)"
         raise LogError(
             f"{source}: {place} {i + offset}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"
