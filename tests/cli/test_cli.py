@@ -126,9 +126,11 @@ def test_no_csv_under_another_formats_name(run, log: Path, tmp_path: Path, name:
         tmp_path / name,
     )
     assert refused.code == 2
-    assert refused.err.endswith(
-        f"{name}: results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)\n"
-    )
+    said = {
+        "est.xlsx": "results are written as CSV (.csv, .txt) or Parquet (.parquet, .pq)",
+        "est.mcap": "a table ends in .csv or .txt or .parquet or .pq",
+    }
+    assert refused.err.endswith(f"{name}: {said[name]}\n")
     assert not (tmp_path / name).exists()
 
 

@@ -80,6 +80,24 @@ def test_a_homing_time_is_above_zero(run, log: Path, time: str) -> None:
     refused(run(*words), "--homing is a time above 0 s")
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("simulate", "template", "--out"), "a table ends in .csv"),
+        (("estimate", "LOG", "--rig", "paper-2008", "--out"), "a table ends in .csv"),
+        (("calibrate", "LOG", "--rig", "lab-bench", "--out"), "a rig file ends in .toml"),
+        (("stream", "--rig", "template", "--record"), "a recording ends in .mcap"),
+    ],
+)
+def test_no_file_of_another_kind_is_replaced(
+    run, log: Path, tmp_path: Path, words: tuple[str, ...], said: str
+) -> None:
+    mine = tmp_path / "notes.py"
+    mine.write_text("mine\n")
+    refused(run(*(log if word == "LOG" else word for word in words), mine), said)
+    assert mine.read_text() == "mine\n"
+
+
 def test_smoothing_is_of_adaptive(run, log: Path) -> None:
     words = ("estimate", log, "--rig", "paper-2008", "--smooth", "-e", "ekf")
     refused(run(*words), "--smooth is of adaptive; leave out -e ekf")

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
 from distal.cli.options import RigOption, SetOption
-from distal.cli.paths import check_outputs, to_file
+from distal.cli.paths import check_ending, check_outputs, to_file
 
 if TYPE_CHECKING:
     from distal.rig import Rig
@@ -39,6 +39,7 @@ def calibrate_command(
     from distal.rig import edited_text, load_rig
 
     check_outputs(to_file("--out", out), logs=[log, *([] if since is None else [since])], rig=rig)
+    check_ending(out, "a rig file")
     description = load_rig(rig, set_ or ())
     with working("calibrating"):
         found = calibrate(log, description)

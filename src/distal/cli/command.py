@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from distal.cli.console import say, warn, working
 from distal.cli.options import RigOption, SetOption, newtons
-from distal.cli.paths import check_outputs, to_file
+from distal.cli.paths import check_ending, check_outputs, to_file
 from distal.rounded import rounded
 
 NOTHING = 0.01
@@ -56,6 +56,7 @@ def command_command(
     if plot is not None:
         plot_kind(plot)
     check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig)
+    check_ending(out, "a table")
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
     joints = [joint.name for joint in inverse.rig.joints]
     columns = {

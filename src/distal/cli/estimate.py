@@ -23,7 +23,7 @@ from distal.cli.options import (
     joint_angle,
     settings,
 )
-from distal.cli.paths import check_outputs, to_file
+from distal.cli.paths import check_ending, check_outputs, to_file
 from distal.errors import DistalError, DivergedError, EstimationError
 
 if TYPE_CHECKING:
@@ -186,6 +186,7 @@ def estimate_command(
     check_outputs(
         [*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth
     )
+    check_ending(out, "a table")
     description = load_rig(rig, settings(set_, repeated))
     log = read_log(logs[0], description, truth)
     _describe(log, description)

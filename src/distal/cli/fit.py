@@ -25,8 +25,8 @@ from distal.cli.options import (
     homing_time,
     settings,
 )
-from distal.cli.paths import check_outputs, to_file, to_folder, write_each
-from distal.errors import FitError, OutputError
+from distal.cli.paths import check_ending, check_outputs, to_file, to_folder, write_each
+from distal.errors import FitError
 
 if TYPE_CHECKING:
     from distal.fitting import Doing, Fit, MapFit
@@ -119,8 +119,7 @@ def fit_command(
     from distal.reports import FIT_PAGES, fit_report
     from distal.rig import edited_text, load_rig
 
-    if out is not None and out.suffix != ".toml":
-        raise OutputError(f"{out}: a rig file ends in .toml")
+    check_ending(out, "a rig file")
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
     check_outputs(
         outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth

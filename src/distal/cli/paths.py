@@ -120,6 +120,21 @@ def _files_of(log: Path) -> Iterator[Path]:
         yield from (file for file in sorted(folder.iterdir()) if file.suffix.lower() in BAG)
 
 
+ENDINGS = {
+    "a rig file": (".toml",),
+    "a recording": (".mcap",),
+    "a table": (".csv", ".txt", ".parquet", ".pq", ""),
+}
+"""Endings of what commands write; a table may go to a pipe, which has none."""
+
+
+def check_ending(path: Path | None, kind: str) -> None:
+    """Raise an `OutputError` where a path ends as another kind of file does, see `ENDINGS`."""
+    if path is not None and path.suffix.lower() not in ENDINGS[kind]:
+        allowed = " or ".join(ending for ending in ENDINGS[kind] if ending)
+        raise OutputError(f"{path}: {kind} ends in {allowed}")
+
+
 def check_new(path: Path) -> None:
     """Raise an `OutputError` where a file exists already: somebody may have worked on it."""
     if path.exists():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from distal.cli.console import say, table
-from distal.cli.paths import check_new, check_outputs, to_file
+from distal.cli.paths import check_ending, check_new, check_outputs, to_file
 from distal.cli.rigs import app as app
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def _write(imported: Imported, out: Path, source: str) -> None:
 def _check(out: Path, *inputs: Path | None) -> None:
     given: Sequence[Path] = [path for path in inputs if path is not None]
     check_outputs(to_file("--out", out), logs=list(given))
+    check_ending(out, "a rig file")
     check_new(out)
 
 

@@ -13,7 +13,7 @@ from typer import Option
 
 from distal.cli.console import say, table, warn, working
 from distal.cli.options import ScenarioArgument, SeedOption, SetOption, rigs
-from distal.cli.paths import check_outputs, to_file
+from distal.cli.paths import check_ending, check_outputs, to_file
 
 if TYPE_CHECKING:
     from distal.logs import Log
@@ -71,6 +71,7 @@ def simulate_command(
         simulate_many(rig, description, seed, runs, out, settings, truth=truth)
         return
     check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
+    check_ending(out, "a table")
     with working("simulating"):
         log = simulate(rig, description, seed)
     write_log(log if truth else replace(log, truth={}), rig, out)

@@ -21,7 +21,7 @@ from typer import Option
 
 from distal.cli.console import warn, working
 from distal.cli.options import EstimatorOption, RigOption, SetOption, UnitOption
-from distal.cli.paths import check_outputs, to_file
+from distal.cli.paths import check_ending, check_outputs, to_file
 from distal.errors import LogError, OutputError, printable
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def stream_command(
     if udp is not None and udp == to_udp:
         raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
     check_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
+    check_ending(record, "a recording")
     described = load_rig(rig, set_ or ())
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
