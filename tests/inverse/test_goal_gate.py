@@ -168,6 +168,18 @@ def test_a_place_that_cannot_be_is_not_where_a_slider_stops(
     assert gate.stopped[0]
 
 
+@pytest.mark.parametrize("turn", [2 * np.pi, -2 * np.pi])
+def test_a_motor_that_counts_from_another_turn_gets_no_goal(turn: float) -> None:
+    """Every goal would be a turn away."""
+    rig = load_rig("capstan-joint").with_values({"joints.0.stops": [-0.5, 0.5]})
+    gate = GoalGate(rig)
+    for k in range(60):
+        gate.read(k * PERIOD, np.full(1, turn if k > 30 else 0.0), np.full(1, 0.02))
+        sent = gate.passed(k * PERIOD, np.full(1, 1e-3 * k))
+        assert np.isnan(sent).all() == (k > 30)
+    assert "in doubt" in gate.note
+
+
 def test_it_holds_no_more_than_it_may_for_hours() -> None:
     rig = load_rig("capstan-joint")
     rig = rig.with_values({f"drives.{rig.drives[0].name}.servo": {"continuous_torque": 0.1}})

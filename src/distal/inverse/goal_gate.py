@@ -99,7 +99,7 @@ class GoalGate:
     def read(self, time: float, places: Floats, torques: Floats | None = None) -> Floats:
         """Take in what motors read, NaN where lost, and return the places that can be believed.
 
-        A stamp that does not rise tells nothing, nor does a place far beyond its range.
+        A stamp that does not rise tells nothing.
 
         Args:
             time: stamp [s].
@@ -109,10 +109,8 @@ class GoalGate:
         if not self._rises(time):
             return np.full(len(places), np.nan)
         self._time = max(self._time, time)
-        low, high = self._ends.T
-        beyond = np.maximum(low - places, places - high) > high - low
         torques = np.full(len(places), np.nan) if torques is None else torques
-        return self._motors.read(time, np.where(beyond, np.nan, places), torques, self._sent)
+        return self._motors.read(time, places, torques, self._sent)
 
     def _rises(self, time: float) -> bool:
         """Return whether a stamp rises; where the clock was set back, readings begin anew."""
