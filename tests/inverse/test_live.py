@@ -160,6 +160,11 @@ def test_a_clone_goes_on_alone(inverse: LiveInverse) -> None:
         np.testing.assert_array_equal(
             once.places, cloned(inverse).step(0.05, [0.25], sample).places
         )
+        # a stamp that comes twice leaves the last command as it is
+        again, own = (one.step(0.04, [0.25], sample) for one in (cloned(inverse), inverse.clone()))
+        assert again.forces.any()
+        np.testing.assert_array_equal(again.forces, inverse._y["forces"])
+        np.testing.assert_array_equal(own.speeds, inverse._y["speeds"])
 
 
 def test_nothing_is_sent_before_every_drive_was_read(inverse: LiveInverse) -> None:
@@ -226,6 +231,22 @@ def test_what_is_not_known_is_not_fed_back(inverse: LiveInverse) -> None:
     silent = inverse.step(4.0, [0.2], np.full(len(sample), np.nan))
     np.testing.assert_array_equal(inverse._loop.carry[at], held)
     assert np.isfinite(silent.places).all()
+
+
+@pytest.mark.parametrize("arrives", [True, False])
+def test_commands_begin_anew_where_none_arrives(inverse: LiveInverse, arrives: bool) -> None:
+    """The joint did not go where they would have brought it: what was learned of that is wrong."""
+    inverse.reset()
+    sample = sample_of(inverse)
+    for k in range(100):
+        inverse.step(0.01 * k, [0.3], sample)
+    for k in range(100, 130):
+        inverse.step(0.01 * k, [0.3], sample)
+        inverse.confirm(arrives)
+    corrected = abs(inverse._carry["correction"][0])
+    assert corrected > 0.01 if arrives else corrected == 0.0
+    if not arrives:
+        assert inverse._carry["reference"] == pytest.approx(inverse.estimator.mean[:1])
 
 
 def test_an_angle_is_commanded_for_when_the_drive_gets_there() -> None:

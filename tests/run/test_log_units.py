@@ -221,3 +221,16 @@ def test_before_a_power_on_routine_the_range_changes_no_reading() -> None:
     assert units.in_doubt == ()
     after = units.followed_by(rig)
     assert after.sample(3.01, [0.0, 0.0])[0] == pytest.approx(6 * pi)
+
+
+@pytest.mark.parametrize(("gap", "restarted"), [(0.01, False), (0.2, True)])
+def test_a_motor_that_was_not_silent_did_not_restart(gap: float, restarted: bool) -> None:
+    """What leaps by a turn between two samples is a wrong reading, and no goal may follow it."""
+    raw = rig_of().model_dump()
+    encoder, *others = raw["sensors"]
+    encoder = encoder | {"unit": "rad", "counts_per_turn": None}
+    units = LogUnits(build_rig({**raw, "sensors": [encoder, *others]}, "radians"))
+    units.sample(0.0, {"motor_angle": 0.3})
+    units.sample(gap, {"motor_angle": 0.3 + 2 * pi})
+    assert units.restarts == (("motor",) if restarted else ())
+    assert units.logged("motor_angle", 0.3) == pytest.approx(0.3 + 2 * pi * restarted)
