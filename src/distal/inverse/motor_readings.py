@@ -40,7 +40,7 @@ its largest torque.
 """
 
 REMEMBERED = 10
-"""So many readings are remembered: what comes again was waiting somewhere for no longer."""
+"""A reading that an SDK hands out once more is at most so many samples old."""
 
 NOISES = 5.0
 """A torque that changed by less than so many standard deviations of its noise did not change."""
