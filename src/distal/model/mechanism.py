@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
@@ -40,8 +40,14 @@ class Mechanism(Tendons):
     For the arguments, and the shapes of q, v and tensions, see `Tendons`.
     """
 
-    def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
-        super().__init__(rig, inputs, remembers)
+    def __init__(
+        self,
+        rig: Rig,
+        inputs: Sequence[str] = (),
+        remembers: bool = False,
+        derived: Mapping[str, float] | None = None,
+    ) -> None:
+        super().__init__(rig, inputs, remembers, derived)
         links = Chain(rig, self.parameters) if rig.is_chain else None
         carried = self.n_joints >= FEWEST
         self.chain, self._lone = links if carried else None, None if carried else links

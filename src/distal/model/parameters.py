@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -38,13 +38,20 @@ class Parameters:
         inputs: paths that stay symbols whatever their values, because they will be changed:
             parameters, and other numbers of the description (a sensor's noise), which are put
             behind the parameters. They have std 0.
+        derived: numbers that follow from the description, by name: symbols too, behind the inputs.
         inside: names of what moves inside the rig, which come last; see `Mechanism`.
 
     Raises:
         RigError: a path is not a number of the rig.
     """
 
-    def __init__(self, rig: Rig, inputs: Sequence[str] = (), inside: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        inputs: Sequence[str] = (),
+        inside: Sequence[str] = (),
+        derived: Mapping[str, float] | None = None,
+    ) -> None:
         self.inputs, self.inside = tuple(inputs), tuple(inside)
         self._constants: dict[str, float] = {}
         rows: dict[str, tuple[float, float, float]] = {}
@@ -72,6 +79,7 @@ class Parameters:
         rows |= {
             name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows
         }
+        rows |= {name: (value, 0.0, np.nan) for name, value in (derived or {}).items()}
         rows |= dict.fromkeys(inside, (0.0, 0.0, np.nan))
         self.names = tuple(rows)
         self.all_names = tuple(name for name, _ in _walk(rig))
@@ -94,6 +102,15 @@ class Parameters:
 
     def __contains__(self, name: str) -> bool:
         return name in self._index or name in self._constants
+
+    def index(self, name: str) -> int:
+        """Return where a parameter stands among the symbols."""
+        return self._index[name]
+
+    @property
+    def constants(self) -> tuple[tuple[str, float], ...]:
+        """The parameters that are no symbols, because the rig does not have what they describe."""
+        return tuple(self._constants.items())
 
     def has(self, name: str) -> bool:
         """Return whether the parameter exists and is not a constant zero."""

@@ -4,7 +4,7 @@ forces.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -67,9 +67,16 @@ class Tendons:
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays
             where it was, as numbers `inside` among the parameters; else it is taken to be in the
             middle of where it can be.
+        derived: numbers that follow from the description and are inputs too; see `Parameters`.
     """
 
-    def __init__(self, rig: Rig, inputs: Sequence[str] = (), remembers: bool = False) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        inputs: Sequence[str] = (),
+        remembers: bool = False,
+        derived: Mapping[str, float] | None = None,
+    ) -> None:
         self.rig, self.remembers = rig, remembers
         self.plays = plays_of(rig)
         self.strains = tuple(
@@ -78,7 +85,8 @@ class Tendons:
         self._first_point = sum(
             drive.backlash is not None for drive in rig.drives
         )  # points in sheaths come last
-        self.parameters = Parameters(rig, inputs, (*self.plays, *self.strains) if remembers else ())
+        inside = (*self.plays, *self.strains) if remembers else ()
+        self.parameters = Parameters(rig, inputs, inside, derived)
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")

@@ -4,6 +4,7 @@ and a sample's values.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,8 +15,10 @@ from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Sensor, drive_travel, gain_of, step_of
-from distal.sensor_errors import quantisation_variance
+from distal.rig import Sensor, drive_travel, gain_of
+
+DERIVED = "filter."
+"""Begins the names of the filter's inputs that are no parameters of the equations."""
 
 MOST_TRAVELS = 20.0
 """A drive is never this many times its travel away from the middle of it."""
@@ -71,7 +74,17 @@ class FilterContext:
         """Numbers in a sample x = (dt, values, mask)."""
         return 1 + 2 * len(self.channels.names)
 
-    def moved_by(self, joint: int) -> dict[int, tuple[float, float]]:
+    def moved_by(self, joint: int) -> dict[int, tuple[str, str]]:
+        """Return drive → the names of r_d/r_j at a joint that it moves, and of the joint's share of
+        that motion.
+        """
+        name = self.mechanism.rig.joints[joint].name
+        return {
+            drive: (f"drives.{drive}.ratio.{name}", f"drives.{drive}.share.{name}")
+            for drive in self.ratios(joint)
+        }
+
+    def ratios(self, joint: int) -> dict[int, tuple[float, float]]:
         """Return drive → r_d/r_j at a joint that it moves, and the joint's share of that motion.
 
         Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ
@@ -149,9 +162,9 @@ class FilterContext:
 
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return a reading without the sensor's known offset and gain."""
-        offset = reading - self.offset(sensor)
-        gain = self.number(f"{self.path(sensor)}.gain", gain_of(sensor).value)
-        return offset if isinstance(gain, float) and gain == 1.0 else offset / gain
+        path = self.path(sensor)
+        offset = reading - self.number(f"{path}.bias")
+        return offset / self.number(f"{path}.gain") if has_gain(sensor) else offset
 
     def mask(self, x: Vector, sensor: Sensor) -> Scalar:
         """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a wild
@@ -168,8 +181,8 @@ class FilterContext:
         """
         if sensor.measures != "position" or not self.robustness.asks_places:
             return 1
-        centre, away = self.possible_places(sensor)
-        return ca.fabs(reading - centre) <= away
+        path = self.path(sensor)
+        return ca.fabs(reading - self.number(f"{path}.centre")) <= self.number(f"{path}.farthest")
 
     def possible_places(self, sensor: Sensor) -> tuple[float, float]:
         """Return the middle of what a position sensor can read, and how far away it can:
@@ -181,21 +194,21 @@ class FilterContext:
         away = MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
         return centre, away
 
-    def number(self, path: str, otherwise: float) -> Scalar:
-        """Return a number of the description: an input of the filter where it is given, else the
-        constant `otherwise`.
-        """
-        p = self.mechanism.parameters
-        return p[path] if path in p.inputs else otherwise
+    def number(self, path: str) -> Scalar:
+        """Return a number of the description, or one that follows from it, see `filter_numbers`."""
+        return self.mechanism.parameters[self._name(path)]
+
+    def numbers_at(self, paths: Sequence[str]) -> list[int]:
+        """Return where numbers stand among the filter's inputs."""
+        return [self.mechanism.parameters.index(self._name(path)) for path in paths]
+
+    def _name(self, path: str) -> str:
+        return path if path in self.mechanism.parameters.inputs else f"{DERIVED}{path}"
 
     def noise(self, sensor: Sensor) -> Scalar:
         """Return the variance of a sensor's random error, noise² + resolution²/12."""
-        sigma = self.number(f"{self.path(sensor)}.noise", sensor.noise)
-        return sigma * sigma + quantisation_variance(step_of(sensor))
-
-    def offset(self, sensor: Sensor) -> Scalar:
-        """Return a sensor's constant offset as far as it is known."""
-        return self.number(f"{self.path(sensor)}.bias", sensor.bias.value)
+        path = self.path(sensor)
+        return self.number(f"{path}.noise") ** 2 + self.number(f"{path}.rounding")
 
     def bias_std(self, sensor: Sensor) -> float:
         """Return how unsure a sensor's offset is: nothing where the offset is an input of the
@@ -224,10 +237,7 @@ class FilterContext:
         """Return the random torque of a joint that the model lacks, as the std of ω that it makes
         in 1 s [rad/s].
         """
-        rig = self.mechanism.rig
-        return self.robustness.unmodelled * self.number(
-            f"joints.{joint}.unmodelled", rig.joints[joint].unmodelled
-        )
+        return self.robustness.unmodelled * self.number(f"joints.{joint}.unmodelled")
 
     def declares_friction(self, drive: int) -> bool:
         """Return whether the rig declares friction at a drive: more than
@@ -246,3 +256,8 @@ class FilterContext:
                 rubs = tendon.path.friction
                 limit += load * float(np.expm1((rubs.value + rubs.std) * tendon.path.wrap.value))
         return bool(limit >= self.robustness.declared_friction)
+
+
+def has_gain(sensor: Sensor) -> bool:
+    """Return whether a sensor has a gain: those of forces and torques do."""
+    return "gain" in type(sensor).model_fields

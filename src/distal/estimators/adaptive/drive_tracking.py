@@ -221,8 +221,10 @@ def _readings(states: StateVector) -> ca.Function:
             sensor.lag > 0.0
         ):  # a command, held over the interval, that a servo of first order follows
             place = memory[remembered_place(i, "place")]
-            reading = place + (reading - place) * (1 - ca.exp(-x[0] / sensor.lag))
-        dead = max(context.robustness.dead_time, DEAD_INTERVALS / sensor.rate)
+            lag = context.number(f"{context.path(sensor)}.lag")
+            reading = place + (reading - place) * (1 - ca.exp(-x[0] / lag))
+        rate = context.number(f"{context.path(sensor)}.rate")
+        dead = ca.fmax(context.robustness.dead_time, DEAD_INTERVALS / rate)
         wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
         table[:5, i] = ca.vertcat(
             reading, context.mask(x, sensor), context.noise(sensor), dead, wandering
@@ -237,7 +239,7 @@ def _readings(states: StateVector) -> ca.Function:
             spread = context.noise(force) + friction**2 + (PULL_STD * pull) ** 2
             transmitted = states.transmitted(i)
             if transmitted is not None:  # the play takes up as much as its limit
-                spread += transmitted[1].limit ** 2
+                spread += context.number(transmitted[1].limit_name) ** 2
             missing = context.value(x, force) - pull
             table[5:, i] = ca.vertcat(
                 missing,

@@ -15,6 +15,7 @@ from distal.errors import EstimationError
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
+from distal.estimators.adaptive.inputs import states_of_rig
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.adaptive.unexplained_force import FORCE
@@ -28,7 +29,6 @@ from distal.expressions import Scalar
 from distal.kernels import Kernel
 from distal.kernels.mask import is_read
 from distal.logs import frozen
-from distal.model import Mechanism
 from distal.regression import first_memory, numbers_of, reporting_function
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
@@ -47,12 +47,9 @@ def state_vector(
     Raises:
         EstimationError: the sensors do not suffice.
     """
-    mechanism = Mechanism(rig, inputs, remembers=True)
     guards = Robustness.usual(len(rig.joints)) if guards is None else guards
-    return StateVector(
-        FilterContext(mechanism, channels_of(rig, "adaptive", references, others=True), guards),
-        kinds,
-    )
+    channels = channels_of(rig, "adaptive", references, others=True)
+    return states_of_rig(rig, inputs, channels, guards, kinds)
 
 
 def _structure(states: StateVector, resolution: float | None) -> tuple[object, ...]:
@@ -221,7 +218,7 @@ class AdaptiveFilter(KernelEstimator):
                 memory[remembered_place(i, "effort")] = read(effort, 0.0)
             if transmitted is not None and effort is not None:
                 at, _ = transmitted
-                mean[at] = read(effort, float(states.means[at]))
+                mean[at] = read(effort, mean[at])
         affine = self.rig.affine
         if affine is not None and set(affine.channels) <= set(names):
             # where the map that logs taught knows the start better than the rig, it says it

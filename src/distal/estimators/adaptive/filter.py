@@ -103,7 +103,8 @@ def _bounded(
     """
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
-            mean[at] = ca.fmax(mean[at], lowest)  # (27)
+            least = p[states.context.numbers_at([f"state.{at}.lowest"])]
+            mean[at] = ca.fmax(mean[at], least)  # (27)
     for j, depth in depths_in_stops(states, mean, p).items():
         # how deep a joint sits in its stop is known no better than the depth
         covariance[j, j] = ca.fmax(covariance[j, j], ca.fmax(depth, 0) ** 2)  # (27b)
@@ -112,7 +113,7 @@ def _bounded(
         free, spread = context.mechanism.free, context.mechanism.spread
         for j in free:
             covariance[j, j] = ca.fmax(
-                covariance[j, j], shifted_variance(context, j, tracks)
+                covariance[j, j], shifted_variance(context, j, tracks, p)
             )  # (31)
         for j in set(range(nj)) - set(free):  # coupled ones err as these
             covariance[j, j] = ca.mtimes([spread[j, :], covariance[free, free], spread[j, :].T])

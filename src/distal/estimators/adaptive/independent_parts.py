@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
+from distal.estimators.adaptive.context import DERIVED
 from distal.estimators.adaptive.drive_tracking import MEMORY
+from distal.estimators.adaptive.inputs import states_of_rig
 from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.adaptive.unexplained_force import FORCE
 from distal.estimators.channels import Channels
 from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
-from distal.model import Mechanism
 from distal.rig import Part, independent_parts
 
 
@@ -58,27 +59,39 @@ def parts_of(states: StateVector) -> tuple[Apart, ...]:
 
 def _apart(states: StateVector, part: Part) -> Apart:
     context, parameters = states.context, states.context.mechanism.parameters
-    mechanism = Mechanism(part.rig, part.own_paths(parameters.inputs), remembers=True)
-    channels = _channels(part, context.channels)
-    part_states = StateVector(
-        replace(context, mechanism=mechanism, channels=channels), states.kinds
-    )
+    inputs, channels = part.own_paths(parameters.inputs), _channels(part, context.channels)
+    part_states = states_of_rig(part.rig, inputs, channels, context.robustness, states.kinds)
     keys, every = _keys(states), context.channels.names
+    at = [keys.index(key) if key in keys else -1 for key in _keys(part_states)]
     values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
     compared = [sensor.name for sensor in context.channels.compared]
     return Apart(
         part_states,
-        np.array(
-            [keys.index(key) if key in keys else -1 for key in _keys(part_states)], dtype=np.intp
-        ),
+        np.array(at, dtype=np.intp),
         np.array(part.indices["drives"], dtype=np.intp),
         np.concatenate([[0], 1 + values, 1 + len(every) + values]).astype(np.intp),
         np.array(
-            [parameters.names.index(part.whole_path(name)) for name in mechanism.parameters.names],
+            [
+                parameters.index(_whole_name(part, at, name))
+                for name in part_states.context.mechanism.parameters.names
+            ],
             dtype=np.intp,
         ),
         np.array([compared.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
     )
+
+
+def _whole_name(part: Part, at: Sequence[int], name: str) -> str:
+    """Return the name among the whole filter's inputs of one of a part's, whose states stand `at`
+    those of the whole.
+    """
+    derived, path = name.startswith(DERIVED), name.removeprefix(DERIVED)
+    if not derived:
+        return part.whole_path(name)
+    if path.startswith("state."):
+        _, index, key = path.split(".")
+        return f"{DERIVED}state.{at[int(index)]}.{key}"
+    return f"{DERIVED}{part.whole_path(path)}"
 
 
 def _keys(states: StateVector) -> list[tuple[object, str, int]]:

@@ -28,7 +28,7 @@ sensor.
 NOMINAL_TIME = 1.0
 """Time over which an unmeasured pull's departure from its nominal value lasts [s]."""
 
-ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1)
+ROW = Layout(residual=1, limit=1, asymmetry=1, variance=1, mask=1, lasting=1)
 """Numbers of a row, as in `Row`."""
 
 SLOPED = ("residual", "limit", "asymmetry")
@@ -50,7 +50,8 @@ class Row:
         drive: index of the drive whose friction is in it, or None.
         measured: whether a sensor measures it; else the pull is nominal.
         trusted: a reference, which is never taken as wild.
-        lasting: so many samples tell as much of the joints' speeds as one (16b).
+        lasting: so many samples tell as much of the joints' speeds as one (16b), where it
+            `compares_motion`.
     """
 
     name: str
@@ -62,7 +63,8 @@ class Row:
     drive: int | None = None
     measured: bool = True
     trusted: bool = False
-    lasting: float = 1.0
+    lasting: Scalar = 1.0
+    compares_motion: bool = False
 
 
 def rows_of(
@@ -92,9 +94,11 @@ def rows_of(
         )
         friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
         if sensor is None:
-            is_known = float(drive.nominal_force.std > 0.0)
-            lasting = drive.nominal_force.std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
-            residual = drive.nominal_force.value - expected
+            path = f"drives.{i}.nominal_force"
+            nominal_std = context.number(f"{path}.std")
+            is_known = nominal_std > 0.0
+            lasting = nominal_std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
+            residual = context.number(path) - expected
             rows.append(
                 Row(
                     drive.name,
@@ -136,8 +140,10 @@ def rows_of(
         residual = read - moment.read(sensor, unknowns) - states.sensor_error(sensor, read, state)
         noise, mask = context.noise(sensor), context.mask(x, sensor)
         # a speed errs alike for as long as the friction that made it
-        lasting = 1.0 if trusted else max(1.0, context.robustness.sticking_time * sensor.rate)
-        rows.append(Row(sensor.name, residual, noise, mask, trusted=trusted, lasting=lasting))
+        rate = context.number(f"{context.path(sensor)}.rate")
+        lasting = ca.SX(1) if trusted else ca.fmax(1, context.robustness.sticking_time * rate)
+        shared = {"lasting": lasting, "compares_motion": not trusted}
+        rows.append(Row(sensor.name, residual, noise, mask, trusted=trusted, **shared))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
@@ -150,9 +156,11 @@ def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar
     part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
-    low, high = part.stops
+    p, path = context.mechanism.parameters, context.path(sensor)
+    low, high = (p[f"drives.{drive}.stops.{end}"] for end in ("low", "high"))
     # one that is held by its stop may read a place before it
-    wrong = sensor.linearity + 2 * ca.sqrt(context.noise(sensor) + context.bias_std(sensor) ** 2)
+    unknown = context.noise(sensor) + context.number(f"{path}.unknown_bias") ** 2
+    wrong = context.number(f"{path}.linearity") + 2 * ca.sqrt(unknown)
     return ca.if_else(ca.logic_and(place > low + wrong, place < high - wrong), 1, 0)
 
 

@@ -51,7 +51,8 @@ def predicted(
     walking = [i for i in range(n) if states.walks[i] > 0.0]
     if walking:
         flat, diagonal = ca.vec(after), [i * (n + 1) for i in walking]
-        flat[diagonal] = flat[diagonal] + x[0] * ca.DM(states.walks[walking] ** 2)
+        walks = interval.p[context.numbers_at([f"state.{i}.walk" for i in walking])]
+        flat[diagonal] = flat[diagonal] + x[0] * walks**2
         after = ca.reshape(flat, n, n)
     return state, after
 
@@ -113,24 +114,22 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
     harm. Equation (12).
     """
     total, drives = ca.SX(0), Tracks(tracks, context.n_drives)
-    ratio: Scalar
-    for i, (ratio, share) in context.moved_by(joint).items():
+    for i, names in context.moved_by(joint).items():
         grown = ca.fmax(drives[i].unknown - memory[remembered_place(i, "unknown")], 0)
-        if (path := f"drives.{i}.radius") in context.mechanism.parameters.inputs:
-            ratio = context.number(path, 1.0) / context.arm(
-                i, joint
-            )  # of a fit, so that rigs of one kind share its kernel
+        ratio, share = map(context.number, names)
         total += followed_share(context.robustness, drives[i].lost) * grown * (ratio * share) ** 2
     return total
 
 
-def shifted_variance(context: FilterContext, joint: int, tracks: VectorNode) -> ScalarNode:
+def shifted_variance(
+    context: FilterContext, joint: int, tracks: VectorNode, p: VectorNode
+) -> ScalarNode:
     """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of
     their sensors: (31).
     """
     total, drives = ca.MX(0), Tracks(tracks, context.n_drives)
     for i, (ratio, _) in context.moved_by(joint).items():
-        total += (ratio * drives[i].shift_std) ** 2
+        total += (p[context.numbers_at([ratio])] * drives[i].shift_std) ** 2
     return total
 
 
@@ -154,7 +153,8 @@ def revert(
     for k, (at, _) in enumerate(fadings):
         fade, added = fades[2 * k], fades[2 * k + 1]
         if at in torques:
-            added += (1 - fade**2) * opened_torque(states.context, torques[at], opened)
+            torque = opened_torque(states.context, torques[at], opened, interval.p)
+            added += (1 - fade**2) * torque
         state[at] = fade * state[at]
         transition[at, :] = fade * transition[at, :]
         row = (

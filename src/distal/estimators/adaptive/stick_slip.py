@@ -143,7 +143,9 @@ def compared(
         # nobody knows how it moves: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
     noise, force = context.noise(sensor), context.force_sensor(index)
-    interval = context.channels.interval if force is None else 1.0 / force.rate
+    interval = context.number("interval")
+    if force is not None:
+        interval = 1.0 / context.number(f"{context.path(force)}.rate")
     if context.declares_friction(index):
         return _declared(
             context, motion_of(drive, noise, dt, SLOW_DECLARED), residual, interval, dt
@@ -158,7 +160,7 @@ def _slipping(residual: Residual, direction: Scalar, doubt: Scalar) -> tuple[Sca
 
 
 def _unknown(
-    context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Scalar
+    context: FilterContext, motion: Motion, residual: Residual, interval: Scalar, dt: Scalar
 ) -> Comparison:
     """Return how a force is compared whose friction the rig does not declare."""
     robustness = context.robustness
@@ -182,7 +184,7 @@ def _unknown(
 
 
 def _declared(
-    context: FilterContext, motion: Motion, residual: Residual, interval: float, dt: Scalar
+    context: FilterContext, motion: Motion, residual: Residual, interval: Scalar, dt: Scalar
 ) -> Comparison:
     """Return how a force is compared whose friction the rig declares: a clipped residual while its
     drive sticks, (21).
@@ -210,7 +212,7 @@ def _declared(
     bound = (STICK_STD * residual.limit) ** 2 + residual.variance + residual.limit_variance
     within = 1 / ca.fmax(1 / bound - 1 / ca.fmax(residual.value_variance, 1e-12), 1e-9)
     sticks = stuck > 0.5
-    standing = max(1.0, robustness.beyond_time / interval)
+    standing = ca.fmax(1, robustness.beyond_time / interval)
     return Comparison(
         ca.if_else(sticks, ca.if_else(beyond, mean - sign * allowed, 0), innovation),
         ca.if_else(sticks, ca.if_else(beyond, standing * residual.variance, within), variance),

@@ -14,12 +14,6 @@ from distal.estimators.adaptive.states import StateVector, Transmitted
 from distal.expressions import Scalar, ScalarNode, Vector, VectorNode
 from distal.kernels.mask import is_read
 from distal.model import clip_moments
-from distal.sensor_errors import variance
-
-CALM = 8.0
-"""A play's effort is smoothed until its noise is below the limit over this:
-docs/reference/adaptive-equations.md, (14).
-"""
 
 CREST = 2.0
 """A play is moved by the crests of the noise: its limits are wider by this many of its standard
@@ -64,20 +58,12 @@ def play(
     return effort
 
 
-def reading_weight(block: Transmitted) -> float:
-    """Return the weight of a new reading of a drive's effort, 1 where its noise is small against
-    the play's limit: (14).
-    """
-    ratio = min((block.limit / CALM) ** 2 / variance(block.sensor), 1.0)
-    return 2.0 * ratio / (1.0 + ratio)
-
-
 def smoothed_effort(
     context: FilterContext, block: Transmitted, remembered: Scalar, x: Vector
 ) -> Scalar:
     """Return a drive's effort in a sample x, smoothed with the one `remembered`, 0 for none yet."""
     effort = context.value(x, block.sensor)
-    following = remembered + reading_weight(block) * (effort - remembered)
+    following = remembered + context.number(block.weight_name) * (effort - remembered)
     return ca.if_else(
         is_read(context.mask(x, block.sensor)),
         ca.if_else(remembered == 0, effort, following),
@@ -115,7 +101,7 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping
     error = states.sensor_error(block.sensor, smoothed, state) + dampings[nj + drive] * rates[drive]
     effort = smoothed - error
-    share = reading_weight(block)
+    share = context.number(block.weight_name)
     left = share / (2 - share) * context.noise(block.sensor)
     held += CREST * ca.sqrt(left)
     moments = clip_moments(

@@ -10,7 +10,7 @@ import casadi as ca
 
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.tuning import Robustness
-from distal.expressions import ScalarNode
+from distal.expressions import ScalarNode, VectorNode
 from distal.kernels.layout import Layout
 
 EVIDENCE_TIME = 0.05
@@ -71,7 +71,9 @@ def watched(robustness: Robustness) -> ca.Function:
     )
 
 
-def opened_torque(context: FilterContext, joint: int, opened: Sequence[ScalarNode]) -> ScalarNode:
+def opened_torque(
+    context: FilterContext, joint: int, opened: Sequence[ScalarNode], p: VectorNode
+) -> ScalarNode:
     """Return the variance of the torque that may act on a joint beside what the rig declares [(N
     m)²]: (13b).
 
@@ -79,7 +81,8 @@ def opened_torque(context: FilterContext, joint: int, opened: Sequence[ScalarNod
     variances, by drive.
     """
     total = ca.MX(0)
-    for i, (ratio, share) in context.moved_by(joint).items():
+    for i, names in context.moved_by(joint).items():
+        ratio, share = ca.vertsplit(p[context.numbers_at(names)])
         # a torque on one of several joints of a tendon changes its tension by that share of what it
         # would alone
         total += opened[i] / (ratio * share) ** 2

@@ -58,6 +58,7 @@ def updated(
     nj, nd = states.context.n_joints, states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
+    nominal = p[states.context.numbers_at(["interval"])]
     watch = watched(states.context.robustness)
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
@@ -87,19 +88,20 @@ def updated(
         spread += comparison.by_limit * along(slopes.limit, across)
         spread += comparison.by_asymmetry * along(slopes.asymmetry, across)
         variance = comparison.variance
-        if row.lasting > 1.0:
+        if row.compares_motion:
             by_speeds = ca.vertcat(
                 ca.MX(nj, 1), slopes.residual[nj : 2 * nj], ca.MX(len(states) - 2 * nj, 1)
             )
-            variance += (row.lasting - 1.0) * along(by_speeds, covariance.times(by_speeds))  # (16b)
+            lasting = ROW.part(at.values, "lasting") - 1.0
+            variance += lasting * along(by_speeds, covariance.times(by_speeds))  # (16b)
         weight, root, shown = weights(states.context.robustness, row.trusted)(
             spread + variance, comparison.innovation, ROW.part(at.values, "mask"), comparison.counts
         )
         change = (weight * comparison.innovation) * across
-        shares = states.gain_shares(row.drive, row.trusted)
+        shares = states.gain_shares(row.drive, row.trusted, nominal)
         # nothing is learned by a drive's force while a joint that it moves may be held by a stop or
         # not, (24b)
-        taken = ca.DM(list(shares.values())) * (1 if row.drive is None else sure[row.drive])
+        taken = ca.vertcat(*shares.values()) * (1 if row.drive is None else sure[row.drive])
         if shares:
             change[list(shares)] *= taken
         if row.drive is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -49,13 +50,19 @@ class SensorBias(OfSensor):
             else float(self.sensor.bias.drift)
         )
 
+    def inputs(self) -> Iterator[tuple[str, float]]:
+        """Yield std and drift of a reference that wanders."""
+        if self._wanders:
+            path = f"{self.context.path(self.sensor)}.bias"
+            yield f"{path}.std", float(self.stds[0])
+            yield f"{path}.drift", float(self.sensor.bias.drift or 0.0)
+
     def fading(self, dt: Scalar) -> Fading | None:
         """Return e^{−dt drift²/(2 σ²)} and σ of a reference that wanders, None for others."""
         if not self._wanders:
             return None
         path = f"{self.context.path(self.sensor)}.bias"
-        std = self.context.number(f"{path}.std", float(self.stds[0]))
-        drift = self.context.number(f"{path}.drift", self.sensor.bias.drift or 0.0)
+        std, drift = self.context.number(f"{path}.std"), self.context.number(f"{path}.drift")
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:

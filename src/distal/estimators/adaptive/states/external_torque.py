@@ -42,18 +42,16 @@ class ExternalTorque(ZeroMean):
         """The rig's ``external_torque.std`` [N m]."""
         return np.array([self.context.mechanism.rig.joints[self.joint].external_torque.std])
 
-    def prior(self) -> tuple[Prior, Prior]:
-        """Return zero and the std, which a fit may vary [N m]."""
-        return self.means, self._std
-
-    @property
-    def _std(self) -> Scalar:
-        return self.context.number(f"joints.{self.joint}.external_torque.std", float(self.stds[0]))
+    def prior(self) -> tuple[Prior | None, Prior | None]:
+        """Return the std, which a fit may vary [N m]."""
+        return None, self._number("std")
 
     def fading(self, dt: Scalar) -> Fading:
         """Return e^{−dt/T} and the std [N m]."""
-        torque = self.context.mechanism.rig.joints[self.joint].external_torque
-        return Fading(ca.exp(-dt / torque.correlation_time), self._std)
+        return Fading(ca.exp(-dt / self._number("correlation_time")), self._number("std"))
+
+    def _number(self, key: str) -> Scalar:
+        return self.context.number(f"joints.{self.joint}.external_torque.{key}")
 
     def torque(self, joint: int, numbers: Vector) -> Scalar:
         """Return τ_ext where it is this joint's [N m]."""

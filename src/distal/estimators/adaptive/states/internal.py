@@ -18,7 +18,7 @@ from distal.estimators.adaptive.states.state import Begin, Learning, State, Zero
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.model import Mechanism
-from distal.rig import Creep
+from distal.rig import Rig
 
 LEAST_TENSION = 1.0
 """A tendon is taken to carry this at the start where it reads less [N]: it only says how unsure the
@@ -95,14 +95,11 @@ class Inside(ZeroMean):
         return changed
 
     def _value(self, path: str) -> Scalar:
-        p = self.context.mechanism.parameters
-        if path in p.inputs:
-            return p[path]
-        return float(p.values[p.names.index(path)]) if path in p.names else float(ca.DM(p[path]))
+        return self.context.mechanism.parameters[path]
 
-    def _std(self, path: str) -> float:
-        p = self.context.mechanism.parameters
-        return float(p.stds[p.names.index(path)]) if path in p.names else 0.0
+    def _std(self, path: str) -> Scalar:
+        name, inputs = f"{path}.std", self.context.mechanism.parameters
+        return self.context.number(name) if path in inputs.names else 0.0
 
 
 @dataclass(frozen=True)
@@ -125,17 +122,21 @@ class BacklashOrSheathState(Inside):
         p, q, tension = still.parameters, ca.SX.sym("q", still.n_bodies), ca.SX.sym("T")
         sheath, point = still.sheath(index, q), self.point
         assert sheath is not None  # it has points
-        position, joints = still.place(q).inside[self.which], mechanism.rig.joints
+        position, joints = still.place(q).inside[self.which], still.joints_of[index]
+        initial = [f"joints.{j}.initial" for j in range(mechanism.n_joints)]
         slopes = ca.jacobian(position, q)
-        turned = sum(
-            ((slopes[0, j] * joints[j].initial.std) ** 2 for j in still.joints_of[index]), ca.SX(0)
-        )
+        stds = ca.SX.sym("stds", mechanism.n_joints)
+        turned = sum(((slopes[0, j] * stds[j]) ** 2 for j in joints), ca.SX(0))
         friction = (sheath.drawn**sheath.count - 1) * tension / sheath.stiffness
         share = (2 * point + 1) / (2 * sheath.count)
         spread = ca.sqrt(turned + (share * friction) ** 2)
-        start = ca.vertcat(*(joint.initial.value for joint in joints), *begin.places)
-        prior = ca.Function("first", [q, tension, p.symbols], [position, spread])
-        mean, std = prior(start, _tension(mechanism, index, begin), ca.DM(p.values))
+        prior = ca.Function("first", [q, tension, stds, p.symbols], [position, spread])
+        mean, std = prior(
+            ca.vertcat(*map(self.context.number, initial), *begin.places),
+            _tension(self.context, index, begin),
+            ca.vertcat(*(self.context.number(f"{path}.std") for path in initial)),
+            ca.vertcat(*(mechanism.parameters[name] for name in p.names)),
+        )
         return mean, std
 
 
@@ -152,19 +153,18 @@ class Strained(Inside):
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
         """Return what of it has come, ``settled`` of γ T/k_t, and how unsure that is."""
-        (_, index, part, _), path = self._keys, self.name.rpartition(".")[0]
-        creep: Creep = getattr(self.context.mechanism.rig.tendons[index], part)
+        index, path = self.index, self.name.rpartition(".")[0]
         share, share_std = self._value(f"{path}.share"), self._std(f"{path}.share")
-        stretch = _tension(self.context.mechanism, index, begin) / self._value(
-            f"tendons.{index}.stiffness"
-        )
-        settled = self.context.number(f"{path}.settled", creep.settled.value)
-        spread = ca.sqrt((share * creep.settled.std) ** 2 + (share_std * settled) ** 2)
+        stretch = _tension(self.context, index, begin) / self._value(f"tendons.{index}.stiffness")
+        settled = self.context.number(f"{path}.settled")
+        settled_std = self.context.number(f"{path}.settled.std")
+        spread = ca.sqrt((share * settled_std) ** 2 + (share_std * settled) ** 2)
         return settled * share * stretch, spread * stretch
 
 
-def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Scalar:
+def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
     """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
+    mechanism, path = context.mechanism, f"tendons.{tendon}"
     part, index = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
     tension, effort, drive = (
         begin.tensions[tendon],
@@ -172,13 +172,20 @@ def _tension(mechanism: Mechanism, tendon: int, begin: Begin) -> Scalar:
         mechanism.rig.drives[index],
     )
     if tension is None and effort is not None:
-        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        lever = mechanism.parameters[f"drives.{index}.radius"] if drive.kind == "capstan" else 1.0
         count = sum(neighbour.drive == part.drive for neighbour in mechanism.rig.tendons)
         share = effort / lever / count * (part.winding if drive.kind == "capstan" else 1)
-        tension = share + part.pretension.value * (1 - 1 / count)
+        tension = share + context.number(f"{path}.pretension") * (1 - 1 / count)
     if tension is None:
-        return part.pretension.value or abs(drive.nominal_force.value) or UNKNOWN_TENSION
+        return context.number(f"{path}.likely_tension")
     return ca.fmax(tension, LEAST_TENSION)
+
+
+def likely_tension(rig: Rig, tendon: int) -> float:
+    """Return the tension that a tendon has at the start where nothing reads it [N]."""
+    part = rig.tendons[tendon]
+    drive = next(drive for drive in rig.drives if drive.name == part.drive)
+    return part.pretension.value or abs(drive.nominal_force.value) or UNKNOWN_TENSION
 
 
 def inside(context: FilterContext) -> Sequence[State]:

@@ -61,10 +61,7 @@ class JointMotion(State):
             [*(joint.initial.std for joint in self._joints), *(START_SPEED for _ in self._joints)]
         )
 
-    def prior(self) -> tuple[Prior, Prior]:
+    def prior(self) -> tuple[Prior | None, Prior | None]:
         """Return the same with each `initial` as a fit varies it."""
-        initial = [joint.initial.value for joint in self._joints]
-        angles = [
-            self.context.number(f"joints.{j}.initial", angle) for j, angle in enumerate(initial)
-        ]
-        return ca.vertcat(*angles, *(0.0 for _ in angles)), self.stds
+        angles = [self.context.number(f"joints.{j}.initial") for j in range(len(self._joints))]
+        return ca.vertcat(*angles, ca.SX.zeros(len(angles))), None

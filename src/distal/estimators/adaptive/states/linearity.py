@@ -16,7 +16,7 @@ from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
-from distal.rig import Sensor, drive_travel
+from distal.rig import Sensor
 from distal.sensor_errors import LINEARITY_STD
 
 BASIS = 6
@@ -79,10 +79,6 @@ class Linearity(State):
         stds[0] = np.hypot(stds[0], bias)
         return stds
 
-    @cached_property
-    def _travel(self) -> tuple[float, float]:
-        return drive_travel(self.context.mechanism.rig, self.drive)
-
     def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
@@ -92,7 +88,8 @@ class Linearity(State):
         count = len(self.stds)
         if drive != self.drive or count == 0:
             return 0
-        low, high = self._travel
+        path = f"drives.{self.drive}.travel"
+        low, high = self.context.number(f"{path}.low"), self.context.number(f"{path}.high")
         terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
         while len(terms) < count:
             terms.append(2 * terms[1] * terms[-1] - terms[-2])

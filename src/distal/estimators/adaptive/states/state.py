@@ -9,7 +9,7 @@ they do.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar, TypeAlias
@@ -22,10 +22,8 @@ from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Sensor
 
-Prior: TypeAlias = Vector | Floats | float
-"""Numbers of a block, (k,): plain, or expressions where a fit varies them; one number stands for
-all.
-"""
+Prior: TypeAlias = Vector | float
+"""Numbers of a block, (k,), expressions of what a fit varies; one number stands for all."""
 
 
 class Learning(Enum):
@@ -124,11 +122,17 @@ class State(ABC):
     def stds(self) -> Floats:
         """Prior standard deviations, (k,), SI."""
 
-    def prior(self) -> tuple[Prior, Prior]:
+    def prior(self) -> tuple[Prior | None, Prior | None]:
         """Return prior means and standard deviations, (k,) each, where they depend on inputs of the
-        filter (a fit).
+        filter (a fit); None where they are `means` and `stds`.
         """
-        return self.means, self.stds
+        return None, None
+
+    def inputs(self) -> Iterator[tuple[str, float]]:
+        """Yield numbers that follow from its own, by name: inputs of the filter's kernel, see
+        `FilterContext.number`.
+        """
+        return iter(())
 
     @property
     def walk(self) -> float:

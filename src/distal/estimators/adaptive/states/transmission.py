@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -16,6 +17,11 @@ from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import Hysteresis, Sensor, SliderHysteresis
 from distal.sensor_errors import variance
+
+CALM = 8.0
+"""A play's effort is smoothed until its noise is below the limit over this:
+docs/reference/adaptive-equations.md, (14).
+"""
 
 
 @dataclass(frozen=True)
@@ -39,9 +45,25 @@ class Transmitted(OfDrive):
             [float(np.hypot(self.limit / np.sqrt(3.0), np.sqrt(variance(self.sensor))))]
         )
 
-    def prior(self) -> tuple[Prior, Prior]:
-        """Return the same with the sensor's noise as a fit varies it [N, N m]."""
-        return self.means, ca.sqrt(self.limit**2 / 3.0 + self.context.noise(self.sensor))
+    def prior(self) -> tuple[Prior | None, Prior | None]:
+        """Return the std with the sensor's noise as a fit varies it [N, N m]."""
+        limit = self.context.number(self.limit_name)
+        return None, ca.sqrt(limit**2 / 3.0 + self.context.noise(self.sensor))
+
+    @property
+    def limit_name(self) -> str:
+        """Name of h among the filter's inputs."""
+        return f"drives.{self.drive}.play_limit"
+
+    @property
+    def weight_name(self) -> str:
+        """Name of the weight of a new reading among the filter's inputs, see `reading_weight`."""
+        return f"drives.{self.drive}.reading_weight"
+
+    def inputs(self) -> Iterator[tuple[str, float]]:
+        """Yield h, and the weight of a new reading of the drive's effort."""
+        yield self.limit_name, self.limit
+        yield self.weight_name, reading_weight(self.limit, variance(self.sensor))
 
     @cached_property
     def limit(self) -> float:
@@ -73,26 +95,36 @@ class TransmissionError(OfDrive, ZeroMean):
         """``hysteresis.error`` [N, N m]."""
         return np.array([self.hysteresis.error])
 
-    def prior(self) -> tuple[Prior, Prior]:
-        """Return zero and the std, which a fit may vary [N, N m]."""
-        return self.means, self._error
+    def prior(self) -> tuple[Prior | None, Prior | None]:
+        """Return the std, which a fit may vary [N, N m]."""
+        return None, self._number("error")
 
-    @property
-    def _error(self) -> Scalar:
-        return self.context.number(f"drives.{self.drive}.hysteresis.error", float(self.stds[0]))
+    def inputs(self) -> Iterator[tuple[str, float]]:
+        """Yield std and correlation time of the error."""
+        path = f"drives.{self.drive}.hysteresis"
+        yield f"{path}.error", self.hysteresis.error
+        yield f"{path}.error_time", self.hysteresis.error_time
+
+    def _number(self, key: str) -> Scalar:
+        return self.context.number(f"drives.{self.drive}.hysteresis.{key}")
 
     def fading(self, dt: Scalar) -> Fading:
         """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m]."""
-        time = self.context.number(
-            f"drives.{self.drive}.hysteresis.error_time", self.hysteresis.error_time
-        )
-        return Fading(ca.exp(-dt / time), self._error)
+        return Fading(ca.exp(-dt / self._number("error_time")), self._number("error"))
 
     def force(self, drive: int, numbers: Vector) -> Scalar:
         """Return minus the error where it is this drive's: what is transmitted lacks it [N, N
         m].
         """
         return -numbers[0] if drive == self.drive else 0
+
+
+def reading_weight(limit: float, noise: float) -> float:
+    """Return the weight of a new reading of a drive's effort, 1 where its variance `noise` is small
+    against the play's `limit`: (14).
+    """
+    ratio = min((limit / CALM) ** 2 / noise, 1.0)
+    return 2.0 * ratio / (1.0 + ratio)
 
 
 def transmissions(context: FilterContext) -> list[State]:

@@ -57,32 +57,54 @@ class StateVector:
     def __len__(self) -> int:
         return len(self.names)
 
+    def inputs(self) -> Iterator[tuple[str, float]]:
+        """Yield the numbers of the states that are inputs of the filter's kernel, by name."""
+        for i in range(len(self)):
+            yield f"state.{i}.mean", self.means[i]
+            yield f"state.{i}.std", self.stds[i]
+            yield f"state.{i}.walk", self.walks[i]
+            yield f"state.{i}.lowest", self.lowest[i]
+        for block in self.blocks:
+            yield from block.inputs()
+
     def prior(self) -> tuple[Vector, Vector]:
         """Return prior means and standard deviations, (n,) each, as expressions of the filter's
         inputs.
         """
-        means, stds = zip(*(block.prior() for block in self.blocks))
-        return ca.vertcat(*map(ca.SX, means)), ca.vertcat(*map(ca.SX, stds))
+        numbers = range(len(self))
+        means, stds = (
+            ca.vertcat(*(self.context.number(f"state.{i}.{moment}") for i in numbers))
+            for moment in ("mean", "std")
+        )
+        for block in self.blocks:
+            mean, std = block.prior()
+            if mean is not None:
+                means[self._slices[id(block)]] = mean
+            if std is not None:
+                stds[self._slices[id(block)]] = std
+        return means, stds
 
-    def gain_shares(self, drive: int | None, reference: bool) -> dict[int, float]:
+    def gain_shares(
+        self, drive: int | None, reference: bool, interval: Scalar
+    ) -> dict[int, Scalar]:
         """Return index → share of the gain of the states that do not take all of it (24).
 
         What is compared is the force of a drive, or none's; or a reference, a joint's own angle,
-        which tells of parameters what forces do not.
+        which tells of parameters what forces do not. The `interval` is the filter's nominal one
+        [s].
         """
         guards = self.context.robustness
         declared = drive is None or self.context.declares_friction(drive)
         time = guards.learning_time if declared else guards.learning_time_guarded
-        share = (
-            min(1.0, self.context.channels.interval / time) if time > 0.0 and not reference else 1.0
-        )
-        slow = {} if share == 1.0 else dict.fromkeys(self._parameters, share)
+        slow = dict[int, Scalar]()
+        if time > 0.0 and not reference:
+            slow = dict.fromkeys(self._parameters, ca.fmin(1.0, interval / time))
         if reference and guards.reference_time > 0.0:
             # a joint that rests shows one posture for a long time
-            share = min(1.0, self.context.channels.interval / guards.reference_time)
+            share = ca.fmin(1.0, interval / guards.reference_time)
             slow = dict.fromkeys([*self._parameters, *self._curves], share)
         if guards.creep_learning_time > 0.0 and not reference:
-            share = min(1.0, self.context.channels.interval / guards.creep_learning_time)
+            share = ca.fmin(1.0, interval / guards.creep_learning_time)
             slow |= dict.fromkeys(self._strains, share)
         return {**slow, **({} if reference else self._untold), **self._considered}
 
