@@ -111,7 +111,7 @@ def iterated_update(
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
-    table = Rows.of(states)
+    table, nominal = Rows.of(states), p[states.context.numbers_at(["interval"])]
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table.rows):
         compare, weigh = (
@@ -146,14 +146,14 @@ def iterated_update(
             )
             change = (weight * found["innovation"]) * across
             point = mean + change
-        shares = states.gain_shares(row.drive, row.trusted)
+        shares = states.gain_shares(row.drive, row.trusted, nominal)
         if shares:
-            change[list(shares)] *= ca.DM(list(shares.values()))
+            change[list(shares)] *= ca.vertcat(*shares.values())
         if row.drive is not None:
             declared = states.context.declares_friction(row.drive)
             kept[row.drive] = found["memory"] + (along(slopes.residual, change) if declared else 0)
         mean = mean + change
-        covariance.take(root * across, list(shares), ca.DM(list(shares.values())))
+        covariance.take(root * across, list(shares), ca.vertcat(*shares.values()))
         innovations.append(shown)
         spreads.append(spread)
     measured = [k for k, row in enumerate(table.rows) if row.measured]

@@ -109,7 +109,7 @@ def test_a_reference_teaches_slowly_in_a_chain() -> None:
     all of it.
     """
     states = AdaptiveFilter(load_rig("finger-2n"), compiled=False).states
-    shares = states.gain_shares(None, reference=True)
+    shares = states.gain_shares(None, reference=True, interval=0.005)
     names = {states.names[i] for i in shares}
     assert {
         "radius of tendon mcp_f at mcp",
@@ -120,7 +120,7 @@ def test_a_reference_teaches_slowly_in_a_chain() -> None:
     assert not names & {"theta_mcp", "theta_pip", "theta_mcp_dot"}
     assert (
         AdaptiveFilter(load_rig("paper-2008"), compiled=False).states.gain_shares(
-            None, reference=True
+            None, reference=True, interval=0.01
         )
         == {}
     )

@@ -16,7 +16,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.control.pid import UNBOUNDED
 from distal.errors import ControlError, ScenarioError
-from distal.kernels import Feed, Kernel, advance
+from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig
@@ -27,7 +27,7 @@ from distal.simulation.plant import (
     Motion,
     at_rest,
     equilibrium,
-    plant_function,
+    plant_kernel,
     resting_force,
     rows_of,
 )
@@ -101,7 +101,7 @@ class ControlledPlant:
             )
         self.prepared, self.rig, self.period = prepared, prepared.rig, period
         self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
-        self._kernel = Kernel(plant_function(prepared.plant, prepared.count))
+        self._kernel = plant_kernel(prepared.plant, prepared.count)
         self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
         self._per_period, self._all_rows = (
             round(period / prepared.dt),

@@ -136,10 +136,10 @@ class Rerun:
         if path not in self._begun:
             runner = self.runner
             number = float(runner.numbers[runner.parameter_names.index(path)])
-            other = runner.of_rig(runner.rig.with_values({path: 1.01 * number}))
+            other = runner.states_of(runner.rig.with_values({path: 1.01 * number}))
             means = runner.states.means
-            moved = [] if other is None else np.flatnonzero(other.states.means != means).tolist()
-            self._begun[path] = [(i, float(means[i])) for i in moved]
+            moved = np.flatnonzero(other.means != means) if len(other) == len(means) else ()
+            self._begun[path] = [(int(i), float(means[i])) for i in moved]
         return self._begun[path]
 
     def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:

@@ -84,18 +84,8 @@ def filtered(
                 described, references = (
                     with_references(rig, log) if homing is not None else (rig, ())
                 )
-                # with the noise as an input most rigs of one structure share a kernel; homing takes
-                # a hundred runs of it
-                noise = [f"sensors.{k}.noise" for k in range(len(described.sensors))]
-                often = compiled and homing is not None
-                shared = (
-                    None
-                    if references
-                    else next((runner.of_rig(described) for runner in runners.values()), None)
-                )
-                runners[key] = shared or AdaptiveFilter(
-                    described, often, references=references, inputs=noise
-                )
+                often = compiled and homing is not None  # homing takes a hundred runs of it
+                runners[key] = AdaptiveFilter(described, often, references=references)
             samples = _filtered(log, runners[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")

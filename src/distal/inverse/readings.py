@@ -24,7 +24,8 @@ def read_function(model: CommandModel, states: StateVector) -> ca.Function:
         sensor = states.context.position_sensor(d)
         if sensor is not None:
             # what a reading errs by changes little over that error itself
-            read[d] += places[d] - states.place(d, places[d], state) + states.context.offset(sensor)
+            offset = states.context.number(f"{states.context.path(sensor)}.bias")
+            read[d] += places[d] - states.place(d, places[d], state) + offset
     return ca.Function("read", [places, state, known.symbols], [read])
 
 

@@ -10,6 +10,9 @@ from distal.kernels.lanes import LaneKernel, lanes_here
 from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
 from distal.kernels.parallel import in_order
 from distal.kernels.probe import probe
+from distal.kernels.recipe import Recipe
+from distal.kernels.shared import function_of, kernel_of
+from distal.kernels.structure import Structure, structure_of
 
 __all__ = [
     "Advanced",
@@ -20,6 +23,8 @@ __all__ = [
     "LaneKernel",
     "Layout",
     "PlacedKernel",
+    "Recipe",
+    "Structure",
     "advance",
     "advance_all",
     "at_samples",
@@ -28,10 +33,13 @@ __all__ = [
     "carry_layout",
     "covariance_of",
     "find_compiler",
+    "function_of",
     "in_order",
+    "kernel_of",
     "lanes_here",
     "mean_of",
     "probe",
     "side_by_side",
+    "structure_of",
     "variances_of",
 ]

@@ -4,6 +4,7 @@ once.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -11,6 +12,9 @@ import platform
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 
@@ -67,6 +71,20 @@ def digest(*parts: str | bytes) -> str:
     return sha.hexdigest()
 
 
+@dataclass(frozen=True)
+class Library:
+    """A shared library with a kernel.
+
+    Args:
+        name: of the kernel's function.
+        sizes: how many numbers its carry, x, p and y have; none where it is no kernel.
+    """
+
+    path: Path
+    name: str = ""
+    sizes: tuple[int, ...] = ()
+
+
 class Cache:
     """A folder of shared libraries; each has a note with its digest, so that a damaged one is never
     loaded.
@@ -75,14 +93,30 @@ class Cache:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def find(self, key: str) -> Path | None:
+    def find(self, key: str) -> Library | None:
         """Return the library kept under `key`, or None if there is none or it is damaged."""
         try:
             note = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))
-            library = self.folder / str(note["library"])
-            return library if digest(library.read_bytes()) == note["digest"] else None
+            path = self.folder / str(note["library"])
+            library = Library(path, str(note["name"]), tuple(map(int, note["sizes"])))
+            return library if digest(path.read_bytes()) == note["digest"] else None
         except (OSError, ValueError, KeyError, TypeError):
             return None
+
+    @contextmanager
+    def alone(self, key: str) -> Iterator[None]:
+        """Let one process at a time build what is kept under `key`; the others wait.
+
+        Raises:
+            OSError: the cache cannot be written.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock = self.folder / f"{key}.lock"
+        with lock.open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+            # whoever waits for this file finds the library, and whoever comes later too
+            lock.unlink(missing_ok=True)
 
     def work_folder(self) -> tempfile.TemporaryDirectory[str]:
         """Return a temporary folder inside the cache, so that what is built there can be moved in
@@ -94,8 +128,8 @@ class Cache:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         return tempfile.TemporaryDirectory(dir=self.folder, prefix="build-")
 
-    def keep(self, key: str, built: Path) -> Path:
-        """Move a library that was built in a `work_folder` into the cache and return its new path.
+    def keep(self, key: str, built: Path) -> Library:
+        """Move a library that was built in a `work_folder` into the cache and return it there.
 
         Library and note are each renamed, the note last, so that a reader sees both or none.
 
@@ -103,11 +137,24 @@ class Cache:
             OSError: the cache cannot be written.
         """
         fingerprint = digest(built.read_bytes())
-        library = self.folder / f"{key}-{fingerprint[:16]}.so"
-        os.replace(built, library)
-        note = built.parent / "note.json"
-        note.write_text(
-            json.dumps({"library": library.name, "digest": fingerprint}), encoding="utf-8"
-        )
-        os.replace(note, self.folder / f"{key}.json")
+        library = Library(self.folder / f"{key}-{fingerprint[:16]}.so")
+        os.replace(built, library.path)
+        self.note(key, library)
         return library
+
+    def note(self, key: str, library: Library) -> None:
+        """Write which library, one of this folder, is kept under `key`.
+
+        Raises:
+            OSError: the cache cannot be written.
+        """
+        note = {
+            "library": library.path.name,
+            "digest": digest(library.path.read_bytes()),
+            "name": library.name,
+            "sizes": library.sizes,
+        }
+        with self.work_folder() as folder:
+            written = Path(folder) / "note.json"
+            written.write_text(json.dumps(note), encoding="utf-8")
+            os.replace(written, self.folder / f"{key}.json")

@@ -8,6 +8,8 @@ import platform
 import shlex
 import shutil
 import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +17,8 @@ from pathlib import Path
 import casadi as ca
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
-from distal.kernels.cache import Cache, cache_folder, check_own, cpu, digest
+from distal.kernels.cache import Cache, Library, cache_folder, check_own, cpu, digest
+from distal.kernels.recipe import Recipe
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter with 512-bit vectors
 # GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
@@ -137,14 +140,29 @@ def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: i
     return f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"
 
 
-def compiled_library(function: ca.Function) -> Path:
+def library_of(recipe: Recipe, form: str, source: Callable[[ca.Function], str]) -> Library:
     """Return the shared library of a kernel, from the cache or built now.
+
+    A kernel with a structure is looked for by that, before its function is made.
+
+    Args:
+        form: what the C is besides the function, such as its number of lanes.
+        source: returns the C of the function.
 
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    _needed_compiler()  # before the work of writing C
-    return compiled_source(c_source(function))
+    compiler, cache = _needed_compiler(), _own_cache()
+    if recipe.structure is None:
+        return Library(compiled_source(source(recipe.function)), recipe.function.name())
+    key = _key(compiler, recipe.structure.key, form)
+    library = cache.find(key)
+    if library is None:
+        path = compiled_source(source(recipe.function))
+        library = Library(path, recipe.function.name(), recipe.sizes)
+        with _written(cache):
+            cache.note(key, library)
+    return library
 
 
 def compiled_source(source: str) -> Path:
@@ -153,10 +171,29 @@ def compiled_source(source: str) -> Path:
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler = _needed_compiler()
-    key = digest(
-        source, compiler.version, " ".join(compiler.command), " ".join(FLAGS), cpu(), ca.__version__
-    )
+    compiler, cache = _needed_compiler(), _own_cache()
+    key = _key(compiler, source)
+    library = cache.find(key)
+    if library is not None:
+        return library.path
+    with _written(cache), cache.alone(key):
+        library = cache.find(key)  # another process may have built it meanwhile
+        if library is None:
+            LOG.info("compiling, once: it is kept for the next time")
+            try:
+                with cache.work_folder() as folder:
+                    library = cache.keep(key, _build(compiler, source, Path(folder)))
+            finally:
+                LOG.info("")
+        return library.path
+
+
+def _key(compiler: Compiler, *parts: str) -> str:
+    command = " ".join(compiler.command)
+    return digest(*parts, compiler.version, command, " ".join(FLAGS), cpu(), ca.__version__)
+
+
+def _own_cache() -> Cache:
     cache = Cache(cache_folder())
     try:
         check_own(cache.folder)
@@ -164,20 +201,19 @@ def compiled_source(source: str) -> Path:
         raise CompileError(
             f"the cache {cache.folder} is not used: {problem.strerror}; set DISTAL_CACHE"
         ) from None
-    library = cache.find(key)
-    if library is not None:
-        return library
+    return cache
+
+
+@contextmanager
+def _written(cache: Cache) -> Iterator[None]:
+    """Say in a line what kept a cache from being written."""
     try:
-        LOG.info("compiling, once: it is kept for the next time")
-        with cache.work_folder() as folder:
-            return cache.keep(key, _build(compiler, source, Path(folder)))
+        yield
     except OSError as problem:
         reason = problem.strerror or str(problem)
         raise CompileError(
             f"the cache {cache.folder} cannot be written ({reason}); set DISTAL_CACHE"
         ) from None
-    finally:
-        LOG.info("")
 
 
 def _needed_compiler() -> Compiler:

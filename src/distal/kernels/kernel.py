@@ -8,6 +8,7 @@ import ctypes
 import threading
 import warnings
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Literal
 
 import casadi as ca
@@ -15,8 +16,15 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import KernelWarning
-from distal.kernels.compiler import CompileError, UnwantedError, compiled_library, find_compiler
+from distal.kernels.compiler import (
+    CompileError,
+    UnwantedError,
+    c_source,
+    find_compiler,
+    library_of,
+)
 from distal.kernels.lanes import LaneKernel
+from distal.kernels.recipe import Recipe
 
 Backend = Literal["compiled", "interpreted"]
 _warned: set[str] = set()
@@ -28,40 +36,41 @@ class Kernel:
     several logs (`lanes`).
 
     Args:
-        function: the CasADi function; its inputs and outputs are dense columns.
+        function: the CasADi function, whose inputs and outputs are dense columns, or its recipe.
         compiled: compile it if possible; False keeps the interpreter, "lanes" keeps it for one run
             alone.
     """
 
-    def __init__(self, function: ca.Function, compiled: bool | Literal["lanes"] = True) -> None:
-        self._interpreted = function
-        self.n_carry, self.n_x, self.n_p = (int(function.numel_in(i)) for i in range(3))
-        self.n_y = int(function.numel_out(1))
+    def __init__(
+        self, function: ca.Function | Recipe, compiled: bool | Literal["lanes"] = True
+    ) -> None:
+        self._recipe = Recipe(lambda: function) if isinstance(function, ca.Function) else function
         self.backend: Backend = "interpreted"
         self.reason = "asked for"
         self._scan: Callable[..., int] | None = None
         self._lanes: LaneKernel | None = None
         self._laned = not compiled  # what is not wanted counts as tried
         self._lanes_alone = compiled == "lanes"
-        self._call = function
+        self._sizes: tuple[int, ...] = ()
+        self._external: ca.Function | None = None
         if compiled is True:
             try:
-                self._call = self._load()
+                self._external = self._load()
             except CompileError as problem:
                 self.reason = str(problem)
                 if not isinstance(problem, UnwantedError):
                     _warn(self.reason)
 
     def _load(self) -> ca.Function:
-        name = self._interpreted.name()
-        library = compiled_library(self._interpreted)
+        library = library_of(self._recipe, "scan", c_source)
         try:
-            external = ca.external(f"{name}_kernel", str(library))
-            scan = getattr(ctypes.CDLL(str(library)), f"{name}_scan")
+            external = ca.external(f"{library.name}_kernel", str(library.path))
+            scan = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_scan")
         except (OSError, RuntimeError, AttributeError) as problem:
             raise CompileError(
-                f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})"
+                f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
             ) from None
+        self._sizes = library.sizes
         scan.restype = ctypes.c_longlong
         scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
         self._scan = scan
@@ -75,7 +84,32 @@ class Kernel:
     @property
     def function(self) -> ca.Function:
         """The CasADi function itself."""
-        return self._interpreted
+        return self._recipe.function
+
+    @cached_property
+    def sizes(self) -> tuple[int, ...]:
+        """How many numbers carry, x, p and y have."""
+        return self._sizes or self._recipe.sizes
+
+    @property
+    def n_carry(self) -> int:
+        """Numbers of the carry."""
+        return self.sizes[0]
+
+    @property
+    def n_x(self) -> int:
+        """Numbers of a sample."""
+        return self.sizes[1]
+
+    @property
+    def n_p(self) -> int:
+        """Number of parameters."""
+        return self.sizes[2]
+
+    @property
+    def n_y(self) -> int:
+        """Number of outputs."""
+        return self.sizes[3]
 
     def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y).
@@ -94,7 +128,7 @@ class Kernel:
                 len(xs), *(array.ctypes.data for array in (start, xs, parameters, carries, ys))
             )
             if done != len(xs):
-                raise RuntimeError(f"kernel {self._interpreted.name()} failed at sample {done}")
+                raise RuntimeError(f"kernel {self.function.name()} failed at sample {done}")
             return carries, ys
         loop = self.loop(parameters)
         loop.carry[:] = start
@@ -106,7 +140,8 @@ class Kernel:
 
     def loop(self, p: Floats) -> Loop:
         """Return the kernel with a carry of its own, for one sample after the other."""
-        return Loop(self._call, np.array(p, dtype=np.float64).reshape(self.n_p))
+        call = self.function if self._external is None else self._external
+        return Loop(call, np.array(p, dtype=np.float64).reshape(self.n_p))
 
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, built when first asked for; None where
@@ -117,7 +152,7 @@ class Kernel:
                 self._laned = True
                 if self.backend == "compiled" or self._lanes_alone:
                     try:
-                        self._lanes = LaneKernel(self._interpreted)
+                        self._lanes = LaneKernel(self._recipe)
                     except CompileError:
                         self._lanes = None  # one by one gives the same numbers
         return self._lanes

@@ -13,8 +13,9 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import Lanes
-from distal.kernels.compiler import CompileError, compiled_source, emitted
+from distal.kernels.compiler import CompileError, emitted, library_of
 from distal.kernels.feed import Advanced, Feed
+from distal.kernels.recipe import Recipe
 
 _BATCH = """
 /* {lanes} runs of {name}: of each sample's carry the numbers `keep` are kept, and y; a run that ended rests */
@@ -66,16 +67,19 @@ class LaneKernel:
         CompileError: there is no compiler, or it does not know vectors, or the function has no C.
     """
 
-    def __init__(self, function: ca.Function) -> None:
-        self.lanes = lanes_here()
-        self.n_carry, self.n_x, self.n_p = (int(function.numel_in(i)) for i in range(3))
-        self.n_y = int(function.numel_out(1))
-        library = compiled_source(emitted(function, Lanes(self.lanes), _BATCH, lanes=self.lanes))
+    def __init__(self, recipe: Recipe) -> None:
+        lanes = self.lanes = lanes_here()
+
+        def source(function: ca.Function) -> str:
+            return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
+
+        library = library_of(recipe, f"{lanes} lanes", source)
+        self.n_carry, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
         try:
-            batch = getattr(ctypes.CDLL(str(library)), f"{function.name()}_batch")
+            batch = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_batch")
         except (OSError, AttributeError) as problem:
             raise CompileError(
-                f"the compiled kernel {library} cannot be loaded ({type(problem).__name__})"
+                f"the compiled kernel {library.path} cannot be loaded ({type(problem).__name__})"
             ) from None
         batch.restype = None
         self._batch: Callable[..., None] = batch

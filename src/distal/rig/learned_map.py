@@ -218,6 +218,13 @@ class LearnedMap(Description):
         return self
 
     @property
+    def structure(self) -> tuple[object, ...]:
+        """What its function depends on beside its numbers."""
+        sizes = (len(self.centre), len(self.joints))
+        flags = (self.tracked, self.follows)
+        return type(self).__name__, self.terms, self.channels, *sizes, *flags
+
+    @property
     def variables(self) -> tuple[str, ...]:
         """Names of all variables that a term may hold."""
         angles = [f"angle({joint.joint})" for joint in self.joints] if self.uses_angles else []

@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 
 from distal.errors import ScenarioError
-from distal.kernels import Kernel, in_order, lanes_here
+from distal.kernels import in_order, lanes_here
 from distal.logs import Log
 from distal.rig import Rig, load_rig
-from distal.simulation.plant import Motion, plant_function, run_plants
+from distal.simulation.plant import Motion, plant_kernel, run_plants
 from distal.simulation.scenario import Scenario
 from distal.simulation.simulate import Prepared, check_open, prepare, sampled
 
@@ -58,8 +57,7 @@ def _job(job: object) -> Job:
 def _batch(
     rig: Rig, jobs: Iterator[Job], workers: int, progress: Callable[[int], None] | None
 ) -> Iterator[Log]:
-    kernels = _Kernels()
-    runs = in_order(jobs, lanes_here(), lambda group: _group(rig, group, kernels), workers)
+    runs = in_order(jobs, lanes_here(), lambda group: _group(rig, group), workers)
     for done, (_, log) in enumerate(runs, 1):
         if progress is not None:
             progress(done)
@@ -68,23 +66,7 @@ def _batch(
         yield log
 
 
-class _Kernels:
-    """The last plant's kernel: most batches have one plant."""
-
-    _last: tuple[Rig, int, Kernel] | None = None
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-
-    def of(self, prepared: Prepared) -> Kernel:
-        plant, count = prepared.plant, prepared.count
-        with self._lock:
-            if self._last is None or self._last[:2] != (plant.rig, count):
-                self._last = (plant.rig, count, Kernel(plant_function(plant, count)))
-            return self._last[2]
-
-
-def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception]:
+def _group(rig: Rig, jobs: list[Job]) -> list[Log | Exception]:
     """Return the logs of some runs: one motion for each scenario, those of the same plant side by
     side.
 
@@ -119,7 +101,8 @@ def _group(rig: Rig, jobs: list[Job], kernels: _Kernels) -> list[Log | Exception
             continue
         alike = [j for j, plant in enumerate(plants) if j not in motions and plant == plants[i]]
         runs = [(distinct[j][1].inputs, distinct[j][1].start) for j in alike]
-        motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernels.of(first))))
+        kernel = plant_kernel(first.plant, first.count)
+        motions.update(zip(alike, run_plants(first.plant, runs, first.dt, kernel)))
     logs: list[Log | Exception] = [
         sampled(distinct[at][1], motions[at], seed) for at, (_, seed) in zip(which, jobs)
     ]

@@ -14,12 +14,12 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import ScenarioError
-from distal.kernels import Feed, Kernel, advance
+from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig, load_rig, named
 from distal.simulation.inputs import BodyInputs, body_inputs
-from distal.simulation.plant import Motion, at_rest, plant_function, rows_of
+from distal.simulation.plant import Motion, at_rest, plant_kernel, rows_of
 from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.simulate import SIMULATED, prepare, true_motion
@@ -67,7 +67,7 @@ def simulate_pieces(
     scheduled = [(numbers_at(plant, path), change) for path, change in scenario.schedule.items()]
     rezero = scenario.rezero
     rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
-    kernel = Kernel(plant_function(plant, prepared.count))
+    kernel = plant_kernel(plant, prepared.count)
     carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
     walks, rng, errors = (
         np.zeros(len(scheduled)),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.expressions import Scalar
-from distal.kernels import Feed, Kernel, advance, advance_all
+from distal.kernels import Feed, Kernel, advance, advance_all, function_of, kernel_of, structure_of
 from distal.model import Mechanism, interval_step
 from distal.simulation.independent_parts import parts_of_plant, plants_apart
 from distal.simulation.inputs import BodyInputs
@@ -58,6 +57,12 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     )
 
 
+def plant_kernel(mechanism: Mechanism, count: int) -> Kernel:
+    """Return the kernel of `plant_function`, which plants of one structure share."""
+    structure = structure_of("plant", mechanism, sub_steps=count)
+    return kernel_of(structure, lambda: plant_function(mechanism, count))
+
+
 def settled_function(mechanism: Mechanism) -> ca.Function:
     """Return (q, dt, p) → what moves inside after an interval at whose end the bodies are at q."""
     q, dt, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt"), mechanism.parameters.symbols
@@ -65,19 +70,33 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
-@lru_cache(maxsize=32)
 def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and
     crept as the rig says.
     """
+    settled = tuple(_settled(mechanism, i, name) for i, name in _creeping(mechanism))
+    structure = structure_of("inside", mechanism, settled=settled)
+    return function_of(structure, lambda: _inside_function(mechanism))
+
+
+def _creeping(mechanism: Mechanism) -> Iterator[tuple[int, str]]:
+    """Yield index and path of each tendon's creep."""
+    for i in range(mechanism.n_tendons):
+        yield from ((i, name) for name in mechanism.creeps(i))
+
+
+def _settled(mechanism: Mechanism, tendon: int, name: str) -> float:
+    part = getattr(mechanism.rig.tendons[tendon], name.rpartition(".")[2])
+    return float(part.settled.value)
+
+
+def _inside_function(mechanism: Mechanism) -> ca.Function:
     still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
     strains = []
-    for i in range(mechanism.n_tendons):
+    for i, name in _creeping(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
-        for name in mechanism.creeps(i):
-            part = getattr(mechanism.rig.tendons[i], name.rpartition(".")[2])
-            strains.append(part.settled.value * p[f"{name}.share"] * stretch)
+        strains.append(_settled(mechanism, i, name) * p[f"{name}.share"] * stretch)
     return ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
 
 
@@ -230,7 +249,7 @@ def run_plant(
     Raises:
         ScenarioError: the motion left all bounds.
     """
-    return run_plants(mechanism, [(inputs, start)], dt, Kernel(plant_function(mechanism, count)))[0]
+    return run_plants(mechanism, [(inputs, start)], dt, plant_kernel(mechanism, count))[0]
 
 
 def run_plants(
@@ -261,31 +280,32 @@ def run_plants(
     return motions
 
 
-@lru_cache(maxsize=32)
 def resting_force(mechanism: Mechanism) -> ca.Function:
     """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
+    structure = structure_of("resting force", mechanism)
+    return function_of(structure, lambda: _resting_force(mechanism))
+
+
+def _resting_force(mechanism: Mechanism) -> ca.Function:
     still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
     tied = still.place(q).q
     pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
     return ca.Function("force", [q, still.parameters.symbols], [pull])
 
 
-def equilibrium(
-    mechanism: Mechanism, angles: Floats, inputs: BodyInputs, force: ca.Function | None = None
-) -> Floats:
+def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Floats:
     """Return where every drive is in equilibrium with the joints held at `angles` [rad],
     (n_joints,): all coordinates.
 
     A slack tendon counts as if it could push, so that a drive without a pull stands where its
-    tendon is just straight. Of the inputs the first interval counts; the force is the
-    `resting_force` of a plant of the same structure.
+    tendon is just straight. Of the inputs the first interval counts.
 
     Raises:
         ScenarioError: a drive has no equilibrium.
     """
     from scipy.optimize import brentq
 
-    force = resting_force(mechanism) if force is None else force
+    force = resting_force(mechanism)
     p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
     place, servo = np.concatenate([angles, np.zeros(mechanism.n_drives)]), inputs.servo[0]
 

@@ -208,7 +208,7 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
             plan.study.scenarios.index(str(columns["scenario"][k])),
         )
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
-    for k, task, outcome in zip(order, tasks, run_tasks(plan, tasks, space)):
+    for k, task, outcome in zip(order, tasks, run_tasks(plan, tasks)):
         curves = curves_of(outcome, plan.joint)
         if curves is None:
             continue

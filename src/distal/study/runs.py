@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from threading import Lock
@@ -18,7 +17,7 @@ from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.control import ClosedLoop, closed_loop
 from distal.errors import DistalError
-from distal.estimators import DEFAULT, Estimator, KernelEstimator, make_estimator
+from distal.estimators import DEFAULT, AdaptiveFilter, Estimator, KernelEstimator, make_estimator
 from distal.kernels import Kernel, lanes_here
 from distal.logs import Log
 from distal.model import Mechanism
@@ -28,11 +27,10 @@ from distal.run.batch import run_all
 from distal.run.offline import Run, prepared, runner_for
 from distal.simulation import Scenario
 from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
-from distal.simulation.plant import Motion, equilibrium, resting_force, run_plants
+from distal.simulation.plant import Motion, equilibrium, plant_kernel, run_plants
 from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
 from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of
-from distal.study.kernels import Kernels
 from distal.study.plants import Draw, built_values, draws_of, scores
 from distal.threads import one_blas_thread
 
@@ -68,9 +66,8 @@ class Task:
     scenario: int
 
 
-_KERNELS = Kernels()
 _SPACES: dict[str, Space] = {}
-_TURNS = Lock()  # threads of a process take turns: they share the kernels
+_TURNS = Lock()  # threads of a process take turns
 
 
 def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
@@ -85,7 +82,7 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
             Task(i, space.design(i), seed, s) for i in designs for seed in seeds for s in scenarios
         ]
         rows: Rows = {}
-        for task, outcome in zip(tasks, run_tasks(plan, tasks, space)):
+        for task, outcome in zip(tasks, run_tasks(plan, tasks)):
             for column, cell in _row(plan, task, outcome).items():
                 rows.setdefault(column, []).append(cell)
         rows["seconds"] = [(time.perf_counter() - begun) / len(tasks)] * len(tasks)
@@ -143,14 +140,10 @@ def _seeds(plan: Plan, task: Task) -> tuple[int, int, int]:
     return plan.study.draw, task.index, task.seed
 
 
-def run_tasks(
-    plan: Plan, tasks: Sequence[Task], space: Space | None = None, homing: float | None = None
-) -> list[Outcome]:
+def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) -> list[Outcome]:
     """Return the estimates or closed loops of some runs, or why there is none, in their order.
 
     Args:
-        space: all designs, the first of which in each structure has the constants of its filters'
-            kernel; None for any.
         homing: for how long the true angle is used [s], or None.
     """
     outcomes: dict[int, Outcome] = {}
@@ -163,7 +156,7 @@ def run_tasks(
     for k, task in enumerate(tasks):
         key = task.index, task.scenario
         if key not in setups:
-            setups[key] = _setup_of(plan, rigs[task.scenario], task, space)
+            setups[key] = _setup_of(plan, rigs[task.scenario], task)
         setup = setups[key]
         if isinstance(setup, DistalError):
             outcomes[k] = setup
@@ -235,7 +228,7 @@ class _Setup:
     Args:
         rig: as filters know it.
         fixed: what the scenario says of the plant, where nothing is drawn.
-        mechanism: of a rig of the same structure, for which the kernel was made.
+        mechanism: the plant as it is meant, of the structure of all as built.
         timing: interval [s] and sub-steps.
     """
 
@@ -258,15 +251,11 @@ class _Setup:
     def built(self, seed: tuple[int, ...]) -> Prepared:
         """Return the scenario on one rig as built."""
         plant = Mechanism(self.rig.with_values({**self.drawn(seed), **self.fixed}), remembers=True)
-        start = equilibrium(
-            plant, initial_angles(self.scenario, plant), self.inputs, resting_force(self.mechanism)
-        )
+        start = equilibrium(plant, initial_angles(self.scenario, plant), self.inputs)
         return Prepared(self.rig, self.scenario, plant, self.inputs, start, *self.timing)
 
 
-def _setup_of(
-    plan: Plan, scenario_rig: Rig, task: Task, space: Space | None
-) -> _Setup | DistalError:
+def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError:
     scenario = plan.scenarios[task.scenario]
     try:
         rig = rig_of(scenario_rig, task.design)
@@ -280,24 +269,16 @@ def _setup_of(
         plant = Mechanism(rig.with_values(fixed) if fixed else rig, remembers=True)
         dt, steps, needed = timing(plant, scenario)
         count = -(-needed // STEPS) * STEPS
-        mechanism, kernel = _KERNELS.plant(plant, count)
-        inputs = body_inputs(scenario, mechanism, dt * np.arange(steps, dtype=np.float64))
+        inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
         if name != DEFAULT:
             runner: Estimator = make_estimator(name, rig, compiled=False)
         else:
-            family = f"{plan.digest} {task.scenario}" if space is not None else ""
-            runner = _KERNELS.filter(rig, family, _rigs(scenario_rig, space or ()))
+            runner = AdaptiveFilter(rig)
     except DistalError as problem:
         return problem
-    return _Setup(scenario, rig, draws, fixed, mechanism, kernel, inputs, (dt, count), runner)
-
-
-def _rigs(rig: Rig, designs: Iterable[Design]) -> Iterator[Rig]:
-    """Yield the rigs of designs, but those that are wrong."""
-    for design in designs:
-        with suppress(DistalError):
-            yield rig_of(rig, design)
+    kernel = plant_kernel(plant, count)
+    return _Setup(scenario, rig, draws, fixed, plant, kernel, inputs, (dt, count), runner)
 
 
 def _logs(

@@ -26,7 +26,7 @@ from distal.estimators.directions import directions
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.expressions import Scalar
-from distal.kernels import Kernel
+from distal.kernels import Structure, kernel_of, structure_of
 from distal.kernels.mask import is_read
 from distal.logs import frozen
 from distal.regression import first_memory, numbers_of, reporting_function
@@ -50,23 +50,6 @@ def state_vector(
     guards = Robustness.usual(len(rig.joints)) if guards is None else guards
     channels = channels_of(rig, "adaptive", references, others=True)
     return states_of_rig(rig, inputs, channels, guards, kinds)
-
-
-def _structure(states: StateVector, resolution: float | None) -> tuple[object, ...]:
-    """Return what two rigs have in common whose filters can share a kernel, as far as the states
-    and the steps say it.
-    """
-    context = states.context
-    declared = tuple(context.declares_friction(i) for i in range(context.n_drives))
-    numbers, follow = context.mechanism.parameters.names, context.joints_follow
-    return (
-        states.names,
-        numbers,
-        context.channels.names,
-        declared,
-        follow,
-        context.substeps(resolution),
-    )
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -112,8 +95,10 @@ class AdaptiveFilter(KernelEstimator):
         maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(learned for learned in maps if learned is not None)
         self._check_maps(channels)
-        kernel = Kernel(
-            self._reporting(adaptive_function(self._states, resolution, trace)), compiled
+        kernel = kernel_of(
+            self._structure(trace),
+            lambda: self._reporting(adaptive_function(self._states, resolution, trace)),
+            compiled,
         )
         parameters = self._states.context.mechanism.parameters.values
         numbers = np.concatenate([parameters, *map(numbers_of, self._maps)])
@@ -294,24 +279,29 @@ class AdaptiveFilter(KernelEstimator):
         changed._begin = None
         return changed
 
-    def of_rig(self, rig: Rig) -> AdaptiveFilter | None:
-        """Return the same filter, kernel included, with the numbers of another rig; None where that
-        needs another kernel.
+    def states_of(self, rig: Rig) -> StateVector:
+        """Return the states of this filter for a rig with other numbers."""
+        context = self._states.context
+        inputs, references = context.mechanism.parameters.inputs, context.channels.angles
+        return state_vector(rig, references, inputs, context.robustness, self._states.kinds)
 
-        What the kernel has as constants stays that of the first rig: random walks, lowest values,
-        limits of guards, and a sensor's noise where it is no input.
-        """
-        context, guards = self._states.context, self._states.context.robustness
-        references, inputs = context.channels.angles, context.mechanism.parameters.inputs
-        states = state_vector(rig, tuple(references), inputs, guards, self._states.kinds)
-        if _structure(states, self._resolution) != _structure(self._states, self._resolution):
-            return None
-        changed, of_maps = copy(self), self.numbers[len(self.parameter_names) :]
-        for cached in ("unseen", "priors"):
-            changed.__dict__.pop(cached, None)
-        changed.rig, changed._states, changed._begin = rig, states, None
-        changed._p = frozen(np.concatenate([states.context.mechanism.parameters.values, of_maps]))
-        return changed
+    def _structure(self, trace: bool) -> Structure:
+        """Return what the kernel depends on."""
+        context = self._states.context
+        lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]
+        return structure_of(
+            "filter",
+            context.mechanism,
+            channels=(context.channels.names, lagging),
+            states=self._states.structure,
+            friction_declared=tuple(map(context.declares_friction, range(context.n_drives))),
+            joints_follow_a_jump=context.joints_follow,
+            joints_settle=context.joints_settle,
+            sub_steps=self.substeps,
+            guards=context.robustness,
+            smoothing=trace,
+            maps=tuple((learned.structure, self._reported(learned)) for learned in self._maps),
+        )
 
     @property
     def places(self) -> tuple[int | None, ...]:

@@ -12,7 +12,6 @@ import casadi as ca
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.states.parameter import UncertainParameter
 from distal.expressions import Matrix, Scalar, Vector
-from distal.rig import known_to_a_factor
 
 
 def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
@@ -25,9 +24,7 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
             continue
         at = block.indices[0]
         head, index, part = p.names[at].split(".")[:3]
-        if (head, part) == ("joints", "friction") and known_to_a_factor(
-            p.names[at], p.values[at], p.independent_stds[at]
-        ):
+        if (head, part) == ("joints", "friction") and block.rough:
             doubted.setdefault(int(index), []).extend(states.indices(block))
     return doubted
 

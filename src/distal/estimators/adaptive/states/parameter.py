@@ -43,7 +43,8 @@ class UncertainParameter(State):
     A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "…
     factor", and the deviation, where there is both, one "… deviation". The path is by names of
     parts, with ".factor" or ".deviation" behind it where the state is that; the indices are those
-    of the parameters in the model's vector, which it enters as `acts` says.
+    of the parameters in the model's vector, which it enters as `acts` says. A `rough` value is
+    known to a factor only.
     """
 
     kind: ClassVar[StateKind] = StateKind.PARAMETER
@@ -59,6 +60,7 @@ class UncertainParameter(State):
     walk: float = 0.0
     lowest: float = -np.inf
     untold: bool = False
+    rough: bool = False
 
     @property
     def part(self) -> str:
@@ -69,6 +71,11 @@ class UncertainParameter(State):
     def names(self) -> tuple[str, ...]:
         """What the parameter, or the factor, is called in words."""
         return (self.name,)
+
+    @property
+    def structure(self) -> tuple[object, ...]:
+        """Which parameters it enters, how, and whether friction is known to a factor only."""
+        return self.indices, self.acts, self.rough
 
     @property
     def means(self) -> Floats:
@@ -155,19 +162,22 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
             factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
         mean, spread, lowest = value, std, -np.inf
+        rough = known_to_a_factor(name, value, std)
         if _bounded(context, name):
             cut, spread = cut_normal(value, std)
             # a number that is known to a factor is as likely above as below what is stated, unless
             # it may well be zero
-            mean = value if known_to_a_factor(name, value, std) and std <= value else cut
+            mean = value if rough and std <= value else cut
             lowest = SMALLEST_VALUE * spread
         # where no drive pulls against another, forces are those of friction and say little of all
         # else
         alone = context.n_drives <= context.n_joints
-        untold = alone and lowest > 0.0 and known_to_a_factor(name, value, std)
+        untold = alone and lowest > 0.0 and rough
         words, path, walked = in_words(rig, name), named(rig, name), walk(i, spread)
         values.append(
-            UncertainParameter(words, path, (i,), "value", mean, spread, walked, lowest, untold)
+            UncertainParameter(
+                words, path, (i,), "value", mean, spread, walked, lowest, untold, rough
+            )
         )
     for name, (std, indices) in p.shared.items():
         together = [i for i in indices if i in seen]

@@ -128,6 +128,11 @@ class State(ABC):
         """
         return None, None
 
+    @property
+    def structure(self) -> tuple[object, ...]:
+        """What a kernel depends on beside its names and its kind."""
+        return ()
+
     def inputs(self) -> Iterator[tuple[str, float]]:
         """Yield numbers that follow from its own, by name: inputs of the filter's kernel, see
         `FilterContext.number`.

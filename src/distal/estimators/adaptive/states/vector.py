@@ -54,6 +54,14 @@ class StateVector:
             for learning in (Learning.SLOWLY, Learning.FROM_REFERENCES_SLOWLY, Learning.AS_CREEP)
         )
 
+    @property
+    def structure(self) -> tuple[object, ...]:
+        """What a kernel depends on of the states: all but their numbers."""
+        walks, bounded = self.walks > 0.0, np.isfinite(self.lowest)
+        flags = tuple(zip(walks.tolist(), bounded.tolist()))
+        blocks = tuple((type(block).__name__, block.structure) for block in self.blocks)
+        return self.names, blocks, flags, tuple(self._considered), tuple(self._untold)
+
     def __len__(self) -> int:
         return len(self.names)
 

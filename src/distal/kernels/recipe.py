@@ -1,0 +1,40 @@
+"""How the function of a kernel is made: only where it is needed, since the compiled one is kept by its
+structure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from threading import RLock
+
+import casadi as ca
+
+from distal.kernels.structure import Structure
+
+_MAKING = RLock()  # CasADi does not count its symbols safely over threads
+
+
+class Recipe:
+    """A CasADi function (carry, x, p) → (carry⁺, y) that is made when first asked for.
+
+    Args:
+        make: returns the function.
+        structure: on which alone the function depends; None keeps its library by its C.
+    """
+
+    def __init__(self, make: Callable[[], ca.Function], structure: Structure | None = None) -> None:
+        self._make, self.structure = make, structure
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """The CasADi function."""
+        with _MAKING:
+            return self._make()
+
+    @property
+    def sizes(self) -> tuple[int, int, int, int]:
+        """How many numbers carry, x, p and y have."""
+        function = self.function
+        carry, x, p = (int(function.numel_in(i)) for i in range(3))
+        return carry, x, p, int(function.numel_out(1))

@@ -1,0 +1,127 @@
+"""What a kernel depends on: rigs that agree in their structure share it, whatever their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from distal.kernels.cache import digest
+from distal.model import Mechanism
+from distal.rig import Parameter, Rig
+from distal.rig.chain import Coupling
+
+INPUTS = frozenset(
+    {
+        "centre",
+        "correlation_time",
+        "counts_per_turn",
+        "curve",
+        "delay",
+        "error",
+        "error_time",
+        "gear",
+        "gravity",
+        "inertia",
+        "lag",
+        "lever",
+        "limit",
+        "linearity",
+        "noise",
+        "offset",
+        "orientation",
+        "rate",
+        "reference",
+        "resolution",
+        "std",
+        "stops",
+        "torque_constant",
+        "torque_constant_motor",
+        "unmodelled",
+    }
+)
+"""Fields of plain numbers that are inputs of kernels, or do not enter them; any other is written into
+a kernel.
+"""
+
+APART = frozenset(
+    {"name", "log", "provisional", "when_lost", "stepping", "affine", "discrepancy", "contact"}
+)
+"""Fields of a rig that say nothing of its equations, or are asked for by themselves."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a kernel depends on.
+
+    Args:
+        kind: of kernel, such as ``plant``.
+        facts: what it is called, and what it is, of each thing that a kernel is made for.
+    """
+
+    kind: str
+    facts: tuple[tuple[str, object], ...]
+
+    @cached_property
+    def key(self) -> str:
+        """What names it in a cache; it changes with the code of the package."""
+        return digest(self.kind, repr(self.facts), source_stamp())
+
+
+def structure_of(kind: str, mechanism: Mechanism, **decisions: object) -> Structure:
+    """Return the structure of a kernel of a rig's equations.
+
+    Args:
+        kind: of kernel.
+        decisions: what else it is made for, such as its sub-steps.
+    """
+    parameters = mechanism.parameters
+    facts = {
+        "parts": _parts(mechanism.rig),
+        "numbers": parameters.names,
+        "absent": parameters.constants,
+        **{name.replace("_", " "): value for name, value in decisions.items()},
+    }
+    return Structure(kind, tuple(facts.items()))
+
+
+def _parts(rig: Rig) -> tuple[object, ...]:
+    return tuple(
+        (name, _shape(getattr(rig, name))) for name in type(rig).model_fields if name not in APART
+    )
+
+
+def _shape(part: object) -> object:
+    """Return a part of a description without its numbers."""
+    if isinstance(part, Parameter):
+        return None
+    if isinstance(part, Coupling):
+        return part.model_dump_json()
+    if isinstance(part, BaseModel):
+        return tuple(
+            (name, _of_field(name, getattr(part, name))) for name in type(part).model_fields
+        )
+    if isinstance(part, tuple):
+        return tuple(map(_shape, part))
+    return part
+
+
+def _of_field(name: str, field: object) -> object:
+    if name in INPUTS and not isinstance(field, BaseModel):
+        return field is None
+    return _shape(field)
+
+
+@lru_cache(maxsize=1)
+def source_stamp() -> str:
+    """Return what changes with any file of the package: a kernel of other code is another kernel."""
+    folder = Path(__file__).parents[1]
+    files = sorted(folder.rglob("*.py"))
+    states: Mapping[str, tuple[int, int]] = {
+        str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.stat().st_size)
+        for path in files
+    }
+    return digest(repr(sorted(states.items())))
