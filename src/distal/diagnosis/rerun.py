@@ -5,6 +5,7 @@ where a state begins.
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter, Belief, Robustness
+from distal.kernels import in_order
 from distal.logs import Log
 from distal.run.offline import out_of_bounds, prepared
 
@@ -121,15 +123,20 @@ class Rerun:
         """Yield what the filter gives with each of several changes, side by side in vector
         lanes.
         """
-        runner, changes = self.runner, list(changes)
-        width = runner.kernel.side_by_side if len(changes) > 1 else 1
-        for k in range(0, len(changes), width):
-            inputs = [self._changed(change) for change in changes[k : k + width]]
-            beliefs, samples, numbers = zip(*inputs)
-            found = runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
-            for (means, variances, ys), read in zip(found, samples):
-                bounded = len(out_of_bounds(means, variances, len(runner.rig.joints))) == 0
-                yield Outcome(means, variances, *runner.innovations_of(ys, read), bounded)
+        changes = list(changes)
+        width = self.runner.kernel.side_by_side if len(changes) > 1 else 1
+        runs = in_order(map(self._changed, changes), width, self._outcomes, os.cpu_count() or 1)
+        return (outcome for _, outcome in runs)
+
+    def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
+        """Return what the filter gives in some runs, each of a belief, samples and parameters."""
+        runner, (beliefs, samples, numbers) = self.runner, zip(*inputs)
+        found = runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
+        outcomes = []
+        for (means, variances, ys), read in zip(found, samples):
+            bounded = len(out_of_bounds(means, variances, len(runner.rig.joints))) == 0
+            outcomes.append(Outcome(means, variances, *runner.innovations_of(ys, read), bounded))
+        return outcomes
 
     def _starts(self, path: str) -> list[tuple[int, float]]:
         """Return the states that begin with a number of the rig, and where each of them does."""

@@ -24,7 +24,6 @@ from distal.kernels.recipe import Recipe
 # GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
 NARROW = ("-mprefer-vector-width=256",) if platform.machine() in ("x86_64", "AMD64") else ()
 FLAGS = (
-    "-O3",
     "-march=native",
     *NARROW,
     "-ffp-contract=off",
@@ -33,6 +32,11 @@ FLAGS = (
     "-shared",
     "-w",
 )
+
+OPTIMISED, OPTIMISED_LANES = "-O3", "-O2"
+"""How much the compiler does for one run and for lanes, whose vectors are written out: there more
+takes longer and brings nothing.
+"""
 
 LOG = logging.getLogger("distal.kernels")
 """Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
@@ -140,7 +144,9 @@ def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: i
     return f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"
 
 
-def library_of(recipe: Recipe, form: str, source: Callable[[ca.Function], str]) -> Library:
+def library_of(
+    recipe: Recipe, form: str, source: Callable[[ca.Function], str], level: str = OPTIMISED
+) -> Library:
     """Return the shared library of a kernel, from the cache or built now.
 
     A kernel with a structure is looked for by that, before its function is made.
@@ -148,31 +154,32 @@ def library_of(recipe: Recipe, form: str, source: Callable[[ca.Function], str]) 
     Args:
         form: what the C is besides the function, such as its number of lanes.
         source: returns the C of the function.
+        level: of the compiler's optimisation.
 
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
     compiler, cache = _needed_compiler(), _own_cache()
     if recipe.structure is None:
-        return Library(compiled_source(source(recipe.function)), recipe.function.name())
-    key = _key(compiler, recipe.structure.key, form)
+        return Library(compiled_source(recipe.written(source), level), recipe.function.name())
+    key = _key(compiler, recipe.structure.key, form, level)
     library = cache.find(key)
     if library is None:
-        path = compiled_source(source(recipe.function))
+        path = compiled_source(recipe.written(source), level)
         library = Library(path, recipe.function.name(), recipe.sizes)
         with _written(cache):
             cache.note(key, library)
     return library
 
 
-def compiled_source(source: str) -> Path:
+def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     """Return the shared library of C source, from the cache or built now.
 
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
     compiler, cache = _needed_compiler(), _own_cache()
-    key = _key(compiler, source)
+    key = _key(compiler, source, level)
     library = cache.find(key)
     if library is not None:
         return library.path
@@ -182,7 +189,7 @@ def compiled_source(source: str) -> Path:
             LOG.info("compiling, once: it is kept for the next time")
             try:
                 with cache.work_folder() as folder:
-                    library = cache.keep(key, _build(compiler, source, Path(folder)))
+                    library = cache.keep(key, _build(compiler, source, level, Path(folder)))
             finally:
                 LOG.info("")
         return library.path
@@ -223,10 +230,10 @@ def _needed_compiler() -> Compiler:
     return compiler
 
 
-def _build(compiler: Compiler, source: str, folder: Path) -> Path:
+def _build(compiler: Compiler, source: str, level: str, folder: Path) -> Path:
     code, library = folder / "kernel.c", folder / "kernel.so"
     code.write_text(source, encoding="utf-8")
-    command = [*compiler.command, *FLAGS, str(code), "-o", str(library), "-lm"]
+    command = [*compiler.command, level, *FLAGS, str(code), "-o", str(library), "-lm"]
     try:
         process = subprocess.run(
             command, capture_output=True, text=True, errors="replace", timeout=300, check=False

@@ -13,7 +13,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import Lanes
-from distal.kernels.compiler import CompileError, emitted, library_of
+from distal.kernels.compiler import OPTIMISED_LANES, CompileError, emitted, library_of
 from distal.kernels.feed import Advanced, Feed
 from distal.kernels.recipe import Recipe
 
@@ -73,7 +73,7 @@ class LaneKernel:
         def source(function: ca.Function) -> str:
             return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
 
-        library = library_of(recipe, f"{lanes} lanes", source)
+        library = library_of(recipe, f"{lanes} lanes", source, OPTIMISED_LANES)
         self.n_carry, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
         try:
             batch = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_batch")

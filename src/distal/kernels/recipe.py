@@ -32,6 +32,12 @@ class Recipe:
         with _MAKING:
             return self._make()
 
+    def written(self, source: Callable[[ca.Function], str]) -> str:
+        """Return what `source` writes of the function."""
+        function = self.function
+        with _MAKING:
+            return source(function)
+
     @property
     def sizes(self) -> tuple[int, int, int, int]:
         """How many numbers carry, x, p and y have."""

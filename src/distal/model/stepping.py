@@ -224,9 +224,7 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
     """Return the largest natural frequency [rad/s] of the rig with all tendons taut, from M⁻¹K; it
     must be finite.
     """
-    frequencies = [
-        _frequency(mechanism, q, range(mechanism.n_bodies)) for q in _postures(mechanism)
-    ]
+    frequencies = _frequencies(mechanism, range(mechanism.n_bodies))
     if not np.all(np.isfinite(frequencies)):
         raise RigError(
             f"{mechanism.rig.name}: stiffness over inertia is not finite; check the sizes of the "
@@ -235,8 +233,10 @@ def stiffest_frequency(mechanism: Mechanism) -> float:
     return max(frequencies)
 
 
-def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
-    """Return the largest natural frequency of some bodies, the others held [rad/s]."""
+def _frequencies(mechanism: Mechanism, bodies: range) -> list[float]:
+    """Return the largest natural frequency of some bodies, the others held, at each of some
+    postures [rad/s].
+    """
     p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
     jacobian, nj = mechanism.length_jacobian(q), mechanism.n_joints
@@ -252,18 +252,22 @@ def _frequency(mechanism: Mechanism, at: Floats, bodies: range) -> float:
     inertia = ca.diag(mechanism.inertias())
     inertia[:nj, :nj] = mechanism.mass_matrix(q)
     system = ca.Function("system", [q, p.symbols], [spring, inertia])
-    matrix, masses = (
-        np.array(part.full())[np.ix_(bodies, bodies)] for part in system(at, p.values)
-    )
     free = [i for i in mechanism.free if i in bodies] + [i for i in bodies if i >= nj]
     spread = np.eye(mechanism.n_bodies)
     spread[:nj, mechanism.free] = mechanism.spread.full()
     spread = spread[np.ix_(bodies, free)]
-    matrix, masses = spread.T @ matrix @ spread, spread.T @ masses @ spread
-    if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(masses)):
-        return float("nan")
-    root = np.linalg.inv(np.linalg.cholesky(masses))
-    return float(np.sqrt(max(np.linalg.eigvalsh(root @ matrix @ root.T).max(), 0.0)))
+
+    def largest(at: Floats) -> float:
+        matrix, masses = (
+            spread.T @ np.array(part.full())[np.ix_(bodies, bodies)] @ spread
+            for part in system(at, p.values)
+        )
+        if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(masses)):
+            return float("nan")
+        root = np.linalg.inv(np.linalg.cholesky(masses))
+        return float(np.sqrt(max(np.linalg.eigvalsh(root @ matrix @ root.T).max(), 0.0)))
+
+    return [largest(at) for at in _postures(mechanism)]
 
 
 def _postures(mechanism: Mechanism) -> list[Floats]:
@@ -284,9 +288,7 @@ def joint_frequency(mechanism: Mechanism) -> float:
     held.
     """
     if mechanism.n_joints > 1:
-        return max(
-            _frequency(mechanism, q, range(mechanism.n_joints)) for q in _postures(mechanism)
-        )
+        return max(_frequencies(mechanism, range(mechanism.n_joints)))
     p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
     square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]

@@ -114,18 +114,23 @@ class FilterContext:
         ).arms()[name]
 
     @cached_property
+    def frequency(self) -> float:
+        """The joints' largest natural frequency [rad/s]."""
+        return joint_frequency(self.mechanism)
+
+    @cached_property
     def joints_follow(self) -> bool:
         """Whether a joint follows a jump of its drive within one interval: its own frequency times
         that is large.
         """
-        return joint_frequency(self.mechanism) * self.channels.interval > FOLLOWS
+        return self.frequency * self.channels.interval > FOLLOWS
 
     @cached_property
     def joints_settle(self) -> bool:
         """Whether the joints come to rest within one interval: it is long against their own
         oscillation.
         """
-        return joint_frequency(self.mechanism) * self.channels.interval > SETTLES
+        return self.frequency * self.channels.interval > SETTLES
 
     def substeps(self, resolution: float | None) -> int:
         """Return the sub-steps of the joints in one interval.
@@ -140,7 +145,7 @@ class FilterContext:
                 if mechanism.chain is None or mechanism.n_joints == 1
                 else CHAIN_RESOLUTION
             )
-        longest = min(LONGEST_SUBSTEP, resolution / max(joint_frequency(mechanism), 1e-12))
+        longest = min(LONGEST_SUBSTEP, resolution / max(self.frequency, 1e-12))
         needed = min(
             max(1, int(np.ceil(self.channels.interval / longest - 1e-9))), MOST_JOINT_SUBSTEPS
         )
