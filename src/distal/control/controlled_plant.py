@@ -28,7 +28,6 @@ from distal.simulation.plant import (
     at_rest,
     equilibrium,
     plant_kernel,
-    resting_force,
     rows_of,
 )
 from distal.simulation.readings import Readings, errors_by_rate
@@ -127,7 +126,7 @@ class ControlledPlant:
         described = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
         other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
         inputs, numbers = self.prepared.inputs, plant.parameters.values
-        start = equilibrium(plant, initial_angles(scenario, plant), inputs, resting_force(alike))
+        start = equilibrium(plant, initial_angles(scenario, plant), inputs)
         other.prepared, other._drives = (
             replace(self.prepared, plant=plant, start=start),
             plant.rig.drives,

@@ -59,7 +59,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     except CodeError as problem:
         raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
     gains = gains_of(model, LEAST_TENSION, None, None)
-    numbers = np.concatenate([gains, runner.numbers[: len(runner.parameter_names)]])
+    of_filter = runner.numbers[: len(runner.parameter_names)]
+    numbers = np.concatenate([gains, of_filter, model.derived])
     at = {sensor.of: runner.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)

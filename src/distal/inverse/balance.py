@@ -7,14 +7,20 @@ with the friction limit l in the direction of motion d; all by the equations of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import casadi as ca
 
+from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
+from distal.inverse.command_inputs import DERIVED, command_inputs, radius_of
 from distal.model import Mechanism
 from distal.rig import Rig
+
+Numbers = TypeVar("Numbers", ca.SX, ca.MX)
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,7 @@ class Balance:
     """
 
     def __init__(self, rig: Rig) -> None:
-        self.mechanism = mechanism = Mechanism(rig, remembers=True)
+        self.mechanism = mechanism = Mechanism(rig, remembers=True, derived=command_inputs(rig))
         self.rig, self.free = rig, list(mechanism.free)
         self.nj, self.nd, self.nt, self.nf = (
             mechanism.n_joints,
@@ -234,8 +240,29 @@ class Balance:
         """Return by how much a drive's motion moves its tendon [m per its unit], for the scale of
         its friction.
         """
-        part = self.rig.drives[drive]
-        return part.radius.value if part.kind == "capstan" else 1.0
+        return radius_of(self.rig.drives[drive])
+
+    def number(self, p: Numbers, names: Sequence[str]) -> Numbers:
+        """Return numbers by their names, see `command_inputs`, of all inputs `p`."""
+        return p[[self.mechanism.parameters.index(f"{DERIVED}{name}") for name in names]]
+
+    @property
+    def derived(self) -> Floats:
+        """The numbers that are inputs beside the equations' parameters, (n,), in their order."""
+        parameters = self.mechanism.parameters
+        at = [i for i, name in enumerate(parameters.names) if name.startswith(DERIVED)]
+        return parameters.values[at]
+
+    def within_stops(self, angles: Numbers, p: Numbers) -> Numbers:
+        """Return angles of free joints, (n_free,) [rad], cut where their stops are."""
+        low, high = (
+            self.number(p, [f"joints.{j}.{end}" for j in self.free]) for end in ("low", "high")
+        )
+        return ca.fmin(ca.fmax(angles, low), high)
+
+    def of_drives(self, p: Numbers, key: str) -> Numbers:
+        """Return a number of each drive, (n_drives,), by its key."""
+        return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
 
     def winds(self, drive: int) -> int:
         """Return +1 where a positive motion of a drive draws its first tendon in, else −1."""

@@ -9,13 +9,10 @@ creep) is remembered and goes on with the commands.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 
 import casadi as ca
 import numpy as np
 
-from distal.confidence import BAND
-from distal.expressions import Vector
 from distal.inverse.balance import Balance
 from distal.inverse.distribution import Prefer, least_pulls, solved
 from distal.kernels import Layout
@@ -129,25 +126,25 @@ class CommandModel(Balance):
         external = ca.MX.sym("external", self.nj)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         turning = ca.fmin(ca.fmax(turned + speeds * dt / TURNS, -1), 1)
-        held, s, f, most = angles, places, pulls, ca.DM(self.most_pulls)
+        held, s, f, most = angles, places, pulls, self.of_drives(p, "most_pull")
         for _ in range(ROUNDS):
             if any(len(part.drives) < len(part.joints) for part in self.parts):
                 held, f = self._reached()(angles, held, f, s, turning, external, lowest, p)
             torques, friction = self.needed(held, speeds, accelerations, s, turning, external, p)
             joints = self.spread()(held)
             arms, shares, steepest = self.geometry(joints, s, p)
-            asked = self._pulls()(arms, torques, lowest, f)
+            asked = self._pulls()(arms, torques, lowest * self.of_drives(p, "margin"), f)
             f = ca.fmin(ca.fmax(asked, -most), most)
             sprung, rubbing = f, rubbed
             if self.rubbing:
                 sprung, rubbing = self._internal()(joints, s, f, pulls, rubbed, p)
             s = self._places()(joints, s, sprung, shares, steepest, p)
         rates = ca.if_else(begun > 0, (s - places) / ca.if_else(dt > 0, dt, 1), 0)
-        along = ca.DM([self.radius(d) for d in range(nd)])
+        along = self.of_drives(p, "radius")
         drives_turning = ca.fmin(
             ca.fmax(drives_turned + begun * along * (s - places) / DRIVE_TURNS, -1), 1
         )
-        within = self._within_range(s)
+        within = ca.fmin(ca.fmax(s, self.of_drives(p, "low")), self.of_drives(p, "high"))
         forces, tensions = self.driven(joints, s, within, rates, drives_turning, p)
         names = ("places", "pulls", "drives_turned", "rubbed", "turned", "begun")
         before = dict(zip(names, (places, pulls, drives_turned, rubbed, turned, begun)))
@@ -171,24 +168,12 @@ class CommandModel(Balance):
         named = [f"i{k}" for k in range(len(arguments))]
         return ca.Function("sample", arguments, list(outputs.values()), named, list(outputs))
 
-    @property
-    def most_pulls(self) -> list[float]:
-        """The largest pull of each drive along its tendons [N], infinite without a limit."""
-        limits = [inf if drive.limit is None else drive.limit for drive in self.rig.drives]
-        return [limit / self.radius(d) for d, limit in enumerate(limits)]
-
-    def _within_range(self, places: Vector) -> Vector:
-        """Return places of drives, cut where these end."""
-        ends = [drive.stops or (-ca.inf, ca.inf) for drive in self.rig.drives]
-        low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
-        return ca.fmin(ca.fmax(places, low), high)
-
     def _pulls(self) -> ca.Function:
-        """Return (arms, τ, lowest, f) → pulls: the least where there are enough drives; those of
-        fewer stay.
+        """Return (arms, τ, least, f) → pulls, no less than the `least` of each drive where there
+        are enough of them; those of fewer stay.
         """
         arms, torques = ca.SX.sym("arms", self.nf, self.nd), ca.SX.sym("torques", self.nf)
-        lowest, before = ca.SX.sym("lowest"), ca.SX.sym("before", self.nd)
+        least, before = ca.SX.sym("least", self.nd), ca.SX.sym("before", self.nd)
         pulls, one_sided = ca.SX(before), self.one_sided
         for part in self.parts:
             joints, drives = list(part.joints), list(part.drives)
@@ -198,23 +183,10 @@ class CommandModel(Balance):
                 pattern = self._pattern(joints, drives)
                 for r, c in pattern:
                     block[r, c] = arms[joints[r], drives[c]]
-                least = lowest * ca.DM([self._margin(d) for d in drives])
-                found = least_pulls(block, torques[joints], least, sided, self.prefer)
+                found = least_pulls(block, torques[joints], least[drives], sided, self.prefer)
                 for d, is_sided, pull in zip(drives, sided, ca.vertsplit(found)):
-                    pulls[d] = ca.fmax(pull, lowest * self._margin(d)) if is_sided else pull
-        return ca.Function("pulls", [arms, torques, lowest, before], [ca.cse(ca.densify(pulls))])
-
-    def _margin(self, drive: int) -> float:
-        """Return by which factor a pull is above what is asked for, for all but 2.5 % of the rigs
-        as built to keep it.
-
-        At its place a drive whose tendons are as much softer as the rig file allows pulls so much
-        less.
-        """
-        tendons = [self.rig.tendons[i] for i in self.tendons_of[drive]]
-        return 1.0 + BAND * max(
-            tendon.stiffness.total_std / tendon.stiffness.value for tendon in tendons
-        )
+                    pulls[d] = ca.fmax(pull, least[d]) if is_sided else pull
+        return ca.Function("pulls", [arms, torques, least, before], [ca.cse(ca.densify(pulls))])
 
     def _pattern(self, joints: Sequence[int], drives: Sequence[int]) -> list[tuple[int, int]]:
         symbols = (
@@ -266,7 +238,7 @@ class CommandModel(Balance):
         shares, steepest = ca.MX.sym("shares", self.nt), ca.MX.sym("steepest", nd)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         rising = ca.DM([self.winds(d) for d in range(nd)])
-        s, wide = before, ca.DM([FARTHEST / self.radius(d) for d in range(nd)])
+        s, wide = before, FARTHEST / self.of_drives(p, "radius")
         low, high = before - wide, before + wide
         refine = self._refine()
         for _ in range(NEWTON_STEPS):
@@ -286,7 +258,8 @@ class CommandModel(Balance):
         q = ca.vertcat(angles, places)
         tensions = mechanism.tensions(q, ca.SX.zeros(mechanism.n_bodies))
         for d in self.rubbing:
-            limit = mechanism.hysteresis_limit(d, q, tensions) / self.radius(d)
+            radius = self.number(mechanism.parameters.symbols, [f"drives.{d}.radius"])
+            limit = mechanism.hysteresis_limit(d, q, tensions) / radius
             turned = (pulls[d] - before[d]) / ca.fmax(limit, TINY_PULL)
             after[d] = ca.fmin(ca.fmax(rubbed[d] + turned, -1), 1)
             sprung[d] -= after[d] * limit

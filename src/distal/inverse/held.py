@@ -45,12 +45,12 @@ def held_kernel(model: CommandModel) -> ca.Function:
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
     came, behind = layout.parts(x), carry[model.nf]
     numbers = ca.vertcat(p, came["inside"]) if inside else p
-    ends = [model.rig.joints[j].stops or (-ca.inf, ca.inf) for j in model.free]
-    low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
     step, angles = _step(model), carry[: model.nf]
     for _ in range(ROUNDS):
-        angles = ca.fmin(ca.fmax(angles + step(angles, came["places"], numbers), low), high)
-    away = ca.norm_inf(angles - came["angles"]) > BACK
+        angles = model.within_stops(angles + step(angles, came["places"], numbers), numbers)
+    away = ca.MX(0)
+    for error in ca.vertsplit(ca.fabs(angles - came["angles"])):
+        away = ca.logic_or(away, error > BACK)
     behind = ca.logic_or(came["cut"] > 0, ca.logic_and(behind > 0, away))
     angles = ca.if_else(behind, angles, came["angles"])
     names = ["carry", "x", "p"], ["next", "y"]

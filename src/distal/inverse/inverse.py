@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from math import inf
 from pathlib import Path
@@ -26,7 +26,7 @@ from distal.inverse.out_of_reach import TINY, beyond, not_reached, within_stops
 from distal.inverse.reached import place_variances, spread_kernel, stiffness_function
 from distal.inverse.readings import readings
 from distal.inverse.servo import followable, gives_way, sent
-from distal.kernels import Advanced, Feed, Kernel, advance
+from distal.kernels import Advanced, Feed, Kernel, advance, kernel_of, structure_of
 from distal.rig import Rig, load_rig
 from distal.run import LOST
 from distal.simulation.plant import inside_function
@@ -74,8 +74,13 @@ class Inverse:
             raise CommandError(f"prefer: {' or '.join(get_args(Prefer))}, {prefer!r} came")
         self.model = CommandModel(self.rig, prefer)
         self._compiled = compiled
-        self._kernel = Kernel(self.model.function(), compiled)
-        self._band = Kernel(spread_kernel(self.model), compiled)
+        self._kernel = self._kernel_of("command", CommandModel.function)
+        self._band = self._kernel_of("band", spread_kernel)
+
+    def _kernel_of(self, kind: str, make: Callable[[CommandModel], ca.Function]) -> Kernel:
+        model, prefer = self.model, self.model.prefer
+        structure = structure_of(kind, model.mechanism, prefer=prefer)
+        return kernel_of(structure, lambda: make(model), self._compiled)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -165,7 +170,7 @@ class Inverse:
         inside = self.model.carry.view(run.carries, "inside")
         parts = {"angles": angles, "places": places, "inside": inside, "cut": rows}
         feed = np.column_stack([parts[name] for name in layout.names])
-        kernel = Kernel(held_kernel(self.model), self._compiled)
+        kernel = self._kernel_of("held", held_kernel)
         begin = np.append(angles[0], 0.0)
         return advance(kernel, Feed(begin, feed, self._numbers)).ys
 

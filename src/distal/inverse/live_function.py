@@ -12,16 +12,15 @@ K_d dθ̂/dt  in its place.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
 
 import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive import StateVector
-from distal.expressions import Scalar, Vector
+from distal.expressions import Scalar, Vector, VectorNode
 from distal.inverse.command import CommandModel
+from distal.inverse.command_inputs import DERIVED
 from distal.inverse.readings import read_function
-from distal.inverse.servo import gives_way
 from distal.kernels import Layout
 
 SMOOTHED = 0.005
@@ -89,35 +88,32 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     """
     layout = layouts(model, states)
     carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
-    p = ca.MX.sym("p", layout.gains.size + states.context.mechanism.parameters.symbols.numel())
-    was, came, gains, own = (
-        layout.carry.parts(carry),
-        layout.x.parts(x),
-        layout.gains.parts(p),
-        p[layout.gains.size :],
-    )
+    n_gains, n_filter = layout.gains.size, len(states.context.mechanism.parameters)
+    p = ca.MX.sym("p", n_gains + n_filter + len(model.derived))
+    was, came, gains = layout.carry.parts(carry), layout.x.parts(x), layout.gains.parts(p)
+    own = p[n_gains : n_gains + n_filter]
     command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
     # maps that are not trusted, far from where they were learned, are not followed, nor torques
     # from outside
     mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
-    numbers, torques = _believed(model, states)(came["state"], own)
+    numbers, torques = _believed(model, states)(came["state"], own, p[n_gains + n_filter :])
     inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
     # nothing winds up against a stop, nor against the end of a drive's range
     inputs |= {
         "dt": came["dt"],
-        "wanted": _within_stops(model, came["wanted"]),
+        "wanted": model.within_stops(came["wanted"], numbers),
         "trusted": came["trusted"],
     }
     inputs["winds"] = came["trusted"] * (1 - at_end)
     guided = _guide(model)(
         angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"}
     )
-    later = _lead(model)
+    later = model.number(numbers, ["lead"])
     bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
     ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
     row = model.x.joined(
         dt=came["dt"],
-        angles=_within_stops(model, ahead),
+        angles=model.within_stops(ahead, numbers),
         speeds=guided["speed"] + guided["correcting"],
         accelerations=guided["acceleration"],
         torques=came["trusted"] * torques
@@ -130,9 +126,9 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
         ca.fabs(model.carry.part(command, "places") - commanded["places"]) > BEYOND
     )
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
-    commanded["forces"] = _within_limits(model, commanded["forces"])
+    commanded["forces"] = _within_limits(model, commanded["forces"], numbers)
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
-    soft, dead = (ca.DM(part) for part in gives_way(model.rig))
+    soft, dead = model.of_drives(numbers, "soft"), model.of_drives(numbers, "dead")
     turned = model.carry.part(command, "drives_turned")
     commanded["places"] += soft * commanded["forces"] + dead * turned
     after = {name: guided[name] for name in GUIDED}
@@ -207,41 +203,26 @@ def _limited(value: Vector, most: Scalar) -> Vector:
     return ca.fmin(ca.fmax(value, -most), most)
 
 
-def _lead(model: CommandModel) -> float:
-    """Return the lag and delay of the slowest drive as far as its servo is stated [s]."""
-    servos = [drive.servo for drive in model.rig.drives if drive.servo is not None]
-    lags = [
-        (0.0 if servo.bandwidth is None else 1 / (2 * pi * servo.bandwidth)) + servo.delay
-        for servo in servos
-    ]
-    return max(lags, default=0.0)
-
-
-def _within_stops(model: CommandModel, angles: Vector) -> Vector:
-    ends = [model.rig.joints[j].stops or (-ca.inf, ca.inf) for j in model.free]
-    low, high = (ca.DM([end[i] for end in ends]) for i in range(2))
-    return ca.fmin(ca.fmax(angles, low), high)
-
-
-def _within_limits(model: CommandModel, forces: Vector) -> Vector:
+def _within_limits(model: CommandModel, forces: VectorNode, numbers: VectorNode) -> VectorNode:
     """Return forces of drives, cut at their limits; a slider does not push."""
-    drives = model.rig.drives
-    high = [ca.inf if drive.limit is None else drive.limit for drive in drives]
-    low = [0.0 if drive.kind == "slider" else -most for drive, most in zip(drives, high)]
-    return ca.fmin(ca.fmax(forces, ca.DM(low)), ca.DM(high))
+    high = model.of_drives(numbers, "limit")
+    pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
+    # no product with a limit that may be infinite
+    low = ca.if_else(pushes, -high, 0)
+    return ca.fmin(ca.fmax(forces, low), high)
 
 
 def _believed(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (state, p) → the numbers of the inverse as the filter believes them, and external
-    torques, (n_joints,).
+    """Return (state, p, derived) → the numbers of the inverse as the filter believes them, and
+    external torques, (n_joints,).
     """
     state, known = ca.SX.sym("state", len(states)), states.context.mechanism.parameters
     learned, wanted = states.parameters(state), model.mechanism.parameters
     inside = model.carry["inside"].stop - model.carry["inside"].start
+    derived = ca.SX.sym("derived", len(model.derived))
+    others = iter(ca.vertsplit(derived))
     at = {name: i for i, name in enumerate(known.names)}
     names = wanted.names[: len(wanted) - inside]
-    numbers = [
-        learned[at[name]] if name in at else ca.SX(wanted.values[i]) for i, name in enumerate(names)
-    ]
+    numbers = [next(others) if name.startswith(DERIVED) else learned[at[name]] for name in names]
     outputs = [ca.densify(ca.vertcat(*numbers)), ca.densify(states.torques(state))]
-    return ca.Function("believed", [state, known.symbols], outputs)
+    return ca.Function("believed", [state, known.symbols, derived], outputs)

@@ -11,10 +11,9 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Vector
+from distal.expressions import Matrix, Vector
 from distal.inverse.command import CommandModel
 from distal.inverse.distribution import solved
-from distal.model.parameters import Parameters
 from distal.rig import Rig
 
 SOFTEST = 1e-9
@@ -28,7 +27,6 @@ def spread_function(model: CommandModel) -> ca.Function:
     Places of drives err by variances σ_s², (n_drives,), of their own.
     """
     nf, p = model.nf, model.mechanism.parameters.symbols
-    root = covariance_root(model.mechanism.parameters)
     free, places, turned = (
         ca.SX.sym("free", nf),
         ca.SX.sym("places", model.nd),
@@ -37,7 +35,7 @@ def spread_function(model: CommandModel) -> ca.Function:
     place_variances, external = ca.SX.sym("place_variances", model.nd), ca.SX.sym("tau", model.nj)
     lacks, friction = lacking(model, free, places, turned, external)
     slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(nf)
-    by_numbers = ca.mtimes(ca.jacobian(lacks, p), ca.sparsify(ca.SX(ca.DM(root))))
+    by_numbers = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
     by_places = ca.mtimes(ca.jacobian(lacks, places), ca.diag(ca.sqrt(place_variances)))
     variances = ca.SX.zeros(nf)
     for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_places))):
@@ -104,17 +102,21 @@ def spread_kernel(model: CommandModel) -> ca.Function:
     )
 
 
-def covariance_root(parameters: Parameters) -> Floats:
+def covariance_root(model: CommandModel) -> Matrix:
     """Return R of the numbers' covariance R Rᵀ, (n_p, k): a column for each, and one for what
     several err by together.
     """
-    at = np.flatnonzero(parameters.independent_stds > 0.0)
-    own = np.zeros((len(parameters), len(at)))
-    own[at, np.arange(len(at))] = parameters.independent_stds[at]
-    common = np.zeros((len(parameters), len(parameters.shared)))
-    for k, (std, members) in enumerate(parameters.shared.values()):
-        common[members, k] = std * parameters.values[members]
-    return np.hstack([own, common])
+    parameters, p = model.mechanism.parameters, model.mechanism.parameters.symbols
+    columns = list[Vector]()
+    for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist():
+        column = ca.SX(len(parameters), 1)
+        column[i] = model.number(p, [f"{parameters.names[i]}.std"])
+        columns.append(column)
+    for name, (_, members) in parameters.shared.items():
+        column = ca.SX(len(parameters), 1)
+        column[members] = model.number(p, [f"shared.{name}.std"]) * p[members]
+        columns.append(column)
+    return ca.horzcat(ca.SX(len(parameters), 0), *columns)
 
 
 def place_variances(rig: Rig) -> Floats:

@@ -105,14 +105,6 @@ class FilterContext:
                 found[i] = lever / arms[name], share
         return found
 
-    def arm(self, drive: int, joint: int) -> float:
-        """Return the moment arm of a drive's tendon at a joint that it moves [m]."""
-        rig = self.mechanism.rig
-        name = rig.joints[joint].name
-        return next(
-            t for t in rig.tendons if t.drive == rig.drives[drive].name and name in t.joints
-        ).arms()[name]
-
     @cached_property
     def frequency(self) -> float:
         """The joints' largest natural frequency [rad/s]."""

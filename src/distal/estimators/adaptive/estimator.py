@@ -95,8 +95,9 @@ class AdaptiveFilter(KernelEstimator):
         maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
         self._maps = tuple(learned for learned in maps if learned is not None)
         self._check_maps(channels)
+        self.structure = self._structure(trace)
         kernel = kernel_of(
-            self._structure(trace),
+            self.structure,
             lambda: self._reporting(adaptive_function(self._states, resolution, trace)),
             compiled,
         )

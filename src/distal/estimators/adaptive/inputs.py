@@ -56,10 +56,9 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         yield f"{path}.unmodelled", joint.unmodelled
         yield f"{path}.external_torque.std", torque.std
         yield f"{path}.external_torque.correlation_time", torque.correlation_time
-        for drive, (ratio, share) in context.ratios(i).items():
-            yield f"drives.{drive}.ratio.{joint.name}", ratio
-            yield f"drives.{drive}.share.{joint.name}", share
-            yield f"drives.{drive}.arm.{joint.name}", context.arm(drive, i)
+        for moving, (ratio, share) in context.ratios(i).items():
+            yield f"drives.{moving}.ratio.{joint.name}", ratio
+            yield f"drives.{moving}.share.{joint.name}", share
     for i, drive in enumerate(rig.drives):
         path = f"drives.{i}"
         low, high = drive_travel(rig, i)
