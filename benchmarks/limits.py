@@ -17,7 +17,7 @@ import numpy as np
 
 from distal import Log, estimate_batch, make_estimator
 from distal.estimators import KernelEstimator
-from distal.kernels import Feed, LaneKernel, find_compiler
+from distal.kernels import Feed, LaneKernel, Recipe, find_compiler
 from distal.kernels.compiler import FLAGS
 from distal.rig import Rig
 from distal.run import LiveEstimator, samples_of
@@ -42,7 +42,7 @@ def lane_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -
     samples = samples_of(log, runner.channels)
     start = runner.initial(log.time[0], samples[0])
     rows, _ = runner.checked_rows(start, log.time, samples)
-    kernel = LaneKernel(runner.kernel.function)
+    kernel = LaneKernel(Recipe(lambda: runner.kernel.function))
     runs = kernel.lanes * [Feed(start.carry, rows, runner.numbers)]
     return _timed(lambda: kernel.scan(runs, [0]), summary) / len(rows) / kernel.lanes
 

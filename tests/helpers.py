@@ -7,9 +7,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from distal.estimators.adaptive import FilterContext
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -29,6 +31,12 @@ def finite_difference(
             (np.asarray(function(at + shift)) - np.asarray(function(at - shift))) / (2 * step)
         )
     return np.column_stack(columns)
+
+
+def at_numbers(context: FilterContext, expression: ca.SX) -> float:
+    """Return an expression of the filter's inputs at the numbers of its rig."""
+    parameters = context.mechanism.parameters
+    return float(ca.Function("f", [parameters.symbols], [expression])(parameters.values))
 
 
 @dataclass(frozen=True)

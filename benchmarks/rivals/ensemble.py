@@ -13,6 +13,7 @@ from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, c
 from distal.estimators.adaptive import FilterContext, StateVector
 from distal.estimators.adaptive.context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place, tracking
+from distal.estimators.adaptive.inputs import states_of_rig
 from distal.estimators.adaptive.measurement import Row, rows_of
 from distal.estimators.adaptive.states.external_torque import ExternalTorque
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
@@ -20,7 +21,7 @@ from distal.estimators.belief import innovation
 from distal.estimators.channels import UNKNOWN_PLACE
 from distal.estimators.state_kinds import StateKind
 from distal.logs import frozen
-from distal.model import Kick, Mechanism, kick_and_drift, responses
+from distal.model import Kick, kick_and_drift, responses
 from distal.rig import Rig
 
 Floats = NDArray[np.float64]
@@ -33,7 +34,7 @@ def states_of(rig: Rig, name: str) -> StateVector:
         rig: the description.
         name: of the estimator, for messages.
     """
-    return StateVector(FilterContext(Mechanism(rig), channels_of(rig, name), Robustness()))
+    return states_of_rig(rig, (), channels_of(rig, name), Robustness())
 
 
 class EnsembleFilter(KernelEstimator, ABC):
@@ -144,9 +145,10 @@ class EnsembleFilter(KernelEstimator, ABC):
         states, context = self._states, self._states.context
         stds: Floats = states.walks * np.sqrt(dt)
         for j in range(context.n_joints):
-            stds[context.n_joints + j] = context.unmodelled(j) * np.sqrt(dt)
+            lacking = context.mechanism.rig.joints[j].unmodelled
+            stds[context.n_joints + j] = context.robustness.unmodelled * lacking * np.sqrt(dt)
         for at, fade, std in torque_fadings(states, dt):
-            stds[at] = std * np.sqrt(1 - float(fade) ** 2)
+            stds[at] = float(std) * np.sqrt(1 - float(fade) ** 2)
         return stds
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
@@ -188,9 +190,14 @@ def torque_fadings(states: StateVector, dt: Any) -> list[tuple[int, Any, Any]]:
         states: the state vector.
         dt: length of the interval [s].
     """
-    blocks = [block for block in states.blocks if isinstance(block, ExternalTorque)]
-    fadings = [(states.indices(block)[0], block.fading(dt)) for block in blocks]
-    return [(at, fading.factor, fading.std) for at, fading in fadings]
+    parameters, fadings, length = states.context.mechanism.parameters, [], ca.SX.sym("dt")
+    for block in states.blocks:
+        if isinstance(block, ExternalTorque):
+            fading = block.fading(length)
+            arguments, outputs = [length, parameters.symbols], [fading.factor, fading.std]
+            factor, std = ca.Function("fading", arguments, outputs)(dt, parameters.values)
+            fadings.append((states.indices(block)[0], factor, std))
+    return fadings
 
 
 def move_function(states: StateVector, count: int) -> ca.Function:

@@ -96,9 +96,10 @@ def test_a_force_is_a_torque_at_the_moment_arms() -> None:
     alone.
     """
     runner = AdaptiveFilter(load_rig("finger-underactuated"), compiled=False)
-    arms, lever = np.array([9e-3, 7e-3, 5e-3]), 6e-3
+    arms, lever, numbers = np.array([9e-3, 7e-3, 5e-3]), 6e-3, ca.MX(ca.DM(runner.numbers))
     for j in range(3):
-        found = float(ca.evalf(opened_torque(runner.states.context, j, [ca.MX(2.5e-5)])))
+        opened = opened_torque(runner.states.context, j, [ca.MX(2.5e-5)], numbers)
+        found = float(ca.evalf(opened))
         assert found == pytest.approx(2.5e-5 * (np.sum(arms**2) / arms[j] / lever) ** 2, rel=1e-9)
     assert [runner.state_names[i] for i in runner.states.torque_states] == [
         f"undeclared_torque_{name}" for name in ("mcp", "pip", "dip")
@@ -202,7 +203,8 @@ def test_an_angle_is_as_unsure_as_the_zero_of_its_drive() -> None:
     context = AdaptiveFilter(load_rig("wrist-instrument"), compiled=False).states.context
     vector = ca.MX.zeros(Tracks.size(3))
     vector[REMEMBERED.index("shift_std")] = 0.2
-    found = [float(ca.evalf(shifted_variance(context, j, vector))) for j in range(3)]
+    p = ca.MX(ca.DM(context.mechanism.parameters.values))
+    found = [float(ca.evalf(shifted_variance(context, j, vector, p))) for j in range(3)]
     np.testing.assert_allclose(found, [(0.2 * 6e-3 / 5e-3) ** 2, 0.0, 0.0], rtol=1e-9)
 
 

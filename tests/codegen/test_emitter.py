@@ -12,7 +12,7 @@ import pytest
 
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.codegen.memory import Value
-from distal.kernels import Feed, LaneKernel, find_compiler
+from distal.kernels import Feed, LaneKernel, Recipe, find_compiler
 from distal.kernels.compiler import compiled_source
 from distal.model import soft_moments
 
@@ -196,7 +196,7 @@ def test_in_place_needs_little_scratch() -> None:
 
 def test_lanes_are_runs_of_their_own() -> None:
     function = matrices()
-    kernel = LaneKernel(function)
+    kernel = LaneKernel(Recipe(lambda: function))
     rng = np.random.default_rng(7)
     carries = [rng.normal(size=32) for _ in range(kernel.lanes)]
     xs = [rng.normal(size=(3 + k, 4)) for k in range(kernel.lanes)]

@@ -236,7 +236,7 @@ def test_the_worst_cases_are_those_with_the_largest_errors_and_none_that_failed(
     plan, space = linear
     asked: list[Task] = []
 
-    def run(plan: Plan, tasks: list[Task], space: Space) -> list[object]:
+    def run(plan: Plan, tasks: list[Task]) -> list[object]:
         asked[:] = tasks
         return [StudyError("not run here")] * len(tasks)
 

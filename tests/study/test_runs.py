@@ -11,9 +11,11 @@ import pytest
 from distal import estimate, load_rig, simulate
 from distal.errors import StudyError
 from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive.filter import adaptive_function
+from distal.kernels import Kernel
 from distal.results import Estimate
+from distal.run import samples_of
 from distal.study.design_space import rig_of, space_of
-from distal.study.kernels import Kernels, _masked
 from distal.study.plants import built_values, draws_of, scores
 from distal.study.runs import NOMINAL, Task, run_chunk, run_tasks
 from tests.study.plans import small, still
@@ -36,10 +38,10 @@ def test_a_run_is_a_simulation_of_the_plant_and_an_estimate_with_the_rig() -> No
     np.testing.assert_allclose(found.angles, alone.angles, atol=1e-7)
 
 
-def test_a_filter_takes_the_numbers_of_another_rig() -> None:
-    """All but random walks and bounds, which are a hair's breadth in a short log."""
+def test_rigs_that_differ_in_numbers_share_a_kernel() -> None:
+    """What it gives is what a kernel of its own would."""
     base = load_rig("paper-2008-observed").with_values({"joints.link.initial": "-25 deg"})
-    known = AdaptiveFilter(base, inputs=("sensors.1.noise", "sensors.3.noise"))
+    known = AdaptiveFilter(base)
     changes = {
         "tendons.*.stiffness": 500.0,
         "sensors.u1.noise": 0.25,
@@ -47,14 +49,18 @@ def test_a_filter_takes_the_numbers_of_another_rig() -> None:
     }
     other = base.with_values({**changes, "joints.link.friction.coefficient.std": 0.05})
     log = simulate(other, small(duration="0.3 s").scenarios[0], 2)
-    taken = known.of_rig(other)
-    assert taken is not None
+    taken = AdaptiveFilter(other)
     assert taken.kernel is known.kernel
-    whole = estimate(log, other)
-    np.testing.assert_allclose(estimate(log, other, taken).angles, whole.angles, atol=1e-6)
-    assert np.abs(estimate(log, other, known).angles - whole.angles).max() > 1e-4
+    found = estimate(log, other, taken)
+    alone = Kernel(adaptive_function(taken.states), False)
+    start = taken.initial(log.time[0], samples_of(log, taken.channels)[0])
+    rows, _ = taken.checked_rows(start, log.time, samples_of(log, taken.channels))
+    carries, _ = alone.scan(start.carry, rows, taken.numbers)
+    np.testing.assert_allclose(found.angles[:, 0], carries[:, 0], atol=1e-12)
+    assert np.abs(estimate(log, other, known).angles - found.angles).max() > 1e-4
     # load cells so bad that they do not see the friction of the sliders: there are fewer states
-    assert known.of_rig(base.with_values({"sensors.u1.noise": 3.0})) is None
+    fewer = AdaptiveFilter(base.with_values({"sensors.u1.noise": 3.0}))
+    assert fewer.kernel is not known.kernel
 
 
 def test_the_share_of_a_requirement_is_that_of_a_known_normal_distribution(tmp_path: Path) -> None:
@@ -97,17 +103,14 @@ def test_the_nominal_plant_is_the_rig() -> None:
 
 
 @pytest.mark.slow
-def test_a_row_does_not_depend_on_what_ran_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a kernel has as constants, such as random walks, is that of the first design of its
-    structure.
-    """
+def test_a_row_does_not_depend_on_what_ran_before() -> None:
+    """Designs that share a kernel have their own random walks and noises."""
     vary = {
         "joints.link.friction.coefficient.std": {"from": 0.02, "to": 0.2},
         "sensors.u1.noise": [0.3, 0.05],
     }
     plan, found = small(vary=vary, designs=8, duration="2 s"), []
     for designs in ([5, 2, 7], [7], [0, 1, 2, 3, 7]):
-        monkeypatch.setattr("distal.study.runs._KERNELS", Kernels())
         found.append(run_chunk(plan, designs)["rms_deg"][-1])
     assert found[0] == found[1] == found[2]
 
@@ -142,33 +145,3 @@ def test_a_closed_loop_is_asked_for_its_reference() -> None:
         StudyError, match=r"vary\.feedback: unknown 'encodr'; did you mean 'encoder'\?"
     ):
         space_of(small(vary={"feedback": ["encodr"]}))
-
-
-def test_numbers_have_one_structure_where_the_equations_ask_the_same_of_them() -> None:
-    """Absent, one, known, and known to a half or to a fifth: across these a kernel is not shared,
-    within them it is.
-    """
-
-    def of(value: float, std: float, **more: object) -> object:
-        return _masked({"part": [{"value": value, "std": std, **more}]})
-
-    alike = (
-        [(3.0, 0.0), (-4.0, 0.0)],
-        [(3.0, 0.3), (-4.0, 0.7)],
-        [(3.0, 0.9), (-4.0, 1.9)],
-        [(3.0, 1.6), (-4.0, 9.0)],
-    )
-    alike += [(0.0, 0.0)], [(1.0, 0.0)], [(1.0, 0.1)], [(0.0, 1.0), (0.0, 2.0)]
-    kinds = [{repr(of(*pair)) for pair in group} for group in alike]
-    assert all(len(kind) == 1 for kind in kinds)
-    assert len(set.union(*kinds)) == len(kinds)
-    shared = {"name": "all", "std": 0.1}
-    more = [
-        {},
-        {"hold": True},
-        {"drift": 0.1},
-        {"shared": shared},
-        {"shared": {"name": "some", "std": 0.1}},
-    ]
-    assert len({repr(of(3.0, 0.3, **each)) for each in more}) == len(more)
-    assert of(3.0, 0.3, shared=shared) == of(3.0, 0.3, shared={"name": "all", "std": 0.2})

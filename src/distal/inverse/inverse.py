@@ -336,9 +336,9 @@ class Inverse:
                         carry[model.carry["places"]],
                     ]
                 )
-                carry[model.carry["inside"]] = np.array(
-                    inside_function(model.mechanism)(q, self._numbers)
-                ).ravel()
+                of_rig = self._numbers[: len(self._numbers) - len(model.derived)]
+                inside = inside_function(model.mechanism)(q, of_rig)
+                carry[model.carry["inside"]] = np.array(inside).ravel()
         return carry
 
     def _variances(self, angles: Floats, places: Floats, carries: Floats, cut: Indices) -> Floats:

@@ -18,8 +18,8 @@ from distal.estimators import SHORTEST, AdaptiveFilter, sample_problem
 from distal.inverse.command import CommandModel
 from distal.inverse.goal_gate import GoalGate, columns_of, crossed_joints
 from distal.inverse.least_tension import LEAST_TENSION, least_tension_of
-from distal.inverse.live_function import GAINS, layouts, live_function
-from distal.kernels import kernel_of, structure_of
+from distal.inverse.live_function import GAINS, layouts, live_function, live_structure
+from distal.kernels import kernel_of
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
 
@@ -182,7 +182,7 @@ class LiveInverse:
         self._live = LiveEstimator(self._rig, runner)
         self._free, self.joints = model.free, tuple(self._rig.joints[j].name for j in model.free)
         self._layouts = layouts(model, runner.states)
-        structure = structure_of("live", model.mechanism, filter=runner.structure.key)
+        structure = live_structure(model, runner.states)
         self._kernel = kernel_of(structure, lambda: live_function(model, runner.states), compiled)
         gains = gains_of(model, least_tension_of(least_tension, self._rig), feedback, fastest)
         self._monitor = Monitor(self._live)

@@ -21,7 +21,7 @@ from distal.expressions import Scalar, Vector, VectorNode
 from distal.inverse.command import CommandModel
 from distal.inverse.command_inputs import DERIVED
 from distal.inverse.readings import read_function
-from distal.kernels import Layout
+from distal.kernels import Layout, Structure, structure_of
 
 SMOOTHED = 0.005
 """Time over which the reference's speed is smoothed, and its acceleration [s]."""
@@ -144,6 +144,12 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     return ca.Function(
         "live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
     )
+
+
+def live_structure(model: CommandModel, states: StateVector) -> Structure:
+    """Return what the kernel of `live_function` depends on."""
+    of_filter = states.context.mechanism.parameters.names, states.structure
+    return structure_of("live", model.mechanism, filter=of_filter)
 
 
 def _guide(model: CommandModel) -> ca.Function:

@@ -11,7 +11,7 @@ from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, 
 from distal.kernels.parallel import in_order
 from distal.kernels.probe import probe
 from distal.kernels.recipe import Recipe
-from distal.kernels.shared import function_of, kernel_of
+from distal.kernels.shared import forget, function_of, kernel_of
 from distal.kernels.structure import Structure, structure_of
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "carry_layout",
     "covariance_of",
     "find_compiler",
+    "forget",
     "function_of",
     "in_order",
     "kernel_of",

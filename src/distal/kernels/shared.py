@@ -46,6 +46,12 @@ def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Fun
     return _kept((structure.key,), make)
 
 
+def forget() -> None:
+    """Drop what this process keeps, so that kernels are made anew."""
+    with _TURNS:
+        _KEPT.clear()
+
+
 def _kept(key: tuple[object, ...], make: Callable[[], Made]) -> Made:
     with _TURNS:
         made = _KEPT.get(key)

@@ -74,8 +74,7 @@ def inside_function(mechanism: Mechanism) -> ca.Function:
     """Return (q, p) → what moves inside when the plant has long stood at q: in the middle, and
     crept as the rig says.
     """
-    settled = tuple(_settled(mechanism, i, name) for i, name in _creeping(mechanism))
-    structure = structure_of("inside", mechanism, settled=settled)
+    structure = structure_of("inside", mechanism, settled=_all_settled(mechanism))
     return function_of(structure, lambda: _inside_function(mechanism))
 
 
@@ -88,6 +87,13 @@ def _creeping(mechanism: Mechanism) -> Iterator[tuple[int, str]]:
 def _settled(mechanism: Mechanism, tendon: int, name: str) -> float:
     part = getattr(mechanism.rig.tendons[tendon], name.rpartition(".")[2])
     return float(part.settled.value)
+
+
+def _all_settled(mechanism: Mechanism) -> tuple[float, ...]:
+    """Return how far each creep has settled at the start: a mechanism without memory takes it as it
+    is.
+    """
+    return tuple(_settled(mechanism, i, name) for i, name in _creeping(mechanism))
 
 
 def _inside_function(mechanism: Mechanism) -> ca.Function:
@@ -282,7 +288,7 @@ def run_plants(
 
 def resting_force(mechanism: Mechanism) -> ca.Function:
     """Return (q, p) → the elastic forces of the tendons on the bodies at rest."""
-    structure = structure_of("resting force", mechanism)
+    structure = structure_of("resting force", mechanism, settled=_all_settled(mechanism))
     return function_of(structure, lambda: _resting_force(mechanism))
 
 

@@ -5,7 +5,9 @@ learns it, its band holds.
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.one_link import link_log
@@ -15,11 +17,11 @@ from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.states.internal import UNKNOWN_TENSION, _tension
 from distal.estimators.adaptive.states.state import Begin
-from distal.model import Mechanism
 from distal.results import Estimate
 from distal.rig import named
 from distal.run import smooth
 from distal.simulation import build_scenario
+from tests.helpers import at_numbers
 
 NAMES = (
     "creep",
@@ -229,21 +231,21 @@ def test_the_first_tension_of_a_tendon_is_what_its_drive_tells() -> None:
     """Two tendons of a capstan balance its effort, T₁ − T₂ = τ/R, about half of each one's
     pretension; at least 1 N.
     """
-    mechanism = Mechanism(load_rig("capstan-joint"))
-    radius, pretension = 5e-3, mechanism.rig.tendons[0].pretension.value
-    first, second = (
-        float(_tension(mechanism, i, Begin([0.0], [0.06], [None, None]))) for i in (0, 1)
-    )
+
+    def tension(rig: str, tendon: int, *read: list[Any]) -> float:
+        context = AdaptiveFilter(load_rig(rig), compiled=False).states.context
+        return at_numbers(context, ca.SX(_tension(context, tendon, Begin(*read))))
+
+    radius, pretension = 5e-3, load_rig("capstan-joint").tendons[0].pretension.value
+    none = [None, None]
+    first, second = (tension("capstan-joint", i, [0.0], [0.06], none) for i in (0, 1))
     assert first - second == pytest.approx(0.06 / radius)
     assert first + second == pytest.approx(pretension)
-    assert [
-        float(_tension(mechanism, i, Begin([0.0], [0.4], [None, None]))) for i in (0, 1)
-    ] == pytest.approx([0.4 / radius / 2 + pretension / 2, 1.0])
+    pulling = [tension("capstan-joint", i, [0.0], [0.4], none) for i in (0, 1)]
+    assert pulling == pytest.approx([0.4 / radius / 2 + pretension / 2, 1.0])
     # a sensor on the tendon itself knows better; without any it is the pretension
-    assert float(_tension(mechanism, 0, Begin([0.0], [0.06], [7.0, None]))) == 7.0
-    assert _tension(mechanism, 0, Begin([0.0], [None], [None, None])) == pretension
-    slider = Mechanism(load_rig("paper-2008"))
-    none = [None, None]
-    assert float(_tension(slider, 1, Begin([0.0, 0.0], [2.0, 3.5], none))) == 3.5
-    pulled = abs(slider.rig.drives[1].nominal_force.value)
-    assert _tension(slider, 1, Begin([0.0, 0.0], none, none)) == (pulled or UNKNOWN_TENSION)
+    assert tension("capstan-joint", 0, [0.0], [0.06], [7.0, None]) == 7.0
+    assert tension("capstan-joint", 0, [0.0], [None], none) == pretension
+    assert tension("paper-2008", 1, [0.0, 0.0], [2.0, 3.5], none) == 3.5
+    pulled = abs(load_rig("paper-2008").drives[1].nominal_force.value)
+    assert tension("paper-2008", 1, [0.0, 0.0], none, none) == (pulled or UNKNOWN_TENSION)

@@ -14,6 +14,7 @@ from distal import Log, load_rig, make_estimator, simulate
 from distal.estimators import AdaptiveFilter, StateKind
 from distal.estimators.adaptive import filter as adaptive_filter
 from distal.estimators.adaptive import update
+from distal.kernels import forget
 from distal.run import samples_of
 from distal.simulation import build_scenario
 
@@ -58,8 +59,10 @@ def test_a_joint_just_before_its_stop_may_be_held_by_it(
 def built() -> Iterator[Callable[[], AdaptiveFilter]]:
     """Return what builds the filter anew, with what a test has put in its place."""
     adaptive_filter.adaptive_function.cache_clear()
+    forget()
     yield lambda: AdaptiveFilter(load_rig("finger-underactuated"), compiled=False)
     adaptive_filter.adaptive_function.cache_clear()
+    forget()
 
 
 @pytest.mark.parametrize("sure", [0.0, 1.0])

@@ -24,7 +24,7 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
             continue
         at = block.indices[0]
         head, index, part = p.names[at].split(".")[:3]
-        if (head, part) == ("joints", "friction") and block.rough:
+        if (head, part) == ("joints", "friction") and block.doubted:
             doubted.setdefault(int(index), []).extend(states.indices(block))
     return doubted
 

@@ -43,8 +43,8 @@ class UncertainParameter(State):
     A stiffness or damping of a tendon is a factor even where it is alone; the factor is a state "…
     factor", and the deviation, where there is both, one "… deviation". The path is by names of
     parts, with ".factor" or ".deviation" behind it where the state is that; the indices are those
-    of the parameters in the model's vector, which it enters as `acts` says. A `rough` value is
-    known to a factor only.
+    of the parameters in the model's vector, which it enters as `acts` says. A `doubted` one
+    is friction of a joint that is known to a factor only.
     """
 
     kind: ClassVar[StateKind] = StateKind.PARAMETER
@@ -60,7 +60,7 @@ class UncertainParameter(State):
     walk: float = 0.0
     lowest: float = -np.inf
     untold: bool = False
-    rough: bool = False
+    doubted: bool = False
 
     @property
     def part(self) -> str:
@@ -74,8 +74,8 @@ class UncertainParameter(State):
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """Which parameters it enters, how, and whether friction is known to a factor only."""
-        return self.indices, self.acts, self.rough
+        """Which parameters it enters, how, and whether it is doubted."""
+        return self.indices, self.acts, self.doubted
 
     @property
     def means(self) -> Floats:
@@ -173,10 +173,11 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         # else
         alone = context.n_drives <= context.n_joints
         untold = alone and lowest > 0.0 and rough
+        doubted = rough and name.startswith("joints.") and kind.startswith("friction.")
         words, path, walked = in_words(rig, name), named(rig, name), walk(i, spread)
         values.append(
             UncertainParameter(
-                words, path, (i,), "value", mean, spread, walked, lowest, untold, rough
+                words, path, (i,), "value", mean, spread, walked, lowest, untold, doubted
             )
         )
     for name, (std, indices) in p.shared.items():

@@ -1,0 +1,125 @@
+"""Rigs that differ in numbers alone share their kernels: the same structure is the same C."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from distal import Rig, load_rig
+from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive.filter import adaptive_function
+from distal.inverse.command import CommandModel
+from distal.inverse.held import held_kernel
+from distal.inverse.live_function import live_function, live_structure
+from distal.inverse.reached import spread_kernel
+from distal.kernels import Structure, c_source, structure_of
+from distal.model import Mechanism
+from distal.rig import build_rig, shipped_rigs
+from distal.simulation.plant import plant_function
+
+DRAWS = 20
+
+KEPT = ("axis", "shared", "exponent", "range", "powers", "ratio", "periods", "log")
+"""Keys below which nothing is drawn: structure, what must agree, and exponents, whose one is no
+number.
+"""
+
+MAPS = ("affine", "discrepancy", "contact")
+
+
+def drawn(part: object, rng: np.random.Generator) -> object:
+    """Return a raw description with other numbers; what is zero, or one for certain, stays."""
+    if isinstance(part, dict) and "value" in part:
+        # whether a number is known to a factor only, by its std over its value, is structure
+        factor = rng.uniform(0.97, 1.03)
+        return {
+            key: factor * value if isinstance(value, float) else value
+            for key, value in part.items()
+        }
+    if isinstance(part, dict):
+        return {
+            key: value if key in KEPT or key in MAPS else drawn(value, rng)
+            for key, value in part.items()
+        }
+    if isinstance(part, (list, tuple)):
+        return [drawn(member, rng) for member in part]
+    is_number = isinstance(part, float) and not isinstance(part, bool)
+    return part * rng.uniform(0.97, 1.03) if is_number else part
+
+
+def rigs_like(name: str, seed: int = 1) -> Iterator[Rig]:
+    raw = load_rig(name).model_dump(exclude_unset=True)
+    rng = np.random.default_rng(seed)
+    while True:
+        yield build_rig(drawn(raw, rng), name)
+
+
+def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Function]]]:
+    """Return kind → the structure of a kernel and what makes its function."""
+    runner, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
+    plant = Mechanism(rig, remembers=True)
+    live = live_structure(model, runner.states)
+    functions: dict[str, tuple[Structure, Callable[[], ca.Function]]] = {
+        "plant": (structure_of("plant", plant), lambda: plant_function(plant, 4)),
+        "filter": (runner.structure, lambda: adaptive_function(runner.states)),
+        "live": (live, lambda: live_function(model, runner.states)),
+    }
+    commands = {"command": CommandModel.function, "band": spread_kernel, "held": held_kernel}
+    for kind, make in commands.items():
+        structure = structure_of(kind, model.mechanism)
+        functions[kind] = structure, lambda make=make: make(model)
+    return functions
+
+
+@pytest.mark.parametrize("name", shipped_rigs())
+def test_numbers_are_no_structure(name: str) -> None:
+    """Twenty sets of numbers have one kernel of each kind, or two filters with other sub-steps."""
+    rigs, kernels = rigs_like(name), dict[str, set[str]]()
+    others = dict[str, set[str]]()
+    for _ in range(DRAWS):
+        for kind, (structure, _) in functions_of(next(rigs)).items():
+            facts = repr([fact for fact in structure.facts if fact[0] != "sub steps"])
+            kernels.setdefault(kind, set()).add(structure.key)
+            others.setdefault(kind, set()).add(facts)
+    assert {kind: len(found) for kind, found in others.items()} == dict.fromkeys(others, 1)
+    assert max(map(len, kernels.values())) <= 2
+
+
+def test_a_term_that_comes_is_another_structure() -> None:
+    """Each of these is printed by `distal doctor`."""
+    rig = load_rig("capstan-joint")
+    changes: list[dict[str, object]] = [
+        {"joints.0.damping": {"value": 0.0}},
+        {"sensors.0.lag": "20 ms"},
+        {"sensors.*.rate": "2 Hz"},
+        {"joints.0.external_torque.std": 0.1},
+        {"tendons.*.stiffness.drift": 0.0},
+    ]
+    keys = {AdaptiveFilter(rig.with_values(each), False).structure.key for each in ({}, *changes)}
+    assert len(keys) == len(changes) + 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "paper-2008-observed",
+        "capstan-joint",
+        "finger-2n",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in shipped_rigs()
+            if name not in ("paper-2008-observed", "capstan-joint", "finger-2n")
+        ),
+    ],
+)
+def test_the_same_structure_is_the_same_c(name: str) -> None:
+    """No number of the rig is written into a kernel."""
+    rigs = rigs_like(name, 2)
+    one = functions_of(next(rigs))
+    others = (functions_of(rig) for rig in rigs)
+    other = next(found for found in others if found["filter"][0] == one["filter"][0])
+    for kind, (_, make) in one.items():
+        assert c_source(make()) == c_source(other[kind][1]()), kind
