@@ -31,7 +31,7 @@ from distal.expressions import Scalar
 from distal.fitting.filter import Data, FitFilter
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
-from distal.kernels import Feed, Kernel
+from distal.kernels import Feed, Kernel, kernel_of, structure_of
 from distal.model import Mechanism
 from distal.rig import Sensor
 from distal.sensor_errors import variance
@@ -79,7 +79,8 @@ class Equations:
         tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
         self.sensors = [sensor for _, sensor in (*self.forces, *self.tensions)]
-        self.kernel = Kernel(self._function(), "lanes" if compiled else False)
+        structure = structure_of("equations", self.mechanism, channels=context.channels.names)
+        self.kernel = kernel_of(structure, self._function, "lanes" if compiled else False)
         self.begin = self._begin()
 
     @staticmethod
