@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from distal import Rig, load_rig
+from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
+from distal.estimators.adaptive import KINDS, State
 from distal.estimators.adaptive.filter import adaptive_function
 from distal.inverse.command import CommandModel
 from distal.inverse.held import held_kernel
@@ -123,3 +126,38 @@ def test_the_same_structure_is_the_same_c(name: str) -> None:
     other = next(found for found in others if found["filter"][0] == one["filter"][0])
     for kind, (_, make) in one.items():
         assert c_source(make()) == c_source(other[kind][1]()), kind
+
+
+@dataclass(frozen=True)
+class Harness(State):
+    """A torque that is written into the kernel."""
+
+    size: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return ("harness",)
+
+    @property
+    def means(self) -> Floats:
+        return np.ones(1)
+
+    @property
+    def stds(self) -> Floats:
+        return np.zeros(1)
+
+    def torque(self, joint: int, numbers: ca.SX) -> ca.SX:
+        return self.size * numbers[0]
+
+
+def test_states_of_others_have_kernels_of_their_own() -> None:
+    """Nothing says what of them is a number, or when their code changes."""
+    rig = load_rig("capstan-joint")
+    angles = []
+    for size in (0.0, 0.05):
+        runner = AdaptiveFilter(rig, False, kinds=(*KINDS, lambda _, size=size: [Harness(size)]))
+        assert runner.structure is None
+        sample = np.zeros(len(runner.channels))
+        belief = runner.initial(0.0, sample)
+        angles.append(runner.step(belief, runner.interval, sample)[0].mean[0])
+    assert angles[0] != angles[1]

@@ -24,16 +24,19 @@ Made = TypeVar("Made")
 
 
 def kernel_of(
-    structure: Structure,
+    structure: Structure | None,
     make: Callable[[], ca.Function],
     compiled: bool | Literal["lanes"] = True,
 ) -> Kernel:
     """Return the kernel of a structure: the one that this process has, or a new one.
 
     Args:
+        structure: None for a kernel of its own.
         make: returns its function, which must depend on the structure alone.
         compiled: as of `Kernel`.
     """
+    if structure is None:
+        return Kernel(Recipe(make), compiled)
     wishes = tuple(os.environ.get(name) for name in ("DISTAL_COMPILE", "DISTAL_CACHE", "CC"))
     key = (structure.key, compiled, *wishes)
     return _kept(key, lambda: Kernel(Recipe(make, structure), compiled))

@@ -286,9 +286,13 @@ class AdaptiveFilter(KernelEstimator):
         inputs, references = context.mechanism.parameters.inputs, context.channels.angles
         return state_vector(rig, references, inputs, context.robustness, self._states.kinds)
 
-    def _structure(self, trace: bool) -> Structure:
-        """Return what the kernel depends on."""
+    def _structure(self, trace: bool) -> Structure | None:
+        """Return what the kernel depends on; None with kinds of states by others, whose code may
+        change.
+        """
         context = self._states.context
+        if not all(type(block).__module__.startswith("distal.") for block in self._states.blocks):
+            return None
         lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]
         return structure_of(
             "filter",
