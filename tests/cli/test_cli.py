@@ -498,7 +498,7 @@ def test_doctor_says_what_kernels_depend_on(run) -> None:
     assert "1 joint, 1 drive, 2 tendons, 3 sensors" in rig
     assert listed("joints.0.unmodelled=0.1", "sensors.0.noise=0.01") == rig
     assert listed("sensors.0.lag=20 ms") != rig
-    assert listed("tendons.*.slack=1 mm") != rig
+    assert listed("tendons.*.pretension=0 N") != rig
 
 
 @pytest.mark.compiled
