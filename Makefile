@@ -5,12 +5,14 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: help demo test test-fast journeys coverage lint docs lab bench accuracy results strangers reliability shipped clean
+.PHONY: help demo test test-all test-fast test-changed journeys coverage lint docs lab bench accuracy results strangers reliability shipped clean
 
 help:
 	@echo "make demo       reproduce the paper: figures, results and a page in out/reproduce"
-	@echo "make test       every test, ruff, the type check and the layer check"
+	@echo "make test       every behaviour, ruff, the type check and the layer check"
+	@echo "make test-all   the same with more seeds and cases"
 	@echo "make test-fast  the tests that finish within a minute"
+	@echo "make test-changed  the fast tests that import what was changed"
 	@echo "make journeys   whole ways of the docs as commands of the installed wheel, ten seeds each"
 	@echo "make shipped    fits the shipped rig da-vinci-grasper anew; its logs are in DISTAL_DATA"
 	@echo "make coverage   which share of each package's statements the fast tests run"
@@ -40,20 +42,29 @@ $(STAMP): $(INSTALLED)
 demo: $(INSTALLED)
 	$(BIN)/distal reproduce --out out/reproduce --lab docs/lab.html
 
+# files go to whoever is free: what tests of one file have in common is made once
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+
 test: lint
-	$(BIN)/python -m pytest -n 2
+	$(PYTEST) -m "not more"
+
+test-all: lint
+	$(PYTEST)
 
 test-fast: $(STAMP)
-	$(BIN)/python -m pytest -n 2 -m "not slow"
+	$(PYTEST) -m "not slow and not more"
+
+test-changed: $(STAMP)
+	@$(BIN)/python -m tools.changed | xargs --no-run-if-empty $(BIN)/python -m pytest -q -m "not slow and not more"
 
 journeys: $(STAMP)
-	DISTAL_JOURNEYS=10 $(BIN)/python -m pytest -n 2 tests/journeys
+	DISTAL_JOURNEYS=10 $(PYTEST) tests/journeys
 
 shipped: $(STAMP)
 	$(BIN)/python -m tools.shipped "$(DISTAL_DATA)"
 
 coverage: $(STAMP)
-	$(BIN)/python -m pytest -n 2 -m "not slow" -q --cov=distal --cov-report=json:out/coverage.json
+	$(PYTEST) -m "not slow and not more" -q --cov=distal --cov-report=json:out/coverage.json
 	$(BIN)/python -m tools.coverage out/coverage.json
 
 lint: $(STAMP)

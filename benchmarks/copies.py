@@ -206,7 +206,7 @@ class Copy:
             "-p",
             "no:cacheprovider",
             "-m",
-            "not slow and not stored",
+            "not slow and not more and not stored",
         ]
         command += [
             "--tb=line",

@@ -1,17 +1,17 @@
-"""Shared fixtures: a kernel cache of the test run's own, shipped rigs, and the logs that another
+"""Shared fixtures: a kernel cache that runs of the tests share, shipped rigs, and the logs that another
 simulator made.
 """
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 import hypothesis
 import pytest
 
 from distal import Rig, load_rig
-from distal.kernels import find_compiler
 
 hypothesis.settings.register_profile("distal", deadline=None, derandomize=True, max_examples=60)
 hypothesis.settings.load_profile("distal")
@@ -30,33 +30,31 @@ os.environ["DISTAL_TRACEBACK"] = (
 )
 
 
-WISH = os.environ.get("DISTAL_COMPILE")
-"""What whoever runs the tests said of compiling."""
+KERNELS = Path(__file__).parents[1] / "out" / "test-kernels"
+"""Where the kernels of tests are kept from one run to the next; `make clean` removes them."""
+
+BUDGET = 10.0
+"""Seconds of one test file; those beyond are listed at the end of a run, slowest first."""
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Let the kernels of most fast tests be interpreted: the same numbers, without seconds of a
-    compiler for each.
-
-    A hook and not a fixture: it is in force before fixtures of any scope are made, and processes
-    inherit it.
-    """
-    compiled = item.get_closest_marker("compiled") or item.get_closest_marker("slow")
-    wish = WISH if compiled else "0"
-    if os.environ.get("DISTAL_COMPILE") != wish:
-        find_compiler.cache_clear()  # it remembers what it found
-        if wish is None:
-            del os.environ["DISTAL_COMPILE"]
-        else:
-            os.environ["DISTAL_COMPILE"] = wish
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print what test files took."""
+    seconds: Counter[str] = Counter()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                seconds[report.nodeid.partition("::")[0]] += report.duration
+    slowest = [(path, time) for path, time in seconds.most_common() if time > BUDGET]
+    if slowest:
+        terminalreporter.section(f"files beyond their {BUDGET:g} s")
+        for path, time in slowest:
+            terminalreporter.line(f"{time:7.1f} s  {path}")
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
-    # workers of one test run share the folder, so each kernel is built once
-    shared = tmp_path_factory.getbasetemp().parent / "kernels"
-    os.environ["DISTAL_CACHE"] = str(shared)
+def _own_cache() -> None:
+    # workers share the folder, and processes inherit it: each kernel is built once
+    os.environ["DISTAL_CACHE"] = str(KERNELS)
 
 
 @pytest.fixture(scope="session")

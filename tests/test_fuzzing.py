@@ -34,7 +34,6 @@ def test_logs(tmp_path: Path, rig: Rig) -> None:
     assert {one.kind for one in outcomes} == {"taken", "refused"}
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("csv", [True, False])
 @pytest.mark.parametrize("estimator", ["adaptive", "ekf"])
 def test_streams(csv: bool, estimator: str) -> None:

@@ -96,7 +96,6 @@ def test_one_sample_at_a_time_is_the_whole_log(rig: Rig, log: Log) -> None:
     np.testing.assert_allclose(live.angles, known.angles[59], rtol=0, atol=1e-12)
 
 
-@pytest.mark.compiled
 @pytest.mark.slow
 def test_batches_and_smoothing(rig: Rig, log: Log) -> None:
     other = replace(log, source="other")

@@ -66,7 +66,6 @@ def test_many_short_stages_are_not_a_line_each(
     assert line.endswith(" of 50 …")
 
 
-@pytest.mark.compiled
 def test_a_compiler_is_named(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

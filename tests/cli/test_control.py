@@ -83,7 +83,6 @@ def test_a_scenario_without_a_controller_is_refused() -> None:
     assert not Path("nowhere").exists()
 
 
-@pytest.mark.compiled
 def test_hours_are_told_one_by_one(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG)
     said = run("drift", str(tmp_path / "long.toml"), "--out", str(tmp_path / "out"))

@@ -17,7 +17,6 @@ from distal.kernels.compiler import compiled_source
 from distal.model import soft_moments
 
 pytestmark = [
-    pytest.mark.compiled,
     pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler"),
 ]
 

@@ -19,7 +19,6 @@ from distal.kernels import find_compiler
 from tests.codegen.graphs import given, matrix_graph, scalar_graph
 
 pytestmark = [
-    pytest.mark.compiled,
     pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler"),
 ]
 LANES = 4
@@ -130,6 +129,7 @@ def test_some_random_graphs(way: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.more
 @pytest.mark.parametrize("way", ["apart", "in place", "lanes"])
 def test_400_random_graphs(way: str, tmp_path: Path) -> None:
     assert not disagreements(range(100) if way == "lanes" else range(400), way, tmp_path)

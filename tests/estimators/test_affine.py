@@ -28,8 +28,6 @@ from distal.regression import learn_map, numbers_of, predict
 from distal.rig import Affine, JointMap, build_rig, parse_toml
 from distal.run import samples_of
 
-pytestmark = pytest.mark.compiled
-
 OFFSET, SLOPE, COMPLIANCE = 0.4, 0.9, -1.5
 """[rad], [rad/rad], [rad/(N m)] of the linear rig."""
 

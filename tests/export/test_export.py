@@ -83,8 +83,17 @@ def replayed(program: Path, log: Path) -> np.ndarray:
 
 @needs_compiler
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["adaptive", "ekf-2008", "ekf"])
-@pytest.mark.parametrize("single", [False, True], ids=["double", "float"])
+@pytest.mark.parametrize(
+    ("name", "single"),
+    [
+        pytest.param("adaptive", False, id="double-adaptive"),
+        pytest.param("adaptive", True, id="float-adaptive"),
+        pytest.param("ekf", False, id="double-ekf"),
+        pytest.param("ekf", True, id="float-ekf", marks=pytest.mark.more),
+        pytest.param("ekf-2008", False, id="double-ekf-2008", marks=pytest.mark.more),
+        pytest.param("ekf-2008", True, id="float-ekf-2008", marks=pytest.mark.more),
+    ],
+)
 def test_a_whole_log_under_sanitizers(
     rig: Rig, log: Log, plain: Log, name: str, single: bool, tmp_path: Path
 ) -> None:

@@ -27,7 +27,7 @@ from distal.run import samples_of
 from tests.export.helpers import spoiled
 from tests.export.test_export import CC
 
-pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")]
+pytestmark = pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from tests.estimators.test_discrepancy import made as discrepancy
 from tests.export.test_export import CC
 from tests.export.test_fmu import at_the_ends
 
-pytestmark = [pytest.mark.compiled, pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")]
+pytestmark = pytest.mark.skipif(isinstance(CC, str), reason="no C compiler")
 
 
 class Imported:

@@ -23,8 +23,6 @@ from distal.fitting.options import Options
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
 
-pytestmark = pytest.mark.compiled
-
 OPTIONS = Options(workers=1)
 BACKLASH = {"drives.motor.backlash.width": {"value": 0.01, "std": 0.01}}
 

@@ -29,8 +29,6 @@ from distal.homing.reference import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig
 
-pytestmark = pytest.mark.compiled
-
 STIFFNESS, ARM, RADIUS, PRETENSION = 9000.0, 8e-3, 6e-3, 5.0
 SPRING, REST, LINK, LOAD, CONSTANT = 0.3, -0.2, 4e-4, 0.1, 0.004
 RATE = 100.0

@@ -31,8 +31,6 @@ from distal.fitting.numbers import Numbers
 from distal.fitting.options import Options
 from distal.regression import Samples, fit_coefficients, predict
 
-pytestmark = pytest.mark.compiled
-
 SECONDS = 3.0
 OPTIONS = Options(workers=1)
 

@@ -12,8 +12,6 @@ import pytest
 from distal.kernels import cache_folder, probe
 from distal.kernels.cache import check_own
 
-pytestmark = pytest.mark.compiled
-
 
 def used(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("DISTAL_CACHE", str(folder))

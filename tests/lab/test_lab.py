@@ -108,7 +108,6 @@ def choose(page: Page, joint: int) -> None:
     page.value("document.getElementById('joint').dispatchEvent(new Event('change'))")
 
 
-@pytest.mark.compiled
 def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
     """The motion and the estimate over 5 s to 1e-9 and over 60 s to 1e-6, from the log that the
     page saves.
@@ -141,7 +140,6 @@ def test_the_numbers_are_pythons(page: Page, rig: Rig, folder: Path) -> None:
         assert np.abs(np.diff(rows[:, 1])).max() > 1e-4  # it moves
 
 
-@pytest.mark.compiled
 def test_the_drawn_torques_are_each_joints_own(page: Page, rig: Rig, folder: Path) -> None:
     """The true torque is what acts on that joint, the told one and its std are Python's estimate
     from the saved log.
@@ -251,7 +249,6 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
     return dict(found["settings"])
 
 
-@pytest.mark.compiled
 def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
     page: Page, rig: Rig, folder: Path
 ) -> None:
@@ -282,7 +279,6 @@ def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
             assert [one == "true" for one in pressed] == [i == k for i in range(len(pressed))]
 
 
-@pytest.mark.compiled
 def test_each_control_changes_what_is_true(page: Page, rig: Rig, folder: Path) -> None:
     """Each slider alone, to one of its ends, against Python; what is set by hand is said and is no
     experiment any more.
@@ -306,7 +302,6 @@ def test_each_control_changes_what_is_true(page: Page, rig: Rig, folder: Path) -
     page.value(f"{BUTTONS}[0].click()")
 
 
-@pytest.mark.compiled
 def test_an_experiment_leaves_nothing_to_the_next_one(page: Page, rig: Rig) -> None:
     """After a load and a dead sensor for 10 s "As described" gives the numbers of a page just
     opened, to the last bit.
@@ -321,7 +316,6 @@ def test_an_experiment_leaves_nothing_to_the_next_one(page: Page, rig: Rig) -> N
     assert page.value(run) == fresh
 
 
-@pytest.mark.compiled
 def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, rig: Rig) -> None:
     """At least 88 % of the first 15 s after a click, and of those after the first 3 s, for each
     joint and three seeds.
@@ -455,7 +449,6 @@ def test_a_joint_is_brought_to_a_wanted_angle(page: Page, rig: Rig) -> None:
     choose(page, len(rig.joints) - 1)
 
 
-@pytest.mark.compiled
 def test_a_sensor_that_is_dead_from_the_beginning(page: Page, rig: Rig, folder: Path) -> None:
     """Begun anew with a dead sensor: it tells one value, and the saved log gives the page's
     angles.

@@ -53,7 +53,6 @@ def same(one, other) -> None:
 
 
 # runs lie side by side in compiled kernels only; those of adaptive and ekf take seconds to compile
-@pytest.mark.compiled
 @pytest.mark.parametrize(
     "name",
     [
@@ -90,7 +89,6 @@ def test_other_rigs_and_homing(logs: list[Log]) -> None:
                 same(estimate(log, known, homing=homing), result)
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "ekf-2008"])
 def test_without_a_compiler_the_same(rig: Rig, logs: list[Log], name: str) -> None:
     for log, result in zip(logs[:3], estimate_batch(logs[:3], rig, name, compiled=False)):
@@ -156,7 +154,6 @@ def test_what_came_before_an_error_is_yielded(rig: Rig, logs: list[Log]) -> None
         estimate_batch(None, rig)  # type: ignore[arg-type]
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "elastic"])
 def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log], name: str) -> None:
     """Logs are asked for when their turn comes, and 400 runs need no more than 40."""
@@ -183,7 +180,6 @@ def test_no_more_in_memory_than_is_in_work(rig: Rig, logs: list[Log], name: str)
     )  # five times the runs, and threads that are not always equally far
 
 
-@pytest.mark.compiled
 def test_simulations_side_by_side(rig: Rig) -> None:
     """Other seeds of one scenario, other scenarios of one plant, another plant: each log as
     `simulate` gives it.

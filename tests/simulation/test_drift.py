@@ -18,8 +18,6 @@ from distal.run import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
 from distal.simulation import Scenario, build_scenario, simulate, simulate_pieces
 from distal.simulation.drift import numbers_at
 
-pytestmark = pytest.mark.compiled
-
 SWING = {"mean": "5 N", "amplitude": "2 N", "frequency": "0.2 Hz"}
 RAW: dict[str, Any] = {
     "rig": "paper-2008",

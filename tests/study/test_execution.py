@@ -172,7 +172,9 @@ def command(*arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.more)]
+)
 def test_a_command_that_is_killed_goes_on(
     how: signal.Signals, long: Columns, tmp_path: Path
 ) -> None:

@@ -59,7 +59,7 @@ def plant(name: str) -> Log:
 @cache
 def known(name: str) -> Estimate:
     """Return what the filter makes of the plant with its rig, whose number is not the plant's."""
-    return estimate(plant(name), rig_of(part(name)), compiled=False)
+    return estimate(plant(name), rig_of(part(name)))
 
 
 def errors(result: Estimate) -> tuple[float, float]:
@@ -144,7 +144,6 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
     )
 
 
-@pytest.mark.compiled
 @pytest.mark.parametrize(
     "values",
     [
