@@ -1,5 +1,5 @@
-"""Shared fixtures: a kernel cache that runs of the tests share, shipped rigs, and the logs that another
-simulator made.
+"""Shared fixtures: a kernel cache that runs of the tests share, shipped rigs, and the logs that
+another simulator made.
 """
 
 from __future__ import annotations
