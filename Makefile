@@ -84,6 +84,7 @@ reliability: $(STAMP)
 	$(BIN)/python -m benchmarks.reliability
 
 bench: $(STAMP)
+	$(BIN)/python -m benchmarks.structures
 	$(BIN)/python -m benchmarks.stepping
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.diagnosis

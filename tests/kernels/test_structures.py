@@ -2,79 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 import pytest
+from benchmarks.structures import functions_of, rigs_like
 
-from distal import Rig, load_rig
+from distal import load_rig
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import KINDS, State
-from distal.estimators.adaptive.filter import adaptive_function
-from distal.inverse.command import CommandModel
-from distal.inverse.held import held_kernel
-from distal.inverse.live_function import live_function, live_structure
-from distal.inverse.reached import spread_kernel
-from distal.kernels import Structure, c_source, structure_of
-from distal.model import Mechanism
-from distal.rig import build_rig, shipped_rigs
-from distal.simulation.plant import plant_function
+from distal.kernels import c_source
+from distal.rig import shipped_rigs
 
 DRAWS = 20
-
-KEPT = ("axis", "shared", "exponent", "range", "powers", "ratio", "periods", "log")
-"""Keys below which nothing is drawn: structure, what must agree, and exponents, whose one is no
-number.
-"""
-
-MAPS = ("affine", "discrepancy", "contact")
-
-
-def drawn(part: object, rng: np.random.Generator) -> object:
-    """Return a raw description with other numbers; what is zero, or one for certain, stays."""
-    if isinstance(part, dict) and "value" in part:
-        # whether a number is known to a factor only, by its std over its value, is structure
-        factor = rng.uniform(0.97, 1.03)
-        return {
-            key: factor * value if isinstance(value, float) else value
-            for key, value in part.items()
-        }
-    if isinstance(part, dict):
-        return {
-            key: value if key in KEPT or key in MAPS else drawn(value, rng)
-            for key, value in part.items()
-        }
-    if isinstance(part, (list, tuple)):
-        return [drawn(member, rng) for member in part]
-    is_number = isinstance(part, float) and not isinstance(part, bool)
-    return part * rng.uniform(0.97, 1.03) if is_number else part
-
-
-def rigs_like(name: str, seed: int = 1) -> Iterator[Rig]:
-    raw = load_rig(name).model_dump(exclude_unset=True)
-    rng = np.random.default_rng(seed)
-    while True:
-        yield build_rig(drawn(raw, rng), name)
-
-
-def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Function]]]:
-    """Return kind → the structure of a kernel and what makes its function."""
-    runner, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
-    plant = Mechanism(rig, remembers=True)
-    live = live_structure(model, runner.states)
-    functions: dict[str, tuple[Structure, Callable[[], ca.Function]]] = {
-        "plant": (structure_of("plant", plant), lambda: plant_function(plant, 4)),
-        "filter": (runner.structure, lambda: adaptive_function(runner.states)),
-        "live": (live, lambda: live_function(model, runner.states)),
-    }
-    commands = {"command": CommandModel.function, "band": spread_kernel, "held": held_kernel}
-    for kind, make in commands.items():
-        structure = structure_of(kind, model.mechanism)
-        functions[kind] = structure, lambda make=make: make(model)
-    return functions
 
 
 @pytest.mark.parametrize("name", shipped_rigs())
