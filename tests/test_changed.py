@@ -1,0 +1,31 @@
+"""Which tests a change touches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tools.changed import module_of, touched_tests
+
+
+def touched(module: str) -> set[str]:
+    return {path.name for path in touched_tests({module})}
+
+
+def test_a_module_touches_the_tests_that_import_it() -> None:
+    found = touched("distal.homing.window")
+    assert "test_most_likely.py" in found
+    assert "test_csv.py" not in found
+
+
+def test_a_public_name_stands_for_the_module_that_it_comes_from() -> None:
+    """`from distal.run import smooth` is an import of `distal.run.smoothing`."""
+    assert "test_smoothing.py" in touched("distal.run.smoothing")
+
+
+def test_a_test_touches_itself() -> None:
+    assert "test_csv.py" in touched("tests.logs.test_csv")
+
+
+def test_files_are_modules() -> None:
+    assert module_of(Path("src/distal/rig/__init__.py")) == "distal.rig"
+    assert module_of(Path("tests/logs/test_csv.py")) == "tests.logs.test_csv"
