@@ -211,7 +211,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "@pytest.mark.stored\ndef test_stored():\n    assert unused(2)\n"
     )
     (root / "pyproject.toml").write_text(
-        "[tool.pytest.ini_options]\nmarkers = ['slow', 'stored']\naddopts = '-ra "
+        "[tool.pytest.ini_options]\nmarkers = ['slow', 'more', 'stored']\naddopts = '-ra "
         "--strict-markers'\n"
     )
     return root

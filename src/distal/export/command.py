@@ -51,7 +51,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         EstimationError: the filter cannot run on this rig.
     """
     checked_name(name)
-    runner, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
+    runner, model = AdaptiveFilter(rig, False, folded=True), CommandModel(rig, folded=True)
     layout, step = layouts(model, runner.states), live_function(model, runner.states)
     emitter = Emitter(real)
     try:

@@ -11,6 +11,7 @@ from distal.errors import ExportError
 from distal.estimators import (
     LARGEST_ANGLE,
     SHORTEST,
+    AdaptiveFilter,
     FullStateFilter,
     KernelEstimator,
     make_estimator,
@@ -102,6 +103,8 @@ def c_filter(
         if home is None
         else homing_filter(rig, home, False)
     )
+    if isinstance(runner, AdaptiveFilter):
+        runner = runner.folded()
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
     prior, step = runner.prior_function(), runner.kernel.function
     emitter = Emitter(Plain(single))

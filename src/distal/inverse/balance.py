@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 import casadi as ca
 
@@ -18,9 +17,8 @@ from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
 from distal.inverse.command_inputs import DERIVED, command_inputs, radius_of
 from distal.model import Mechanism
+from distal.model.parameters import Numbers
 from distal.rig import Rig
-
-Numbers = TypeVar("Numbers", ca.SX, ca.MX)
 
 
 @dataclass(frozen=True)
@@ -38,8 +36,9 @@ class Balance:
     places.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        self.mechanism = mechanism = Mechanism(rig, remembers=True, derived=command_inputs(rig))
+    def __init__(self, rig: Rig, folded: bool = False) -> None:
+        mechanism = Mechanism(rig, remembers=True, derived=command_inputs(rig), folded=folded)
+        self.mechanism = mechanism
         self.rig, self.free = rig, list(mechanism.free)
         self.nj, self.nd, self.nt, self.nf = (
             mechanism.n_joints,
@@ -244,7 +243,7 @@ class Balance:
 
     def number(self, p: Numbers, names: Sequence[str]) -> Numbers:
         """Return numbers by their names, see `command_inputs`, of all inputs `p`."""
-        return p[[self.mechanism.parameters.index(f"{DERIVED}{name}") for name in names]]
+        return self.mechanism.parameters.of(p, [f"{DERIVED}{name}" for name in names])
 
     @property
     def derived(self) -> Floats:

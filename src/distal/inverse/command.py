@@ -50,8 +50,8 @@ class CommandModel(Balance):
     the function.
     """
 
-    def __init__(self, rig: Rig, prefer: Prefer = "tension") -> None:
-        super().__init__(rig)
+    def __init__(self, rig: Rig, prefer: Prefer = "tension", folded: bool = False) -> None:
+        super().__init__(rig, folded)
         self.prefer = prefer
         self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
         inside = len(self.mechanism.plays) + len(self.mechanism.strains)

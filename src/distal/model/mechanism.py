@@ -46,8 +46,9 @@ class Mechanism(Tendons):
         inputs: Sequence[str] = (),
         remembers: bool = False,
         derived: Mapping[str, float] | None = None,
+        folded: bool = False,
     ) -> None:
-        super().__init__(rig, inputs, remembers, derived)
+        super().__init__(rig, inputs, remembers, derived, folded)
         links = Chain(rig, self.parameters) if rig.is_chain else None
         carried = self.n_joints >= FEWEST
         self.chain, self._lone = links if carried else None, None if carried else links

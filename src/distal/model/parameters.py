@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,9 @@ NEUTRAL = (".exponent", ".let_out", ".scale")
 """Parameters that change nothing where they are exactly one."""
 
 
+Numbers = TypeVar("Numbers", ca.SX, ca.MX)
+
+
 class Parameters:
     """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts,
     symbols.
@@ -38,7 +42,8 @@ class Parameters:
         inputs: paths that stay symbols whatever their values, because they will be changed:
             parameters, and other numbers of the description (a sensor's noise), which are put
             behind the parameters. They have std 0.
-        derived: numbers that follow from the description, by name: symbols too, behind the inputs.
+        derived: numbers that follow from the description, by name: symbols too, behind the inputs,
+            or constants where they are `folded` into the expressions.
         inside: names of what moves inside the rig, which come last; see `Mechanism`.
 
     Raises:
@@ -51,8 +56,9 @@ class Parameters:
         inputs: Sequence[str] = (),
         inside: Sequence[str] = (),
         derived: Mapping[str, float] | None = None,
+        folded: bool = False,
     ) -> None:
-        self.inputs, self.inside = tuple(inputs), tuple(inside)
+        self.inputs, self.inside, self.folded = tuple(inputs), tuple(inside), folded
         self._constants: dict[str, float] = {}
         rows: dict[str, tuple[float, float, float]] = {}
         independent: dict[int, float] = {}
@@ -79,7 +85,10 @@ class Parameters:
         rows |= {
             name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows
         }
-        rows |= {name: (value, 0.0, np.nan) for name, value in (derived or {}).items()}
+        if folded:
+            self._constants |= derived or {}
+        else:
+            rows |= {name: (value, 0.0, np.nan) for name, value in (derived or {}).items()}
         rows |= dict.fromkeys(inside, (0.0, 0.0, np.nan))
         self.names = tuple(rows)
         self.all_names = tuple(name for name, _ in _walk(rig))
@@ -106,6 +115,12 @@ class Parameters:
     def index(self, name: str) -> int:
         """Return where a parameter stands among the symbols."""
         return self._index[name]
+
+    def of(self, p: Numbers, names: Sequence[str]) -> Numbers:
+        """Return some numbers of all inputs `p`, (n_p,), the constants among them as they are."""
+        if all(name in self._index for name in names):
+            return p[[self._index[name] for name in names]]
+        return type(p)(ca.DM([self._constants[name] for name in names]))
 
     @property
     def constants(self) -> tuple[tuple[str, float], ...]:

@@ -67,7 +67,8 @@ class Tendons:
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays
             where it was, as numbers `inside` among the parameters; else it is taken to be in the
             middle of where it can be.
-        derived: numbers that follow from the description and are inputs too; see `Parameters`.
+        derived: numbers that follow from the description and are inputs too, or constants where
+            they are `folded`; see `Parameters`.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Tendons:
         inputs: Sequence[str] = (),
         remembers: bool = False,
         derived: Mapping[str, float] | None = None,
+        folded: bool = False,
     ) -> None:
         self.rig, self.remembers = rig, remembers
         self.plays = plays_of(rig)
@@ -86,7 +88,7 @@ class Tendons:
             drive.backlash is not None for drive in rig.drives
         )  # points in sheaths come last
         inside = (*self.plays, *self.strains) if remembers else ()
-        self.parameters = Parameters(rig, inputs, inside, derived)
+        self.parameters = Parameters(rig, inputs, inside, derived, folded)
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")

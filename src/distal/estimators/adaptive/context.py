@@ -13,7 +13,7 @@ import numpy as np
 
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels, sensor_for
-from distal.expressions import Scalar, Vector
+from distal.expressions import Scalar, Vector, VectorNode
 from distal.model import RESOLUTION, Mechanism, joint_frequency
 from distal.rig import Sensor, drive_travel, gain_of
 
@@ -195,9 +195,9 @@ class FilterContext:
         """Return a number of the description, or one that follows from it, see `filter_numbers`."""
         return self.mechanism.parameters[self._name(path)]
 
-    def numbers_at(self, paths: Sequence[str]) -> list[int]:
-        """Return where numbers stand among the filter's inputs."""
-        return [self.mechanism.parameters.index(self._name(path)) for path in paths]
+    def numbers(self, p: VectorNode, paths: Sequence[str]) -> VectorNode:
+        """Return such numbers of the filter's inputs `p`."""
+        return self.mechanism.parameters.of(p, [self._name(path) for path in paths])
 
     def _name(self, path: str) -> str:
         return path if path in self.mechanism.parameters.inputs else f"{DERIVED}{path}"

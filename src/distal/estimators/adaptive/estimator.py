@@ -40,6 +40,7 @@ def state_vector(
     inputs: tuple[str, ...] = (),
     guards: Robustness | None = None,
     kinds: tuple[Kind, ...] = KINDS,
+    folded: bool = False,
 ) -> StateVector:
     """Return the states of a filter; kept, since one rig estimates many logs and its functions take
     0.1 s to build.
@@ -49,7 +50,7 @@ def state_vector(
     """
     guards = Robustness.usual(len(rig.joints)) if guards is None else guards
     channels = channels_of(rig, "adaptive", references, others=True)
-    return states_of_rig(rig, inputs, channels, guards, kinds)
+    return states_of_rig(rig, inputs, channels, guards, kinds, folded)
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -68,6 +69,7 @@ class AdaptiveFilter(KernelEstimator):
         kinds: kinds of states that there may be; each returns the blocks of a rig.
         line: a map of the readings whose angles are reported in place of the filter's own and of
             its discrepancy.
+        folded: write all numbers but the equations' parameters into the kernel, for C elsewhere.
 
     Raises:
         EstimationError: the sensors do not suffice.
@@ -86,10 +88,13 @@ class AdaptiveFilter(KernelEstimator):
         trace: bool = False,
         kinds: Sequence[Kind] = KINDS,
         line: Affine | None = None,
+        folded: bool = False,
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
         guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
-        self._states = state_vector(rig, tuple(references), tuple(inputs), guards, tuple(kinds))
+        self._states = state_vector(
+            rig, tuple(references), tuple(inputs), guards, tuple(kinds), folded
+        )
         self._resolution = resolution
         # a smoother goes back over the filter's own states
         maps = () if trace else (rig.discrepancy if line is None else line, rig.contact)
@@ -280,6 +285,23 @@ class AdaptiveFilter(KernelEstimator):
         changed._begin = None
         return changed
 
+    def folded(self) -> AdaptiveFilter:
+        """Return the same filter with all numbers but the parameters of the equations written into
+        its function, for C elsewhere.
+        """
+        context = self._states.context
+        return AdaptiveFilter(
+            self.rig,
+            False,
+            context.robustness,
+            name=self.name,
+            references=context.channels.angles,
+            inputs=context.mechanism.parameters.inputs,
+            resolution=self._resolution,
+            kinds=self._states.kinds,
+            folded=True,
+        )
+
     def states_of(self, rig: Rig) -> StateVector:
         """Return the states of this filter for a rig with other numbers."""
         context = self._states.context
@@ -287,10 +309,12 @@ class AdaptiveFilter(KernelEstimator):
         return state_vector(rig, references, inputs, context.robustness, self._states.kinds)
 
     def _structure(self, trace: bool) -> Structure | None:
-        """Return what the kernel depends on; None with kinds of states by others, whose code may
-        change.
+        """Return what the kernel depends on; None where numbers are folded into it, and with kinds
+        of states by others, whose code may change.
         """
         context = self._states.context
+        if context.mechanism.parameters.folded:
+            return None
         if not all(type(block).__module__.startswith("distal.") for block in self._states.blocks):
             return None
         lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]

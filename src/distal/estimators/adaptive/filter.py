@@ -103,7 +103,7 @@ def _bounded(
     """
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
-            least = p[states.context.numbers_at([f"state.{at}.lowest"])]
+            least = states.context.numbers(p, [f"state.{at}.lowest"])
             mean[at] = ca.fmax(mean[at], least)  # (27)
     for j, depth in depths_in_stops(states, mean, p).items():
         # how deep a joint sits in its stop is known no better than the depth

@@ -60,7 +60,9 @@ def parts_of(states: StateVector) -> tuple[Apart, ...]:
 def _apart(states: StateVector, part: Part) -> Apart:
     context, parameters = states.context, states.context.mechanism.parameters
     inputs, channels = part.own_paths(parameters.inputs), _channels(part, context.channels)
-    part_states = states_of_rig(part.rig, inputs, channels, context.robustness, states.kinds)
+    part_states = states_of_rig(
+        part.rig, inputs, channels, context.robustness, states.kinds, parameters.folded
+    )
     keys, every = _keys(states), context.channels.names
     at = [keys.index(key) if key in keys else -1 for key in _keys(part_states)]
     values = np.array([every.index(name) for name in channels.names], dtype=np.intp)

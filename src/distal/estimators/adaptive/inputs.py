@@ -24,17 +24,19 @@ def states_of_rig(
     channels: Channels,
     robustness: Robustness,
     kinds: Sequence[Kind] = KINDS,
+    folded: bool = False,
 ) -> StateVector:
     """Return the states of a filter, all numbers of the rig being inputs of its kernel.
 
-    They are made twice: what follows from the states themselves are inputs too.
+    They are made twice: what follows from the states themselves are inputs too. What is no
+    parameter of the equations is a constant where it is to be `folded`.
     """
 
     def context_with(numbers: Mapping[str, float]) -> FilterContext:
         derived = {
             f"{DERIVED}{name}": value for name, value in numbers.items() if name not in inputs
         }
-        return FilterContext(Mechanism(rig, inputs, True, derived), channels, robustness)
+        return FilterContext(Mechanism(rig, inputs, True, derived, folded), channels, robustness)
 
     numbers = dict(numbers_of_rig(context_with({})))
     states = StateVector(context_with(numbers), kinds)

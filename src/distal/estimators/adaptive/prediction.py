@@ -51,7 +51,7 @@ def predicted(
     walking = [i for i in range(n) if states.walks[i] > 0.0]
     if walking:
         flat, diagonal = ca.vec(after), [i * (n + 1) for i in walking]
-        walks = interval.p[context.numbers_at([f"state.{i}.walk" for i in walking])]
+        walks = context.numbers(interval.p, [f"state.{i}.walk" for i in walking])
         flat[diagonal] = flat[diagonal] + x[0] * walks**2
         after = ca.reshape(flat, n, n)
     return state, after
@@ -129,7 +129,7 @@ def shifted_variance(
     """
     total, drives = ca.MX(0), Tracks(tracks, context.n_drives)
     for i, (ratio, _) in context.moved_by(joint).items():
-        total += (p[context.numbers_at([ratio])] * drives[i].shift_std) ** 2
+        total += (context.numbers(p, [ratio]) * drives[i].shift_std) ** 2
     return total
 
 

@@ -82,7 +82,7 @@ def opened_torque(
     """
     total = ca.MX(0)
     for i, names in context.moved_by(joint).items():
-        ratio, share = ca.vertsplit(p[context.numbers_at(names)])
+        ratio, share = ca.vertsplit(context.numbers(p, names))
         # a torque on one of several joints of a tendon changes its tension by that share of what it
         # would alone
         total += opened[i] / (ratio * share) ** 2

@@ -58,7 +58,7 @@ def updated(
     nj, nd = states.context.n_joints, states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
-    nominal = p[states.context.numbers_at(["interval"])]
+    nominal = states.context.numbers(p, ["interval"])
     watch = watched(states.context.robustness)
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
