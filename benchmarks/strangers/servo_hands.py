@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.strangers.compiled_hands import advance, called, contiguous
+
 Floats = NDArray[np.float64]
 
 STEP = 2.5e-4
@@ -30,6 +32,28 @@ COUNTS = 4096
 
 TORQUE_CONSTANT = 0.5
 """What a catalogue says [N m/A]; of each motor it is another."""
+
+
+NUMBERS = (
+    "arms",
+    "spools",
+    "low",
+    "high",
+    "slack",
+    "stiffness",
+    "sheath",
+    "spring",
+    "rest",
+    "dry",
+    "axle",
+    "weight",
+    "gear_friction",
+    "gear_load",
+)
+"""Of a `Drawn` what the sub-steps read."""
+
+MOVING = ("angles", "rates", "places", "speeds", "nodes", "torques", "slipped")
+"""What they change."""
 
 
 @dataclass
@@ -76,6 +100,7 @@ class Hands:
         self.slips = np.full((hands, motors), np.inf)
         self.slipped = np.zeros((hands, motors))
         self.direction = np.zeros((hands, motors))
+        self.compiled = True
 
     def _tensions(self) -> tuple[Floats, Floats]:
         """Return tensions at the spool and at the joint, with the sheath's node where friction lets
@@ -131,14 +156,31 @@ class Hands:
         self.rates = np.sign(free) * np.maximum(np.abs(free) - grip, 0)
         self.angles = self.angles + STEP * self.rates
 
+    def _period(self, steps: int) -> None:
+        """Advance all hands by some sub-steps: in C where there is a compiler."""
+        function = advance() if self.compiled else None
+        if function is None:
+            for _ in range(steps):
+                self._part()
+            return
+        d, moving = self.d, [contiguous(getattr(self, name)) for name in MOVING]
+        servo = np.array([self.stiffness, self.damping, self.dead_band])
+        tendons, joints = d.arms.shape[1:]
+        sizes = (tendons, joints, d.spools.shape[2], steps)
+        numbers = [getattr(d, name) for name in NUMBERS]
+        given = [*numbers, self.broken, self.slips, self.limits, self.goals, *moving]
+        for hand in range(len(d.arms)):
+            called(function, sizes, STEP, servo, *(array[hand] for array in given))
+        for name, array in zip(MOVING, moving):
+            setattr(self, name, array)
+
     def step(self, goals: Floats) -> dict[str, Floats]:
         """Send goals [rad of the encoders], let a period pass, and return the places [rad] and
         currents [A] read then.
         """
         d = self.d
         self.goals = (np.asarray(goals) - d.zeros) * d.signs
-        for _ in range(round(PERIOD / STEP)):
-            self._part()
+        self._period(round(PERIOD / STEP))
         turn = 2 * np.pi / COUNTS
         places = turn * np.round((self.places * d.signs + d.zeros) / turn)
         currents = self.torques * d.signs / d.torque_constant + 0.004 * self.rng.normal(
