@@ -84,8 +84,7 @@ def filtered(
                 described, references = (
                     with_references(rig, log) if homing is not None else (rig, ())
                 )
-                often = compiled and homing is not None  # homing takes a hundred runs of it
-                runners[key] = AdaptiveFilter(described, often, references=references)
+                runners[key] = AdaptiveFilter(described, compiled, references=references)
             samples = _filtered(log, runners[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
