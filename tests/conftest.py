@@ -10,6 +10,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from tools.slow_tests import function_of, keep, listed
 
 from distal import Rig, load_rig
 
@@ -33,17 +34,33 @@ os.environ["DISTAL_TRACEBACK"] = (
 KERNELS = Path(__file__).parents[1] / "out" / "test-kernels"
 """Where the kernels of tests are kept from one run to the next; `make clean` removes them."""
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that were measured to be slow."""
+    slow = listed()
+    for item in items:
+        if function_of(item.nodeid) in slow:
+            item.add_marker(pytest.mark.slow)
+
+
 BUDGET = 10.0
 """Seconds of one test file; those beyond are listed at the end of a run, slowest first."""
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print what test files took."""
-    seconds: Counter[str] = Counter()
+    cases: Counter[str] = Counter()
     for reports in terminalreporter.stats.values():
         for report in reports:
-            if isinstance(report, pytest.TestReport):
-                seconds[report.nodeid.partition("::")[0]] += report.duration
+            if isinstance(report, pytest.TestReport) and not report.skipped:
+                cases[report.nodeid] += report.duration
+    seconds: Counter[str] = Counter()
+    dearest: dict[str, float] = {}
+    for nodeid, time in cases.items():
+        function = function_of(nodeid)
+        seconds[nodeid.partition("::")[0]] += time
+        dearest[function] = round(max(time, dearest.get(function, 0.0)), 2)
+    keep(dearest)
     slowest = [(path, time) for path, time in seconds.most_common() if time > BUDGET]
     if slowest:
         terminalreporter.section(f"files beyond their {BUDGET:g} s")

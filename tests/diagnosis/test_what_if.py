@@ -22,10 +22,12 @@ from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.rerun import OUTLIER, Change, Rerun
 from distal.diagnosis.untested import _changes, _unseen
-from distal.diagnosis.what_if import overconfidence, with_learned_numbers
-from distal.estimators import StateKind
+from distal.diagnosis.what_if import moved_by_starts, overconfidence, with_learned_numbers
+from distal.estimators import AdaptiveFilter, StateKind
 from distal.rig import build_rig
 from distal.run.offline import runner_for
+from distal.simulation import Scenario
+from tests.hand_rigs import hand
 
 
 def test_each_scale_is_tried_with_its_inverse_and_each_zero_to_both_sides() -> None:
@@ -75,7 +77,12 @@ class Stub:
         kinds = (StateKind.ANGLE, StateKind.PARAMETER, StateKind.PARAMETER)
         rig = SimpleNamespace(joints=("joint",))
         self.runner = SimpleNamespace(
-            states=states, rig=rig, state_names=("theta", "one", "two"), state_kinds=kinds
+            states=states,
+            rig=rig,
+            state_names=("theta", "one", "two"),
+            state_kinds=kinds,
+            parts=(),
+            measured=("force",),
         )
         self.log = SimpleNamespace(time=np.arange(1000) / 100.0)
         self.base = self.outcome(0.0)
@@ -91,7 +98,7 @@ class Stub:
             means=means,
             variances=variances,
             bounded=self.bounded,
-            log_likelihood=likelihood,
+            log_likelihood=lambda _: likelihood,
             squares=squares * np.ones((len(time), 1)),
         )
 
@@ -110,6 +117,34 @@ def test_the_spread_over_starts_is_the_root_of_the_sum_of_squares(total: float, 
     assert bool(found) is said
     if said:
         assert found[0].text == sentences.hangs_on_the_start("two", total, is_angle=False).text
+
+
+class Counted(Rerun):
+    """Counts its runs."""
+
+    runs = 0
+
+    def each(self, changes: Iterable[Change]) -> Iterator[Any]:
+        changes = list(changes)
+        self.runs += len(changes)
+        return super().each(changes)
+
+
+def test_parts_that_do_not_touch_are_shifted_in_one_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It gives what one run for each shift gives, with fewer of them."""
+    rig = hand(["finger-underactuated", "capstan-joint"], {"sensors.*.rate": 200.0})
+    pulled = {"torque": [["0 s", "10 mN m"], ["1 s", "60 mN m"]]}
+    drives = {drive.name: pulled for drive in rig.drives}
+    log = simulate(rig, Scenario(rig="hand", name="hand", duration=1.0, drives=drives), 5)
+    together = Counted(log, AdaptiveFilter(rig))
+    found = moved_by_starts(together)
+    monkeypatch.setattr(AdaptiveFilter, "parts", ())
+    alone = Counted(log, AdaptiveFilter(rig))
+    expected = moved_by_starts(alone)
+    assert together.runs < 0.8 * alone.runs
+    assert found.keys() == expected.keys()
+    for name, moved in found.items():
+        np.testing.assert_allclose(moved, expected[name], rtol=1e-6, atol=1e-12)
 
 
 def test_a_start_that_the_log_rejects_counts_by_its_likelihood() -> None:
@@ -165,7 +200,7 @@ def test_the_ratio_of_a_gear_is_searched_between_those_that_are_tried() -> None:
             return SimpleNamespace(
                 innovations=np.ones(10),
                 bounded=True,
-                log_likelihood=-10 * abs(np.log(ratio / true)),
+                log_likelihood=partial(float, -10 * abs(np.log(ratio / true))),
             )
 
         stub = SimpleNamespace(each=partial(map, rerun))
@@ -277,7 +312,7 @@ def test_a_rerun_is_a_run_of_the_changed_log() -> None:
         if np.isfinite(v)
     ]
     inflated = [(v, s * max(1.0, v**2 / s / OUTLIER)) for v, s in compared]
-    assert found.log_likelihood == pytest.approx(
+    assert found.log_likelihood() == pytest.approx(
         -0.5 * sum(v**2 / s + np.log(s) for v, s in inflated)
     )
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -71,12 +71,15 @@ class Outcome:
         squares: Floats = self.innovations**2 / self.innovation_variances
         return squares
 
-    @property
-    def log_likelihood(self) -> float:
-        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in
-        the filter.
+    def log_likelihood(self, channels: Sequence[int] | None = None) -> float:
+        """Return ln p of all that was compared, or of some channels, less a constant; beyond ν² = 9
+        S an outlier counts as in the filter.
         """
         compared = np.isfinite(self.innovations)
+        if channels is not None:
+            others = np.ones(compared.shape[1], dtype=bool)
+            others[list(channels)] = False
+            compared[:, others] = False
         squares, variances = self.squares[compared], self.innovation_variances[compared]
         inflation = np.maximum(1.0, squares / OUTLIER)
         return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))

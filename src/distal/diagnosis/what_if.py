@@ -4,7 +4,8 @@ begins with what it learned.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -42,38 +43,82 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     estimates over starts drawn from the prior, which is part of the posterior's standard deviation.
     A start that the log itself rejects counts by its likelihood, min(1, p/p_0).
     """
-    runner, base = rerun.runner, rerun.base
-    states = runner.states
-    joints = len(runner.rig.joints)
-    time = rerun.log.time
-    settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
-    width = np.mean(base.variances[settled, :joints], axis=0)
-    moved, shifts = dict[str, Floats](), list[tuple[str, float]]()
-    angles = {
-        name
-        for name, kind in zip(runner.state_names, runner.state_kinds)
-        if kind is StateKind.ANGLE
-    }
-    for i, name in enumerate(runner.state_names):
-        if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
-            moved[name] = np.zeros(joints)
-            shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
+    moved = moved_by_starts(rerun)
     if not moved:
         return []
-    for (name, _), away in zip(
-        shifts, rerun.each(Change(shifts={name: shift}) for name, shift in shifts)
-    ):
-        shift = (away.means - base.means)[settled, :joints]
-        if away.bounded:
-            weight = float(np.exp(min(0.0, away.log_likelihood - base.log_likelihood)))
-            moved[name] += 0.5 * weight * np.mean(shift**2, axis=0) / width
     total = np.sum(list(moved.values()), axis=0)
     worst = int(np.argmax(total))
     spread = float(np.sqrt(total[worst]))
     if spread <= HANGS:
         return []
     most = max(moved, key=lambda name: float(moved[name][worst]))
-    return [sentences.hangs_on_the_start(most, spread, is_angle=most in angles)]
+    return [sentences.hangs_on_the_start(most, spread, is_angle=most in _angles(rerun))]
+
+
+def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
+    """Return state → by how much another start of it moves the joints' angles, the mean square over
+    that of the band, (n_joints,).
+    """
+    runner, base = rerun.runner, rerun.base
+    states, joints, time = runner.states, len(runner.rig.joints), rerun.log.time
+    settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
+    width = np.mean(base.variances[settled, :joints], axis=0)
+    moved, shifts, angles = dict[str, Floats](), list[tuple[str, float]](), _angles(rerun)
+    for i, name in enumerate(runner.state_names):
+        if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
+            moved[name] = np.zeros(joints)
+            shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
+    # parts that move without one another do not see each other's shifts: one run has one of each
+    parts = _parts(rerun)
+    of_parts = ([shift for shift in shifts if shift[0] in part.names] for part in parts)
+    runs = [list(filter(None, run)) for run in zip_longest(*of_parts)]
+    while runs:
+        lost = list[list[tuple[str, float]]]()
+        for run, away in zip(runs, rerun.each(Change(shifts=dict(run)) for run in runs)):
+            if not away.bounded:
+                lost += [[shift] for shift in run] if len(run) > 1 else []
+                continue
+            change = (away.means - base.means)[settled, :joints]
+            for name, _ in run:
+                part = next(part for part in parts if name in part.names)
+                moves = np.mean(change[:, part.joints] ** 2, axis=0) / width[part.joints]
+                moved[name][part.joints] += 0.5 * part.weight(away, base) * moves
+        runs = lost
+    return moved
+
+
+def _angles(rerun: Rerun) -> set[str]:
+    kinds = zip(rerun.runner.state_names, rerun.runner.state_kinds)
+    return {name for name, kind in kinds if kind is StateKind.ANGLE}
+
+
+@dataclass(frozen=True)
+class _Part:
+    """States, joints and innovations of a part of a rig that moves without the others."""
+
+    names: frozenset[str]
+    joints: list[int]
+    compared: list[int]
+
+    def weight(self, away: Outcome, base: Outcome) -> float:
+        """Return min(1, p/p_0) of what is compared in it."""
+        changed, before = (outcome.log_likelihood(self.compared) for outcome in (away, base))
+        return float(np.exp(min(0.0, changed - before)))
+
+
+def _parts(rerun: Rerun) -> list[_Part]:
+    runner, joints = rerun.runner, len(rerun.runner.rig.joints)
+    names = runner.state_names
+    if not runner.parts:
+        return [_Part(frozenset(names), list(range(joints)), list(range(len(runner.measured))))]
+    return [
+        _Part(
+            frozenset(names[i] for i in part.at),
+            [int(i) for i in part.at if i < joints],
+            part.compared.tolist(),
+        )
+        for part in runner.parts
+    ]
 
 
 def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:

@@ -15,6 +15,7 @@ from distal.errors import EstimationError
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
+from distal.estimators.adaptive.independent_parts import Apart, parts_of
 from distal.estimators.adaptive.inputs import states_of_rig
 from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
 from distal.estimators.adaptive.tuning import Robustness
@@ -367,6 +368,11 @@ class AdaptiveFilter(KernelEstimator):
     def states(self) -> StateVector:
         """The state vector: its blocks, their priors and what they do."""
         return self._states
+
+    @property
+    def parts(self) -> tuple[Apart, ...]:
+        """Its parts that do not touch each other; none where there is only one."""
+        return parts_of(self._states)
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:
