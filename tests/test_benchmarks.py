@@ -24,7 +24,7 @@ GONE = ("attr-defined", "call-arg", "name-defined")
 FAULTS = ("AttributeError", "NameError", "TypeError", "ImportError", "SyntaxError")
 """What the end of a benchmark that names what is gone begins with."""
 
-STARTS = 2.0
+STARTS = 1.5
 """A benchmark without a small case has started if it still runs after so long [s]."""
 
 SMALLEST: dict[str, tuple[str, ...]] = {

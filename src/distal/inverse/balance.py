@@ -17,7 +17,7 @@ from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
 from distal.inverse.command_inputs import DERIVED, command_inputs, radius_of
 from distal.model import Mechanism
-from distal.model.parameters import Numbers
+from distal.model.parameters import Derived, Numbers
 from distal.rig import Rig
 
 
@@ -37,7 +37,8 @@ class Balance:
     """
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
-        mechanism = Mechanism(rig, remembers=True, derived=command_inputs(rig), folded=folded)
+        derived = Derived(command_inputs(rig), folded)
+        mechanism = Mechanism(rig, remembers=True, derived=derived)
         self.mechanism = mechanism
         self.rig, self.free = rig, list(mechanism.free)
         self.nj, self.nd, self.nt, self.nf = (

@@ -38,6 +38,11 @@ OPTIMISED, OPTIMISED_LANES = "-O3", "-O2"
 takes longer and brings nothing.
 """
 
+LONG, OPTIMISED_LONG = 500_000, "-O1"
+"""C with more characters than this runs as fast with less effort, in half the time of a compiler:
+straight lines without loops (docs/results/performance.md).
+"""
+
 LOG = logging.getLogger("distal.kernels")
 """Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
@@ -179,6 +184,7 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
     compiler, cache = _needed_compiler(), _own_cache()
+    level = OPTIMISED_LONG if len(source) > LONG else level
     key = _key(compiler, source, level)
     library = cache.find(key)
     if library is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 
@@ -10,6 +10,7 @@ from distal.expressions import Matrix, Scalar, Vector
 from distal.model.chain import Chain
 from distal.model.elasticity import extension_torque, polynomial_torque
 from distal.model.friction import Limit, capstan_limit, load_dependent_limit, stribeck
+from distal.model.parameters import NOTHING_DERIVED, Derived
 from distal.model.tendons import Tendons
 from distal.rig import Joint, Rig
 
@@ -45,10 +46,9 @@ class Mechanism(Tendons):
         rig: Rig,
         inputs: Sequence[str] = (),
         remembers: bool = False,
-        derived: Mapping[str, float] | None = None,
-        folded: bool = False,
+        derived: Derived = NOTHING_DERIVED,
     ) -> None:
-        super().__init__(rig, inputs, remembers, derived, folded)
+        super().__init__(rig, inputs, remembers, derived)
         links = Chain(rig, self.parameters) if rig.is_chain else None
         carried = self.n_joints >= FEWEST
         self.chain, self._lone = links if carried else None, None if carried else links

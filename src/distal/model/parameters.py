@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import casadi as ca
@@ -27,6 +28,19 @@ NEUTRAL = (".exponent", ".let_out", ".scale")
 Numbers = TypeVar("Numbers", ca.SX, ca.MX)
 
 
+@dataclass(frozen=True)
+class Derived:
+    """Numbers that follow from a description, by name: symbols beside its parameters, or constants
+    where they are `folded` into the expressions.
+    """
+
+    values: Mapping[str, float]
+    folded: bool = False
+
+
+NOTHING_DERIVED = Derived({})
+
+
 class Parameters:
     """The numbers in the equations of motion: names (paths as in ``--set``), values, stds, drifts,
     symbols.
@@ -42,8 +56,7 @@ class Parameters:
         inputs: paths that stay symbols whatever their values, because they will be changed:
             parameters, and other numbers of the description (a sensor's noise), which are put
             behind the parameters. They have std 0.
-        derived: numbers that follow from the description, by name: symbols too, behind the inputs,
-            or constants where they are `folded` into the expressions.
+        derived: numbers that follow from the description, behind the inputs.
         inside: names of what moves inside the rig, which come last; see `Mechanism`.
 
     Raises:
@@ -55,10 +68,9 @@ class Parameters:
         rig: Rig,
         inputs: Sequence[str] = (),
         inside: Sequence[str] = (),
-        derived: Mapping[str, float] | None = None,
-        folded: bool = False,
+        derived: Derived = NOTHING_DERIVED,
     ) -> None:
-        self.inputs, self.inside, self.folded = tuple(inputs), tuple(inside), folded
+        self.inputs, self.inside, self.folded = tuple(inputs), tuple(inside), derived.folded
         self._constants: dict[str, float] = {}
         rows: dict[str, tuple[float, float, float]] = {}
         independent: dict[int, float] = {}
@@ -85,10 +97,10 @@ class Parameters:
         rows |= {
             name: (number_at(rig, name), 0.0, np.nan) for name in self.inputs if name not in rows
         }
-        if folded:
-            self._constants |= derived or {}
+        if derived.folded:
+            self._constants |= derived.values
         else:
-            rows |= {name: (value, 0.0, np.nan) for name, value in (derived or {}).items()}
+            rows |= {name: (value, 0.0, np.nan) for name, value in derived.values.items()}
         rows |= dict.fromkeys(inside, (0.0, 0.0, np.nan))
         self.names = tuple(rows)
         self.all_names = tuple(name for name, _ in _walk(rig))

@@ -4,14 +4,14 @@ forces.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.elasticity import stretched
-from distal.model.parameters import Parameters
+from distal.model.parameters import NOTHING_DERIVED, Derived, Parameters
 from distal.model.plays import Bounds, Pull, Sheath, balanced, gap, plays_of
 from distal.rig import Meeting, Polynomial, Rig, Size
 
@@ -67,8 +67,7 @@ class Tendons:
         remembers: whether what moves inside the rig (backlash, points in a sheath, creep) stays
             where it was, as numbers `inside` among the parameters; else it is taken to be in the
             middle of where it can be.
-        derived: numbers that follow from the description and are inputs too, or constants where
-            they are `folded`; see `Parameters`.
+        derived: numbers that follow from the description; see `Parameters`.
     """
 
     def __init__(
@@ -76,8 +75,7 @@ class Tendons:
         rig: Rig,
         inputs: Sequence[str] = (),
         remembers: bool = False,
-        derived: Mapping[str, float] | None = None,
-        folded: bool = False,
+        derived: Derived = NOTHING_DERIVED,
     ) -> None:
         self.rig, self.remembers = rig, remembers
         self.plays = plays_of(rig)
@@ -88,7 +86,7 @@ class Tendons:
             drive.backlash is not None for drive in rig.drives
         )  # points in sheaths come last
         inside = (*self.plays, *self.strains) if remembers else ()
-        self.parameters = Parameters(rig, inputs, inside, derived, folded)
+        self.parameters = Parameters(rig, inputs, inside, derived)
         self.bodies = tuple(
             Body(f"{kind}.{i}", part.name, kind == "joints", part.stops is not None)
             for kind in ("joints", "drives")

@@ -14,6 +14,7 @@ from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels
 from distal.model import Mechanism
+from distal.model.parameters import Derived
 from distal.rig import Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_errors import quantisation_variance
 
@@ -36,7 +37,9 @@ def states_of_rig(
         derived = {
             f"{DERIVED}{name}": value for name, value in numbers.items() if name not in inputs
         }
-        return FilterContext(Mechanism(rig, inputs, True, derived, folded), channels, robustness)
+        return FilterContext(
+            Mechanism(rig, inputs, True, Derived(derived, folded)), channels, robustness
+        )
 
     numbers = dict(numbers_of_rig(context_with({})))
     states = StateVector(context_with(numbers), kinds)
