@@ -95,10 +95,18 @@ def with_maps(rig: Rig) -> Rig:
     return rig.with_values({**torques, "discrepancy": learned, "contact": learned})
 
 
+FULL_FILTERS = ("ekf", "ekf-2008")
+
+
 @pytest.mark.parametrize(
-    "name", ["adaptive", "affine", "ekf", "ekf-2008", "elastic", "inextensible"]
+    ("rig_name", "name"),
+    [
+        # over sixteen joints their functions take seconds to build
+        pytest.param(r, n, marks=[pytest.mark.more] if r == "hand" and n in FULL_FILTERS else [])
+        for r in shipped_rigs()
+        for n in ("adaptive", "affine", "elastic", "inextensible", *FULL_FILTERS)
+    ],
 )
-@pytest.mark.parametrize("rig_name", shipped_rigs())
 def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
     """With every reading there, and with a third of them missing."""
     assert name in ESTIMATORS

@@ -231,7 +231,10 @@ of is a state more.
 """
 
 
-@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize(
+    "name",
+    ["wrist-instrument", *(pytest.param(n, marks=pytest.mark.more) for n in list(LIMITS)[1:])],
+)
 def test_a_chain_fits_and_is_right(name: str, tmp_path: Path) -> None:
     """All angles as in Python to 0.02°."""
     _, rig, scenario = next(case for case in chains() if case[0] == name)

@@ -19,7 +19,10 @@ from distal.regression.band import LARGEST_FACTOR, SMALLEST_FACTOR
 @pytest.mark.filterwarnings(
     "ignore::distal.errors.DistalWarning"
 )  # numbers far from their priors: the model is wrong
-@pytest.mark.parametrize(("log_of", "rig_of"), [(finger_log, finger_rig), (hand_log, hand_rig)])
+@pytest.mark.parametrize(
+    ("log_of", "rig_of"),
+    [pytest.param(finger_log, finger_rig, marks=pytest.mark.more), (hand_log, hand_rig)],
+)
 def test_a_rig_with_other_physics(log_of: object, rig_of: object) -> None:
     """On logs that nothing has seen: not clearly worse than `affine`, 88 % or more inside, a band
     of at most 5 errors.

@@ -207,7 +207,14 @@ def driven(name: str, seed: int, places: np.ndarray, begin: np.ndarray) -> np.nd
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["finger-2n", "finger-n-plus-1", "wrist-instrument"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "finger-2n",
+        pytest.param("finger-n-plus-1", marks=pytest.mark.more),
+        pytest.param("wrist-instrument", marks=pytest.mark.more),
+    ],
+)
 def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
     """A plant that shares no code, as drawn: 0.6 times the error of arms and a constant tension,
     band included.

@@ -47,17 +47,14 @@ def test_a_term_that_comes_is_another_structure() -> None:
     assert len(keys) == len(changes) + 1
 
 
+FEW = ("paper-2008-observed", "capstan-joint", "finger-2n", "hand")
+
+
 @pytest.mark.parametrize(
     "name",
     [
-        "paper-2008-observed",
-        "capstan-joint",
-        "finger-2n",
-        *(
-            pytest.param(name, marks=pytest.mark.slow)
-            for name in shipped_rigs()
-            if name not in ("paper-2008-observed", "capstan-joint", "finger-2n")
-        ),
+        pytest.param(name, marks=[] if name in FEW else [pytest.mark.more])
+        for name in shipped_rigs()
     ],
 )
 def test_the_same_structure_is_the_same_c(name: str) -> None:

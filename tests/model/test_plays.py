@@ -83,7 +83,7 @@ def test_a_slack_cable_pulls_nothing() -> None:
     assert [float(t) for t in cable.tensions(points, -1e-3, 1e-3)] == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2, pytest.param(3, marks=pytest.mark.more)])
 def test_a_cable_that_stiffens_is_one_spring_without_friction(count: int) -> None:
     """T = T_pre + k (e^{aδ} − 1)/a of the whole cable, whatever its stretches."""
     a, pretension, stretch = 300.0, 5.0, 3e-3

@@ -147,7 +147,10 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
 @pytest.mark.parametrize(
     "values",
     [
-        {"tendons.1.stiffening": {"value": 300.0, "std": 50.0}, "tendons.1.damping": 5.0},
+        pytest.param(
+            {"tendons.1.stiffening": {"value": 300.0, "std": 50.0}, "tendons.1.damping": 5.0},
+            marks=pytest.mark.more,
+        ),
         {"joints.0.backlash.width": 0.05},
         {"drives.0.backlash": {"width": 0.05, "held": False}},
     ],
