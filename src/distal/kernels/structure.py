@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -117,11 +116,6 @@ def _of_field(name: str, field: object) -> object:
 
 @lru_cache(maxsize=1)
 def source_stamp() -> str:
-    """Return what changes with any file of the package: a kernel of other code is another kernel."""
-    folder = Path(__file__).parents[1]
-    files = sorted(folder.rglob("*.py"))
-    states: Mapping[str, tuple[int, int]] = {
-        str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.stat().st_size)
-        for path in files
-    }
-    return digest(repr(sorted(states.items())))
+    """Return a digest of the package's code: a kernel of other code is another kernel."""
+    files = sorted(Path(__file__).parents[1].rglob("*.py"))
+    return digest(*(path.read_bytes() for path in files))
