@@ -17,6 +17,7 @@ from distal.kernels.compiler import compiled_source
 from distal.model import soft_moments
 
 pytestmark = [
+    pytest.mark.usefixtures("as_users_compile"),
     pytest.mark.skipif(isinstance(find_compiler(), str), reason="no C compiler"),
 ]
 

@@ -137,6 +137,7 @@ def test_on_a_plant_of_others_the_joint_goes_where_it_is_wanted() -> None:
     assert hunts(time, wanted, live) == 0
 
 
+@pytest.mark.usefixtures("as_users_compile")
 def test_with_and_without_a_compiler_it_is_the_same() -> None:
     compiled, interpreted = LiveInverse(RIG), LiveInverse(RIG, compiled=False)
     sample = sample_of(compiled)

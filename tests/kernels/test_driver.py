@@ -12,6 +12,8 @@ import pytest
 import distal
 from distal.kernels import Advanced, Feed, Kernel, advance, advance_all, at_samples
 
+pytestmark = pytest.mark.usefixtures("as_users_compile")
+
 
 def kernel(compiled: bool) -> Kernel:
     carry, x, p = ca.SX.sym("carry", 2), ca.SX.sym("x"), ca.SX.sym("p")

@@ -20,6 +20,8 @@ from distal.kernels import Kernel, c_source, find_compiler, kernel, probe
 from distal.kernels.cache import Cache, digest
 from distal.run import samples_of
 
+pytestmark = pytest.mark.usefixtures("as_users_compile")
+
 needs_compiler = pytest.mark.skipif(
     isinstance(find_compiler(), str), reason="no C compiler on this machine"
 )

@@ -89,6 +89,7 @@ def test_other_rigs_and_homing(logs: list[Log]) -> None:
                 same(estimate(log, known, homing=homing), result)
 
 
+@pytest.mark.usefixtures("as_users_compile")
 @pytest.mark.parametrize("name", [pytest.param("adaptive", marks=pytest.mark.slow), "ekf-2008"])
 def test_without_a_compiler_the_same(rig: Rig, logs: list[Log], name: str) -> None:
     for log, result in zip(logs[:3], estimate_batch(logs[:3], rig, name, compiled=False)):
