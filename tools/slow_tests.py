@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 SECONDS = ROOT / "out" / "test-seconds.json"
 LIST = ROOT / "tests" / "slow.txt"
 
-FAST = 0.2
+FAST = 0.12
 """A test of which a case takes longer than this is slow [s]; 3,000 others take half a minute."""
 
 ALWAYS = "tests/estimators/adaptive/test_twin.py"
