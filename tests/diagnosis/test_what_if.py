@@ -21,7 +21,7 @@ from distal.diagnosis.comparison import stretch
 from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.rerun import OUTLIER, Change, Rerun
-from distal.diagnosis.untested import _changes, _unseen
+from distal.diagnosis.untested import _changes, _unseen, untestable
 from distal.diagnosis.what_if import moved_by_starts, overconfidence, with_learned_numbers
 from distal.estimators import AdaptiveFilter, StateKind
 from distal.rig import build_rig
@@ -98,7 +98,7 @@ class Stub:
             means=means,
             variances=variances,
             bounded=self.bounded,
-            log_likelihood=lambda _: likelihood,
+            log_likelihood=likelihood,
             squares=squares * np.ones((len(time), 1)),
         )
 
@@ -145,6 +145,9 @@ def test_parts_that_do_not_touch_are_shifted_in_one_run(monkeypatch: pytest.Monk
     assert found.keys() == expected.keys()
     for name, moved in found.items():
         np.testing.assert_allclose(moved, expected[name], rtol=1e-6, atol=1e-12)
+    assert [finding.text for finding in untestable(together)] == [
+        finding.text for finding in untestable(alone)
+    ]
 
 
 def test_a_start_that_the_log_rejects_counts_by_its_likelihood() -> None:
@@ -200,7 +203,7 @@ def test_the_ratio_of_a_gear_is_searched_between_those_that_are_tried() -> None:
             return SimpleNamespace(
                 innovations=np.ones(10),
                 bounded=True,
-                log_likelihood=partial(float, -10 * abs(np.log(ratio / true))),
+                log_likelihood=-10 * abs(np.log(ratio / true)),
             )
 
         stub = SimpleNamespace(each=partial(map, rerun))
@@ -312,7 +315,7 @@ def test_a_rerun_is_a_run_of_the_changed_log() -> None:
         if np.isfinite(v)
     ]
     inflated = [(v, s * max(1.0, v**2 / s / OUTLIER)) for v, s in compared]
-    assert found.log_likelihood() == pytest.approx(
+    assert found.log_likelihood == pytest.approx(
         -0.5 * sum(v**2 / s + np.log(s) for v, s in inflated)
     )
 

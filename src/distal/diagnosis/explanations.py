@@ -144,7 +144,7 @@ def _best_ratio(rerun: Rerun, powers: dict[str, int]) -> float:
 def _likelihood(outcome: Outcome) -> float:
     """Return ln p per compared value."""
     count = int(np.isfinite(outcome.innovations).sum())
-    return outcome.log_likelihood() / count if outcome.bounded and count else -np.inf
+    return outcome.log_likelihood / count if outcome.bounded and count else -np.inf
 
 
 def _moves(rerun: Rerun, outcome: Outcome) -> bool:

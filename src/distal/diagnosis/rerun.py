@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,6 +41,11 @@ class Change:
     later: Mapping[str, float] = field(default_factory=dict)
     exchanged: tuple[str, ...] = ()
 
+    @property
+    def reads_otherwise(self) -> bool:
+        """Whether what is read is changed, and with it the first sample."""
+        return bool(self.channels or self.added or self.later or self.exchanged)
+
     def __and__(self, other: Change) -> Change:
         """Return both changes as one; two columns are exchanged by one of them."""
         return Change(
@@ -71,15 +76,12 @@ class Outcome:
         squares: Floats = self.innovations**2 / self.innovation_variances
         return squares
 
-    def log_likelihood(self, channels: Sequence[int] | None = None) -> float:
-        """Return ln p of all that was compared, or of some channels, less a constant; beyond ν² = 9
-        S an outlier counts as in the filter.
+    @property
+    def log_likelihood(self) -> float:
+        """ln p of all that was compared, less a constant; beyond ν² = 9 S an outlier counts as in
+        the filter.
         """
         compared = np.isfinite(self.innovations)
-        if channels is not None:
-            others = np.ones(compared.shape[1], dtype=bool)
-            others[list(channels)] = False
-            compared[:, others] = False
         squares, variances = self.squares[compared], self.innovation_variances[compared]
         inflation = np.maximum(1.0, squares / OUTLIER)
         return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))
@@ -156,7 +158,7 @@ class Rerun:
         """Return belief, samples and parameters of a run with a change."""
         runner, run = self.runner, self._run
         samples, begin, p = run.samples, run.start, np.array(runner.numbers)
-        if change.channels or change.added or change.later or change.exchanged:
+        if change.reads_otherwise:
             samples = samples.copy()
             pair = [runner.channels.index(name) for name in change.exchanged]
             samples[:, pair] = samples[:, pair[::-1]]

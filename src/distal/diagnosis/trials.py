@@ -150,7 +150,7 @@ class _Score:
 
 def _likelihood(outcome: Outcome) -> float:
     """Return ln p of innovations per compared value."""
-    return outcome.log_likelihood() / max(int(np.isfinite(outcome.innovations).sum()), 1)
+    return outcome.log_likelihood / max(int(np.isfinite(outcome.innovations).sum()), 1)
 
 
 def _ways(cause: Cause) -> list[Trial]:

@@ -17,6 +17,7 @@ import numpy as np
 from distal.confidence import BAND
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
+from distal.diagnosis.parts import each_apart
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.diagnosis.what_if import contradictions
 from distal.estimators import AdaptiveFilter
@@ -74,9 +75,8 @@ def untestable(rerun: Rerun) -> list[Finding]:
             for (group, concerned), change in zip(kinds, changes)
             if change is not None and not set(concerned) <= set(found[group])
         ]
-        for (group, concerned, _), outcome in zip(
-            tried, rerun.each(change for _, _, change in tried)
-        ):
+        for i, outcome in each_apart(rerun, [change for _, _, change in tried]):
+            group, concerned, _ = tried[i]
             if _unseen(rerun, outcome, of_base):
                 found[group] += [drive for drive in concerned if drive not in found[group]]
     groups = {group: named for group, named in found.items() if named}

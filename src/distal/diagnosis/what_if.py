@@ -4,8 +4,7 @@ begins with what it learned.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import zip_longest
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from distal.arrays import Floats
 from distal.diagnosis import sentences
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
+from distal.diagnosis.parts import each_apart
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.estimators import StateKind, state_units
 from distal.results import Estimate
@@ -68,57 +68,19 @@ def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
             shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
-    # parts that move without one another do not see each other's shifts: one run has one of each
-    parts = _parts(rerun)
-    of_parts = ([shift for shift in shifts if shift[0] in part.names] for part in parts)
-    runs = [list(filter(None, run)) for run in zip_longest(*of_parts)]
-    while runs:
-        lost = list[list[tuple[str, float]]]()
-        for run, away in zip(runs, rerun.each(Change(shifts=dict(run)) for run in runs)):
-            if not away.bounded:
-                lost += [[shift] for shift in run] if len(run) > 1 else []
-                continue
+    changes = [Change(shifts={name: shift}) for name, shift in shifts]
+    for i, away in each_apart(rerun, changes):
+        if away.bounded:
             change = (away.means - base.means)[settled, :joints]
-            for name, _ in run:
-                part = next(part for part in parts if name in part.names)
-                moves = np.mean(change[:, part.joints] ** 2, axis=0) / width[part.joints]
-                moved[name][part.joints] += 0.5 * part.weight(away, base) * moves
-        runs = lost
+            likelier = away.log_likelihood - base.log_likelihood
+            weight = float(np.exp(min(0.0, likelier)))
+            moved[shifts[i][0]] += 0.5 * weight * np.mean(change**2, axis=0) / width
     return moved
 
 
 def _angles(rerun: Rerun) -> set[str]:
     kinds = zip(rerun.runner.state_names, rerun.runner.state_kinds)
     return {name for name, kind in kinds if kind is StateKind.ANGLE}
-
-
-@dataclass(frozen=True)
-class _Part:
-    """States, joints and innovations of a part of a rig that moves without the others."""
-
-    names: frozenset[str]
-    joints: list[int]
-    compared: list[int]
-
-    def weight(self, away: Outcome, base: Outcome) -> float:
-        """Return min(1, p/p_0) of what is compared in it."""
-        changed, before = (outcome.log_likelihood(self.compared) for outcome in (away, base))
-        return float(np.exp(min(0.0, changed - before)))
-
-
-def _parts(rerun: Rerun) -> list[_Part]:
-    runner, joints = rerun.runner, len(rerun.runner.rig.joints)
-    names = runner.state_names
-    if not runner.parts:
-        return [_Part(frozenset(names), list(range(joints)), list(range(len(runner.measured))))]
-    return [
-        _Part(
-            frozenset(names[i] for i in part.at),
-            [int(i) for i in part.at if i < joints],
-            part.compared.tolist(),
-        )
-        for part in runner.parts
-    ]
 
 
 def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
