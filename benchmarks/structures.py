@@ -138,7 +138,7 @@ def _servo(kind: str) -> dict[str, object]:
     if kind == "slider":
         position = {"amplitude": 1e-3, "frequency": 0.4}
         return {"position": position, "stiffness": 5e4, "damping": 100.0}
-    position = {"amplitude": 0.3, "frequency": 0.4}
+    position = {"amplitude": 0.1, "frequency": 0.4}
     return {"angle": position, "stiffness": 20.0, "damping": 0.3}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -125,6 +126,7 @@ def estimate_command(
     """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
     estimators with it.
     """
+    from distal.estimators import DEFAULT, AdaptiveFilter
     from distal.logs import episodes_of, file_of, is_dataset, read_log, true_angles, write_together
     from distal.results import PANELS, check_panels, plot_kind
     from distal.rig import load_rig
@@ -162,7 +164,6 @@ def estimate_command(
             },
         )
         from distal.cli.batch import estimate_many, estimates_of
-        from distal.estimators import DEFAULT
 
         check_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
         description, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
@@ -194,6 +195,10 @@ def estimate_command(
     names, origin = _names(estimator, description, is_known), log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
+    if what_if and home is None and DEFAULT in names:
+        # what a diagnosis runs is compiled beside what the estimate does, which says what is wrong
+        with suppress(DistalError):
+            AdaptiveFilter(description, "lanes").kernel.begin_lanes()
     results, failed = _estimates(
         log, description, names, passes, home, comparing=estimator is None, is_known=is_known
     )

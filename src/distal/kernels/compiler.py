@@ -8,8 +8,9 @@ import platform
 import shlex
 import shutil
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +20,7 @@ import casadi as ca
 from distal.codegen import CodeError, Emitter, Lanes, Plain
 from distal.kernels.cache import Cache, Library, cache_folder, check_own, cpu, digest
 from distal.kernels.recipe import Recipe
+from distal.kernels.structure import Structure
 
 # no fast-math and no fused multiply-add: the same numbers as the interpreter with 512-bit vectors
 # GCC 12 makes code of some filters that is wrong: a covariance that is no longer symmetric
@@ -170,8 +172,7 @@ def library_of(
     compiler, cache = _needed_compiler(), _own_cache()
     if recipe.structure is None:
         return Library(compiled_source(recipe.written(source), level), recipe.function.name())
-    wish = os.environ.get("DISTAL_COMPILE", "")
-    key = _key(compiler, recipe.structure.key, form, level, wish)
+    key = _kept_as(compiler, recipe.structure, form, level)
     library = cache.find(key)
     if library is None:
         path = compiled_source(recipe.written(source), level)
@@ -179,6 +180,29 @@ def library_of(
         with _written(cache):
             cache.note(key, library)
     return library
+
+
+def begin_library(
+    recipe: Recipe, form: str, source: Callable[[ca.Function], str], level: str = OPTIMISED
+) -> None:
+    """Begin to build a library in the background, if it is not there; `library_of` waits for it.
+
+    Its C is written before this returns: CasADi does not count its symbols safely over threads.
+    Arguments are as of `library_of`; what fails is said by that.
+    """
+    with suppress(CompileError):
+        compiler, cache = _needed_compiler(), _own_cache()
+        if recipe.structure is None or cache.find(
+            _kept_as(compiler, recipe.structure, form, level)
+        ):
+            return
+        text = recipe.written(source)
+
+        def build() -> None:
+            with suppress(CompileError):
+                compiled_source(text, level)
+
+        threading.Thread(target=build, daemon=True).start()
 
 
 def compiled_source(source: str, level: str = OPTIMISED) -> Path:
@@ -206,6 +230,10 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
             finally:
                 LOG.info("")
         return library.path
+
+
+def _kept_as(compiler: Compiler, structure: Structure, form: str, level: str) -> str:
+    return _key(compiler, structure.key, form, level, os.environ.get("DISTAL_COMPILE", ""))
 
 
 def _key(compiler: Compiler, *parts: str) -> str:

@@ -23,7 +23,7 @@ from distal.kernels.compiler import (
     find_compiler,
     library_of,
 )
-from distal.kernels.lanes import LaneKernel
+from distal.kernels.lanes import LaneKernel, begin_lanes
 from distal.kernels.recipe import Recipe
 
 Backend = Literal["compiled", "interpreted"]
@@ -142,6 +142,10 @@ class Kernel:
         """Return the kernel with a carry of its own, for one sample after the other."""
         call = self.function if self._external is None else self._external
         return Loop(call, np.array(p, dtype=np.float64).reshape(self.n_p))
+
+    def begin_lanes(self) -> None:
+        """Begin to build what `lanes` returns, in the background."""
+        begin_lanes(self._recipe)
 
     def lanes(self) -> LaneKernel | None:
         """Return the same kernel for several runs at once, built when first asked for; None where

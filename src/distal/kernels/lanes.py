@@ -13,7 +13,13 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.codegen import Lanes
-from distal.kernels.compiler import OPTIMISED_LANES, CompileError, emitted, library_of
+from distal.kernels.compiler import (
+    OPTIMISED_LANES,
+    CompileError,
+    begin_library,
+    emitted,
+    library_of,
+)
 from distal.kernels.feed import Advanced, Feed
 from distal.kernels.recipe import Recipe
 
@@ -59,6 +65,16 @@ def lanes_here() -> int:
     return 4 if "avx2" in features or platform.machine() == "x86_64" else 2
 
 
+def _source(function: ca.Function) -> str:
+    lanes = lanes_here()
+    return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
+
+
+def begin_lanes(recipe: Recipe) -> None:
+    """Begin to build the kernel of a recipe for lanes, in the background."""
+    begin_library(recipe, f"{lanes_here()} lanes", _source, OPTIMISED_LANES)
+
+
 class LaneKernel:
     """A kernel (carry, x, p) → (carry⁺, y) over several runs at once, with the same numbers as one
     by one.
@@ -68,12 +84,8 @@ class LaneKernel:
     """
 
     def __init__(self, recipe: Recipe) -> None:
-        lanes = self.lanes = lanes_here()
-
-        def source(function: ca.Function) -> str:
-            return emitted(function, Lanes(lanes), _BATCH, lanes=lanes)
-
-        library = library_of(recipe, f"{lanes} lanes", source, OPTIMISED_LANES)
+        self.lanes = lanes_here()
+        library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
         self.n_carry, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
         try:
             batch = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_batch")

@@ -39,7 +39,8 @@ def kernel_of(
         return Kernel(Recipe(make), compiled)
     wishes = tuple(os.environ.get(name) for name in ("DISTAL_COMPILE", "DISTAL_CACHE", "CC"))
     key = (structure.key, compiled, *wishes)
-    return _kept(key, lambda: Kernel(Recipe(make, structure), compiled))
+    recipe = _kept((structure.key, "recipe"), lambda: Recipe(make, structure))
+    return _kept(key, lambda: Kernel(recipe, compiled))
 
 
 def function_of(structure: Structure, make: Callable[[], ca.Function]) -> ca.Function:
