@@ -13,7 +13,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,7 +113,8 @@ class Cache:
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         lock = self.folder / f"{key}.lock"
         with lock.open("w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
+            with suppress(OSError):  # a file system without locks: each process builds its own
+                fcntl.flock(file, fcntl.LOCK_EX)
             yield
             # whoever waits for this file finds the library, and whoever comes later too
             lock.unlink(missing_ok=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -12,25 +12,21 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.adaptive.context import FilterContext
-from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
+from distal.estimators.adaptive.drive_tracking import remembered_place
 from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
+from distal.estimators.adaptive.first_sample import prior_function
 from distal.estimators.adaptive.independent_parts import Apart, parts_of
 from distal.estimators.adaptive.inputs import states_of_rig
-from distal.estimators.adaptive.states import KINDS, Begin, Kind, StateVector
+from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.tuning import Robustness
-from distal.estimators.adaptive.unexplained_force import FORCE
-from distal.estimators.affine import start_of
-from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of
+from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
-from distal.expressions import Scalar
 from distal.kernels import Structure, kernel_of, structure_of
-from distal.kernels.mask import is_read
 from distal.logs import frozen
-from distal.regression import first_memory, numbers_of, reporting_function
+from distal.regression import numbers_of, reporting_function
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 
@@ -170,78 +166,10 @@ class AdaptiveFilter(KernelEstimator):
         )
 
     def prior_function(self) -> ca.Function:
-        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
-
-        The drives rest where the first sample says; what a play passes on is the first reading of
-        its effort.
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
+        sample.
         """
-        states, context = self._states, self._states.context
-        names = context.channels.names
-        values, is_present = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
-        sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        credible = (context.credible(sensors[name], values[k]) for k, name in enumerate(names))
-        mask = ca.vertcat(*(is_present[k] * is_credible for k, is_credible in enumerate(credible)))
-
-        def read(sensor: Sensor, otherwise: float) -> Scalar:
-            k = names.index(sensor.name)
-            return ca.if_else(is_read(mask[k]), context.corrected(sensor, values[k]), otherwise)
-
-        means, stds = states.prior()
-        mean, variances, memory = (
-            ca.SX(means),
-            ca.SX(stds**2),
-            ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives),
-        )
-        for i, drive in enumerate(self.rig.drives):
-            # as long as nothing is known of a force, it may be off by as much as it is unsure
-            memory[MEMORY * context.n_drives + FORCE.size * i + FORCE["usual"].start] = 0.25
-            position, effort, transmitted = (
-                context.position_sensor(i),
-                context.force_sensor(i),
-                states.transmitted(i),
-            )
-            if position is not None:
-                unknown = ca.if_else(
-                    is_read(mask[names.index(position.name)]), 0.0, UNKNOWN_PLACE[drive.kind] ** 2
-                )
-                memory[remembered_place(i, "place")] = read(position, 0.0)
-                memory[remembered_place(i, "unknown")] = unknown
-            if effort is not None:
-                memory[remembered_place(i, "effort")] = read(effort, 0.0)
-            if transmitted is not None and effort is not None:
-                at, _ = transmitted
-                mean[at] = read(effort, mean[at])
-        affine = self.rig.affine
-        if affine is not None and set(affine.channels) <= set(names):
-            # where the map that logs taught knows the start better than the rig, it says it
-            readings = {
-                name: (values[names.index(name)], mask[names.index(name)])
-                for name in affine.channels
-            }
-            for j in range(context.n_joints):
-                angle, unsure = start_of(affine, j, readings)
-                better = unsure < variances[j]
-                mean[j] = ca.if_else(better, angle, mean[j])
-                variances[j] = ca.if_else(better, unsure, variances[j])
-        begin = _begin(context, read)
-        for block in states.blocks:
-            first = block.first(begin)
-            if first is not None:
-                (at,) = states.indices(block)
-                mean[at], variances[at] = first[0], first[1] ** 2
-        # maps read the places of drives as the filter has them, without a known offset
-        placed = [
-            values[k] if at is None else context.corrected(sensors[names[k]], values[k])
-            for k, at in enumerate(self.places)
-        ]
-        for learned in self._maps:
-            memory = ca.vertcat(
-                memory,
-                first_memory(learned, ca.vertcat(*placed) if learned.tracked else values, mask),
-            )
-        symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", len(self._p))
-        prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
-        return ca.Function("prior", [values, is_present, p], prior)
+        return prior_function(self._states, self._maps, self.places, len(self._p))
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return which directions of joint space the sensors do not see, where there are any."""
@@ -389,25 +317,3 @@ class AdaptiveFilter(KernelEstimator):
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the kernel's parameters, (n_p,)."""
         return self._states.context.mechanism.parameters.names
-
-
-def _begin(context: FilterContext, read: Callable[[Sensor, float], Scalar]) -> Begin:
-    """Return what is read at the first sample; `read` gives a sensor's value, or what it is given
-    where that is missing.
-    """
-    drives, cells = (
-        range(context.n_drives),
-        {sensor.of: sensor for sensor in context.channels.tensions},
-    )
-    positions, forces = (
-        [context.position_sensor(i) for i in drives],
-        [context.force_sensor(i) for i in drives],
-    )
-    tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
-    efforts, pulls = (
-        [None if sensor is None else read(sensor, 0.0) for sensor in sensors]
-        for sensors in (forces, tensions)
-    )
-    return Begin(
-        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls
-    )

@@ -1,0 +1,139 @@
+"""What is believed before the first sample, from the rig and from what that sample reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import casadi as ca
+
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
+from distal.estimators.adaptive.states import Begin, StateVector
+from distal.estimators.adaptive.unexplained_force import FORCE
+from distal.estimators.affine import start_of
+from distal.estimators.channels import UNKNOWN_PLACE
+from distal.expressions import Scalar, Vector
+from distal.kernels.mask import is_read
+from distal.regression import first_memory
+from distal.rig import LearnedMap, Sensor
+
+UNEXPLAINED_AT_FIRST = 0.25
+"""Mean square of what a force leaves unexplained, as long as nothing is known of it: it may be off
+by as much as it is unsure [1].
+"""
+
+Read = Callable[[Sensor, Scalar], Scalar]
+"""Gives a sensor's first value, or what it is given where that is missing."""
+
+
+def prior_function(
+    states: StateVector, maps: Sequence[LearnedMap], places: Sequence[int | None], inputs: int
+) -> ca.Function:
+    """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
+
+    The drives rest where the first sample says; what a play passes on is the first reading of its
+    effort.
+
+    Args:
+        maps: that are reported.
+        places: for each channel where in the carry its drive's place stands, None for what is read.
+        inputs: length of p.
+    """
+    context = states.context
+    names = context.channels.names
+    values, is_present = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
+    sensors = {sensor.name: sensor for sensor in context.mechanism.rig.sensors}
+    credible = (context.credible(sensors[name], values[k]) for k, name in enumerate(names))
+    mask = ca.vertcat(*(is_present[k] * is_credible for k, is_credible in enumerate(credible)))
+
+    def is_there(sensor: Sensor) -> Scalar:
+        return is_read(mask[names.index(sensor.name)])
+
+    def read(sensor: Sensor, otherwise: Scalar) -> Scalar:
+        value = context.corrected(sensor, values[names.index(sensor.name)])
+        return ca.if_else(is_there(sensor), value, otherwise)
+
+    means, stds = states.prior()
+    mean, variances = ca.SX(means), ca.SX(stds**2)
+    memory = _memory(context, read, is_there)
+    for i in range(context.n_drives):
+        effort, transmitted = context.force_sensor(i), states.transmitted(i)
+        if transmitted is not None and effort is not None:
+            at, _ = transmitted
+            mean[at] = read(effort, mean[at])
+    _by_affine_map(context, values, mask, mean, variances)
+    begin = _begin(context, read)
+    for block in states.blocks:
+        first = block.first(begin)
+        if first is not None:
+            (at,) = states.indices(block)
+            mean[at], variances[at] = first[0], first[1] ** 2
+    # maps read the places of drives as the filter has them, without a known offset
+    placed = [
+        values[k] if at is None else context.corrected(sensors[names[k]], values[k])
+        for k, at in enumerate(places)
+    ]
+    for learned in maps:
+        readings = ca.vertcat(*placed) if learned.tracked else values
+        memory = ca.vertcat(memory, first_memory(learned, readings, mask))
+    symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", inputs)
+    prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
+    return ca.Function("prior", [values, is_present, p], prior)
+
+
+def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
+    """Return what is remembered of the drives and their forces; a place is unknown where none
+    `is_there`.
+    """
+    memory = ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives)
+    for i, drive in enumerate(context.mechanism.rig.drives):
+        usual = MEMORY * context.n_drives + FORCE.size * i + FORCE["usual"].start
+        memory[usual] = UNEXPLAINED_AT_FIRST
+        position, effort = context.position_sensor(i), context.force_sensor(i)
+        if position is not None:
+            unknown = UNKNOWN_PLACE[drive.kind] ** 2
+            memory[remembered_place(i, "place")] = read(position, 0.0)
+            memory[remembered_place(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
+        if effort is not None:
+            memory[remembered_place(i, "effort")] = read(effort, 0.0)
+    return memory
+
+
+def _by_affine_map(
+    context: FilterContext, values: Vector, mask: Vector, mean: Vector, variances: Vector
+) -> None:
+    """Let the map that logs taught say the start, where it knows it better than the rig, in
+    place.
+    """
+    affine, names = context.mechanism.rig.affine, context.channels.names
+    if affine is None or not set(affine.channels) <= set(names):
+        return
+    at = {name: names.index(name) for name in affine.channels}
+    readings = {name: (values[k], mask[k]) for name, k in at.items()}
+    for j in range(context.n_joints):
+        angle, unsure = start_of(affine, j, readings)
+        better = unsure < variances[j]
+        mean[j] = ca.if_else(better, angle, mean[j])
+        variances[j] = ca.if_else(better, unsure, variances[j])
+
+
+def _begin(context: FilterContext, read: Read) -> Begin:
+    """Return what is read at the first sample; `read` gives a sensor's value, or what it is given
+    where that is missing.
+    """
+    drives, cells = (
+        range(context.n_drives),
+        {sensor.of: sensor for sensor in context.channels.tensions},
+    )
+    positions, forces = (
+        [context.position_sensor(i) for i in drives],
+        [context.force_sensor(i) for i in drives],
+    )
+    tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
+    efforts, pulls = (
+        [None if sensor is None else read(sensor, 0.0) for sensor in sensors]
+        for sensors in (forces, tensions)
+    )
+    return Begin(
+        [0.0 if sensor is None else read(sensor, 0.0) for sensor in positions], efforts, pulls
+    )
