@@ -52,10 +52,10 @@ test-all: lint
 	$(PYTEST)
 
 test-fast: $(STAMP)
-	$(PYTEST) -m "not slow and not more"
+	DISTAL_COMPILE=quick $(PYTEST) -m "not slow and not more"
 
 test-changed: $(STAMP)
-	@$(BIN)/python -m tools.changed | xargs --no-run-if-empty $(BIN)/python -m pytest -q -m "not slow and not more"
+	@$(BIN)/python -m tools.changed | DISTAL_COMPILE=quick xargs --no-run-if-empty $(BIN)/python -m pytest -q -m "not slow and not more"
 
 journeys: $(STAMP)
 	DISTAL_JOURNEYS=10 $(PYTEST) tests/journeys

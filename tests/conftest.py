@@ -70,14 +70,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_cache() -> None:
-    # workers share the folder, and processes inherit it: each kernel is built once, and soon; what
-    # users run is compiled by the tests of kernels, of C and of journeys
+    # workers share the folder, and processes inherit it: each kernel is built once
     os.environ["DISTAL_CACHE"] = str(KERNELS)
-    os.environ.setdefault("DISTAL_COMPILE", "quick")
 
 
 @pytest.fixture
 def as_users_compile(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile as for users, also where `make test-fast` compiles quickly."""
     monkeypatch.delenv("DISTAL_COMPILE", raising=False)
 
 
