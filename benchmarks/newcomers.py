@@ -121,9 +121,9 @@ class Counted:
     def __init__(self) -> None:
         self.rows, lanes, alone = 0, LaneKernel.scan, Kernel.scan
 
-        def in_lanes(kernel: LaneKernel, carries: Any, xs: Any, ps: Any, keep: Any) -> Any:
-            self.rows += sum(len(x) for x in xs)
-            return lanes(kernel, carries, xs, ps, keep)  # type: ignore[call-arg]
+        def in_lanes(kernel: LaneKernel, feeds: Any, keep: Any) -> Any:
+            self.rows += sum(len(feed.rows) for feed in feeds)
+            return lanes(kernel, feeds, keep)
 
         def one_by_one(kernel: Kernel, carry: Any, xs: Any, p: Any) -> Any:
             self.rows += len(xs) if kernel.n_x > 1 else 0
