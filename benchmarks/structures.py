@@ -3,6 +3,7 @@ whole process.
 
     python -m benchmarks.structures counts       # 100 rigs drawn around each shipped rig
     python -m benchmarks.structures processes    # seconds, and a loop of ten million additions
+    python -m benchmarks.structures steps        # numbers as inputs, over numbers as constants
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from math import inf
 from pathlib import Path
 
 import casadi as ca
@@ -25,7 +27,7 @@ from distal.inverse.command import CommandModel
 from distal.inverse.held import held_kernel
 from distal.inverse.live_function import live_function, live_structure
 from distal.inverse.reached import spread_kernel
-from distal.kernels import Structure, structure_of
+from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
 from distal.model import Mechanism
 from distal.rig import build_rig, shipped_rigs
 from distal.simulation import build_scenario
@@ -41,6 +43,9 @@ number.
 MAPS = ("affine", "discrepancy", "contact")
 
 LOOP = "total = 0\nfor i in range(10_000_000):\n    total += i"
+
+SAMPLES, ROUNDS = 3000, 40
+"""Samples of a run whose steps are timed, and how often each way takes its turn."""
 
 FARTHEST = 0.03
 """Numbers are drawn within this share of what they are."""
@@ -125,6 +130,33 @@ def processes() -> None:
                 print(f"{rig:12} {case:28} {_seconds(rig, log, Path(folder), words):.2f} s")
 
 
+def steps() -> None:
+    """Print what a step takes with numbers as inputs, over one with them as constants."""
+    ratios = dict[str, list[float]]()
+    for name in shipped_rigs():
+        usual = AdaptiveFilter(load_rig(name))
+        both = usual, usual.folded()
+        kernels = [Kernel(runner.kernel.function) for runner in both]
+        samples = np.zeros((SAMPLES, len(usual.channels)))
+        feeds = []
+        for runner in both:
+            begun = runner.initial(0.0, samples[0])
+            times = runner.interval * np.arange(1, SAMPLES + 1)
+            rows, _ = runner.checked_rows(begun, times, samples)
+            feeds.append(Feed(begun.carry, rows, runner.numbers))
+        for way, count in (("scan", 1), ("lanes", lanes_here())):
+            least = [inf, inf]
+            for _ in range(ROUNDS):
+                for k, (kernel, feed) in enumerate(zip(kernels, feeds)):
+                    begun_at = time.perf_counter()
+                    advance_all(kernel, [feed] * count, keep=())
+                    least[k] = min(least[k], time.perf_counter() - begun_at)
+            ratios.setdefault(way, []).append(least[0] / least[1])
+        print(f"{name:22}", ", ".join(f"{way} {found[-1]:.2f}" for way, found in ratios.items()))
+    for way, found in ratios.items():
+        print(f"{way}: median {np.median(found):.2f}, worst {max(found):.2f}")
+
+
 def log_of(name: str) -> Log:
     """Return eight seconds of a rig without truth."""
     rig = load_rig(name)
@@ -156,5 +188,5 @@ def _seconds(rig: str, log: Path, folder: Path, words: tuple[str, ...]) -> float
 
 
 if __name__ == "__main__":
-    for what in sys.argv[1:] or ["counts", "processes"]:
-        {"counts": counts, "processes": processes}[what]()
+    for what in sys.argv[1:] or ["counts", "processes", "steps"]:
+        {"counts": counts, "processes": processes, "steps": steps}[what]()
