@@ -41,8 +41,8 @@ takes longer and brings nothing.
 """
 
 LONG, OPTIMISED_LONG = 500_000, "-O1"
-"""C with more characters than this runs as fast with less effort, in half the time of a compiler:
-straight lines without loops (docs/results/performance.md).
+"""C with more characters than this is straight lines without loops, and runs as fast with less
+effort: a filter with a sheath takes GCC 12 7 s in place of 17, and 46 µs a sample in place of 44.
 """
 
 QUICK = "-O1"
