@@ -13,7 +13,8 @@ from distal import load_rig
 from distal.arrays import Floats
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import KINDS, State
-from distal.kernels import c_source
+from distal.kernels import c_source, structure_of
+from distal.model import Mechanism
 from distal.rig import shipped_rigs
 
 DRAWS = 20
@@ -100,3 +101,15 @@ def test_states_of_others_have_kernels_of_their_own() -> None:
         belief = runner.initial(0.0, sample)
         angles.append(runner.step(belief, runner.interval, sample)[0].mean[0])
     assert angles[0] != angles[1]
+
+
+def test_a_constant_of_zero_is_another_structure_than_one_of_one() -> None:
+    """A sheath's `let_out` of exactly 0 or 1 is no input; both have the same inputs."""
+    path = {"friction": {"value": 0.1, "std": 0.03}, "wrap": 1.5, "nodes": 2}
+    mechanisms = [
+        Mechanism(load_rig("capstan-joint").with_values({"tendons.1.path": {**path, "let_out": x}}))
+        for x in (0.0, 1.0)
+    ]
+    assert mechanisms[0].parameters.names == mechanisms[1].parameters.names
+    keys = {structure_of("plant", mechanism).key for mechanism in mechanisms}
+    assert len(keys) == 2
