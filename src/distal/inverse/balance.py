@@ -15,7 +15,7 @@ import casadi as ca
 
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
-from distal.inverse.command_inputs import DERIVED, command_inputs, radius_of
+from distal.inverse.command_inputs import DERIVED, command_inputs
 from distal.model import Mechanism
 from distal.model.parameters import Derived, Numbers
 from distal.rig import Rig
@@ -235,12 +235,6 @@ class Balance:
         return ca.Function(
             "tangent", arguments, ca.cse([lacking, ca.densify(ca.jacobian(lacking, free))])
         )
-
-    def radius(self, drive: int) -> float:
-        """Return by how much a drive's motion moves its tendon [m per its unit], for the scale of
-        its friction.
-        """
-        return radius_of(self.rig.drives[drive])
 
     def number(self, p: Numbers, names: Sequence[str]) -> Numbers:
         """Return numbers by their names, see `command_inputs`, of all inputs `p`."""

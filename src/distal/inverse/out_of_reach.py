@@ -8,6 +8,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.inverse.command import CommandModel
+from distal.inverse.command_inputs import radius_of
 from distal.rounded import rounded
 
 NEAR = float(np.deg2rad(0.1))
@@ -94,7 +95,7 @@ def beyond(
     asked = model.carry.view(carries, "places")
     for i, drive in enumerate(model.rig.drives):
         unit = "N" if drive.kind == "slider" else "N m"
-        needed = read["forces"][:, i] + model.radius(i) * read["short"][:, i]
+        needed = read["forces"][:, i] + radius_of(drive) * read["short"][:, i]
         largest = float(np.abs(needed).max())
         if drive.limit is not None and largest > SHARE * drive.limit:
             notes.append(
