@@ -112,7 +112,7 @@ def with_straight_line(
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     references = [sensors[name] for name in runner.channels[len(runner.places) :]]
     with_line = AdaptiveFilter(runner.rig, False, references=references, line=line)
-    size = adaptive_layout(begun.size, len(runner.rig.drives)).size
+    size = adaptive_layout(runner.states).size
     memory = with_line.initial(begun.time, first_values(samples)).carry[size:]  # of all maps
     return with_line, Belief(
         begun.time, frozen(np.concatenate([begun.carry[:size], memory])), begun.size

@@ -47,7 +47,18 @@ a kernel.
 """
 
 APART = frozenset(
-    {"name", "log", "provisional", "when_lost", "stepping", "affine", "discrepancy", "contact"}
+    {
+        "name",
+        "log",
+        "provisional",
+        "when_lost",
+        "stepping",
+        "affine",
+        "discrepancy",
+        "contact",
+        "free_motion",
+        "touch",
+    }
 )
 """Fields of a rig that say nothing of its equations, or are asked for by themselves."""
 

@@ -11,6 +11,7 @@ from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
 from distal.regression.features import Samples, design, limits, outside, predict
 from distal.regression.kernel import (
+    carried_size,
     first_memory,
     map_function,
     memory_size,
@@ -49,6 +50,7 @@ __all__ = [
     "discrepancy_kind",
     "errors_beyond",
     "errors_of",
+    "carried_size",
     "first_memory",
     "fit_coefficients",
     "folds_of",

@@ -14,7 +14,12 @@ from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.regression.after_homing import ANYWHERE
 from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
-from distal.rig import CONSTANT, LearnedMap
+from distal.rig import CONSTANT, Contact, LearnedMap
+
+CARRIED_TIME = 0.3
+"""What a map adds while free is carried on and forgotten in this time while touched [s]: the joint
+goes on to where the map does not hold (docs/results/touch.md).
+"""
 
 UNREAD_AGE = 1e6
 """Age of a reading before its first value has come [s]."""
@@ -23,6 +28,11 @@ UNREAD_AGE = 1e6
 def memory_size(learned: LearnedMap) -> int:
     """Return how many numbers are remembered: readings held, their ages, plays."""
     return 2 * len(learned.channels) + len(learned.played)
+
+
+def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
+    """Return how many numbers of a map are carried on while something touches the joints."""
+    return len(learned.joints) if touched and not isinstance(learned, Contact) else 0
 
 
 def numbers_of(learned: LearnedMap) -> Floats:
@@ -158,13 +168,17 @@ def reporting_function(
     width: int,
     places: Sequence[int | None],
     joints: int,
+    touched: Sequence[int] = (),
 ) -> ca.Function:
     """Return (carry, x, p) → (carry⁺, y) of a filter that also outputs the maps' values of some of
     its states.
 
     The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the
     reported values of its states, the gains of these states' own errors, and the variances of what
-    is added; see `distal.estimators.report`.
+    is added; see `distal.estimators.report`. A map of angles was learned in free motion: with the
+    largest share w that a touch has of a joint, its difference from the filter's own angle is
+    carried on, d⁺ = (1 − w) (value − θ) + w e^{−dt/T} d, and the filter's own error counts more,
+    gain⁺ = (1 − w) gain + w.
 
     Args:
         inner: the filter, whose first states are the joints' angles.
@@ -174,29 +188,35 @@ def reporting_function(
         places: for each channel of the maps where in the carry its drive's place stands, None for
             what is read.
         joints: number of joints.
+        touched: where in the carry the share stands that a touch has of each joint; none where no
+            touch is looked for.
     """
     n_carry, n_parameters = inner.size1_in(0), inner.size1_in(2)
-    sizes, counts = (
-        [memory_size(learned) for learned, *_ in maps],
-        [len(numbers_of(learned)) for learned, *_ in maps],
-    )
+    sizes = [memory_size(learned) + carried_size(learned, touched) for learned, *_ in maps]
+    counts = [len(numbers_of(learned)) for learned, *_ in maps]
     carry, x = ca.MX.sym("carry", n_carry + sum(sizes)), ca.MX.sym("x", inner.size1_in(1))
     p = ca.MX.sym("p", n_parameters + sum(counts))
     following, y = inner(carry[:n_carry], x, p[:n_parameters])
     read = ca.vertcat(*(0 if place is None else following[place] for place in places))
     memories, reports, at, number = [], [], n_carry, n_parameters
+    share = ca.mmax(following[list(touched)]) if touched else ca.MX(0)
+    left = share * ca.exp(-x[0] / CARRIED_TIME)
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
         function = map_function(
             learned, width, [place is not None and learned.tracked for place in places]
         )
         memory, numbers = carry[at : at + size], p[number : number + count]
+        own, carried = following[list(states)], carried_size(learned, touched)
         values, gains, variances, _, after = function(
-            memory, x, read, following[list(range(joints))], numbers
+            memory[: size - carried], x, read, following[list(range(joints))], numbers
         )
-        if corrects:
-            reports += [following[list(states)] + values, gains, variances]
-        else:
-            reports += [values, ca.MX.zeros(len(states)), variances]
+        if not corrects:
+            values, gains = values - own, ca.MX.zeros(len(states))
+        if carried:
+            values = (1 - share) * values + left * memory[size - carried :]
+            gains = (1 - share) * gains + share
+            after = ca.vertcat(after, values)
+        reports += [own + values, gains, variances]
         memories.append(after)
         at, number = at + size, number + count
     names = ["carry", "x", "p"], ["next", "y"]

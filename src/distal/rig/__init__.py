@@ -19,6 +19,7 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
+from distal.rig.free_motion import FreeMotion
 from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
 from distal.rig.imported import Imported
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
@@ -68,6 +69,7 @@ __all__ = [
     "Creep",
     "Description",
     "Discrepancy",
+    "FreeMotion",
     "Hysteresis",
     "Imported",
     "In",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -197,6 +197,11 @@ class Joint(Description):
     )
     external_torque: ExternalTorque = Field(
         ExternalTorque(), description="a torque nobody measures"
+    )
+    touch: Literal["may happen", "never"] = Field(
+        "may happen",
+        description="whether anything can touch what the joint moves; where it can, forces are "
+        "asked for it at each sample",
     )
 
     @property

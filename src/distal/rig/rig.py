@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from distal.errors import RigError
 from distal.rig.chain import BASE, Base
 from distal.rig.drives import Drive
+from distal.rig.free_motion import FreeMotion
 from distal.rig.joints import Joint
 from distal.rig.learned_map import Affine, Contact, Discrepancy
 from distal.rig.naming import named
@@ -91,6 +92,9 @@ class Rig(Description):
     )
     contact: Contact | None = Field(
         None, description="the torque on the joint from outside, as learned: `distal fit` writes it"
+    )
+    free_motion: FreeMotion | None = Field(
+        None, description="what forces are like in free motion, as learned: `distal fit` writes it"
     )
 
     @field_validator("joints", mode="after")
@@ -279,10 +283,11 @@ class Rig(Description):
     __str__ = __repr__
 
     def bare(self) -> Rig:
-        """Return a copy without the maps learned from logs: no `affine`, `discrepancy`,
-        `contact`.
+        """Return a copy without what was learned from logs: no `affine`, `discrepancy`, `contact`,
+        `free_motion`.
         """
-        nothing = {"affine": None, "discrepancy": None, "contact": None, "provisional": ""}
+        learned = ("affine", "discrepancy", "contact", "free_motion")
+        nothing = {**dict.fromkeys(learned), "provisional": ""}
         return self.model_copy(update=nothing)
 
     def sensors_of(self, measures: str) -> tuple[Sensor, ...]:

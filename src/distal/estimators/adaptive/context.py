@@ -105,6 +105,36 @@ class FilterContext:
                 found[i] = lever / arms[name], share
         return found
 
+    def forces_by_torque(self, joint: int) -> dict[str, str]:
+        """Return force or tension → the name of its change by a torque on a joint that it moves
+        with.
+        """
+        rig, moved = self.mechanism.rig, self.ratios(joint)
+        tendons = {tendon.name: tendon for tendon in rig.tendons}
+        drives = [drive.name for drive in rig.drives]
+        names = dict[str, str]()
+        for sensor in (*self.channels.forces, *self.channels.tensions):
+            drive = sensor.of if sensor.measures == "force" else tendons[sensor.of].drive
+            is_across = drive == sensor.of or rig.joints[joint].name in tendons[sensor.of].joints
+            if is_across and drives.index(drive) in moved:
+                names[sensor.name] = f"{self.path(sensor)}.by_torque.{rig.joints[joint].name}"
+        return names
+
+    def force_by_torque(self, joint: int, name: str) -> float:
+        """Return by how much a force or tension changes for a torque on a joint, drives at rest
+        [1/m, or 1]: r_d/r_j times the joint's share of the drive's motion; of a tension 1/r_j.
+        """
+        rig = self.mechanism.rig
+        sensor = next(sensor for sensor in rig.sensors if sensor.name == name)
+        of = sensor.of
+        if sensor.measures == "tension":
+            of = next(tendon.drive for tendon in rig.tendons if tendon.name == sensor.of)
+        at = [drive.name for drive in rig.drives].index(of)
+        ratio, share = self.ratios(joint)[at]
+        drive = rig.drives[at]
+        lever = drive.radius.value if drive.kind == "capstan" else 1.0
+        return ratio * share / (lever if sensor.measures == "tension" else 1.0)
+
     @cached_property
     def frequency(self) -> float:
         """The joints' largest natural frequency [rad/s]."""
@@ -227,8 +257,11 @@ class FilterContext:
 
     def path(self, sensor: Sensor) -> str:
         """Return the path of a sensor in the description."""
-        names = [sensor.name for sensor in self.mechanism.rig.sensors]
-        return f"sensors.{names.index(sensor.name)}"
+        return self.path_of(sensor.name)
+
+    def path_of(self, name: str) -> str:
+        """Return the path of the sensor of that name."""
+        return f"sensors.{[sensor.name for sensor in self.mechanism.rig.sensors].index(name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
         """Return the random torque of a joint that the model lacks, as the std of ω that it makes

@@ -18,6 +18,7 @@ from distal.estimators.adaptive.first_sample import prior_function
 from distal.estimators.adaptive.independent_parts import Apart, parts_of
 from distal.estimators.adaptive.inputs import states_of_rig
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
+from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels, channels_of
 from distal.estimators.contract import KernelEstimator
@@ -45,9 +46,14 @@ def state_vector(
     Raises:
         EstimationError: the sensors do not suffice.
     """
-    guards = Robustness.usual(len(rig.joints)) if guards is None else guards
+    guards = usual_guards(rig) if guards is None else guards
     channels = channels_of(rig, "adaptive", references, others=True)
     return states_of_rig(rig, inputs, channels, guards, kinds, folded)
+
+
+def usual_guards(rig: Rig) -> Robustness:
+    """Return the guards of a rig's filter unless others are given."""
+    return Robustness.usual(len(rig.joints), rig.free_motion is not None)
 
 
 class AdaptiveFilter(KernelEstimator):
@@ -88,7 +94,7 @@ class AdaptiveFilter(KernelEstimator):
         folded: bool = False,
     ) -> None:
         channels = channels_of(rig, name, references, others=True)
-        guards = Robustness.usual(len(rig.joints)) if robustness is None else robustness
+        guards = usual_guards(rig) if robustness is None else robustness
         self._states = state_vector(
             rig, tuple(references), tuple(inputs), guards, tuple(kinds), folded
         )
@@ -162,14 +168,21 @@ class AdaptiveFilter(KernelEstimator):
         ]
         context = self._states.context
         return reporting_function(
-            function, maps, len(context.channels.names), self.places, context.n_joints
+            function,
+            maps,
+            len(context.channels.names),
+            self.places,
+            context.n_joints,
+            self.touched,
         )
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
         sample.
         """
-        return prior_function(self._states, self._maps, self.places, len(self._p))
+        return prior_function(
+            self._states, self._maps, self.places, len(self._p), self.touched
+        )
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return which directions of joint space the sensors do not see, where there are any."""
@@ -255,6 +268,7 @@ class AdaptiveFilter(KernelEstimator):
             friction_declared=tuple(map(context.declares_friction, range(context.n_drives))),
             joints_follow_a_jump=context.joints_follow,
             joints_settle=context.joints_settle,
+            free_motion_known=context.mechanism.rig.free_motion is not None,
             sub_steps=self.substeps,
             guards=context.robustness,
             smoothing=trace,
@@ -268,12 +282,21 @@ class AdaptiveFilter(KernelEstimator):
         """
         context = self._states.context
         channels, drives = context.channels, [drive.name for drive in context.mechanism.rig.drives]
-        begin = adaptive_layout(len(self._states), len(drives))["drives"].start
+        begin = adaptive_layout(self._states)["drives"].start
         placed = [
             begin + remembered_place(drives.index(sensor.of), "place")
             for sensor in channels.positions
         ]
         return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        """Where in the carry the share stands that a touch has of each joint that may be touched."""
+        if not self._states.context.robustness.opens_torques:
+            return ()
+        at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
+        joints = sorted(self._states.torque_states.values())
+        return tuple(at + TORQUE.size * joint for joint in joints)
 
     @property
     def substeps(self) -> int:

@@ -21,18 +21,20 @@ from distal.estimators.adaptive.prediction import predicted, revert, shifted_var
 from distal.estimators.adaptive.slack_pairs import within_play
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stops import depths_in_stops
+from distal.estimators.adaptive.touch import Remembered, touch_layout
 from distal.estimators.adaptive.transmission_play import play
-from distal.estimators.adaptive.unexplained_force import FORCE
 from distal.estimators.adaptive.update import updated
 from distal.expressions import MatrixNode, VectorNode
 from distal.kernels import Layout, carry_layout
 
 
-def adaptive_layout(states: int, drives: int) -> Layout:
-    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion
-    and of its force.
+def adaptive_layout(states: StateVector) -> Layout:
+    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion,
+    of forces, and of torques on the joints.
     """
-    return carry_layout(states, drives=MEMORY * drives, forces=FORCE.size * drives)
+    context = states.context
+    drives = MEMORY * context.n_drives
+    return carry_layout(len(states), drives=drives, **touch_layout(context))
 
 
 @lru_cache(maxsize=32)
@@ -45,11 +47,7 @@ def adaptive_function(
     The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the
     predicted mean, its covariance and the transition stand behind y, for smoothing.
     """
-    nd, context, layout = (
-        states.context.n_drives,
-        states.context,
-        adaptive_layout(len(states), states.context.n_drives),
-    )
+    nd, context, layout = states.context.n_drives, states.context, adaptive_layout(states)
     filters = [
         (part, adaptive_function(part.states, resolution, trace)) for part in parts_of(states)
     ]
@@ -57,29 +55,25 @@ def adaptive_function(
         return filter_by_parts(states, filters, layout, trace)
     carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
-    mean, covariance, memory, forces = (
-        layout.part(carry, name) for name in ("mean", "covariance", "drives", "forces")
+    mean, covariance, memory = (
+        layout.part(carry, name) for name in ("mean", "covariance", "drives")
     )
     tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
     interval = Interval(tracks, memory, x, p)
     motion = moved(states, context.substeps(resolution), mean, covariance, interval)  # (7) to (10)
     after = predicted(states, mean, covariance, motion, interval)  # (11), (12)
     prediction = Prediction(*after, _moving(states, motion))
-    remembered_forces = [
-        FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)
-    ]
-    revert(states, prediction, [force["opened"] for force in remembered_forces], interval)  # (13)
-    kept = [force["friction"] for force in remembered_forces]
+    kept = Remembered.of(context, layout, carry)
+    revert(states, prediction, kept.opened, interval)  # (13)
     for i in range(nd):
         if states.transmitted(i) is not None:
-            kept[i] = play(states, i, prediction, motion.rates, kept[i], interval)  # (14), (15)
+            friction = kept.drives[i]["friction"]
+            kept.drives[i]["friction"] = play(
+                states, i, prediction, motion.rates, friction, interval
+            )  # (14), (15)
     follow(states, prediction, interval)  # (15b)
     before = [ca.MX(prediction.state), ca.vec(prediction.covariance), ca.vec(prediction.transition)]
-    for force, friction in zip(remembered_forces, kept):
-        force["friction"] = friction
-    mean, covariance, y = updated(
-        states, prediction, motion.rates, remembered_forces, interval
-    )  # (16) to (30)
+    mean, covariance, y = updated(states, prediction, motion.rates, kept, interval)  # (16) to (32)
     mean, covariance = within_play(states, mean, covariance, interval)  # (26b)
     _bounded(states, mean, covariance, tracks, p)
     remembered = Tracks(tracks, nd).memory
@@ -87,7 +81,7 @@ def adaptive_function(
         mean=mean,
         covariance=covariance,
         drives=remembered,
-        forces=ca.vertcat(*(FORCE.joined(**force) for force in remembered_forces)),
+        **kept.joined(),
     )
     y = ca.vertcat(y, *before) if trace else y
     return ca.Function(

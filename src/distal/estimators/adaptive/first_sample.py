@@ -9,12 +9,12 @@ import casadi as ca
 from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
 from distal.estimators.adaptive.states import Begin, StateVector
-from distal.estimators.adaptive.unexplained_force import FORCE
+from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
 from distal.estimators.affine import start_of
 from distal.estimators.channels import UNKNOWN_PLACE
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
-from distal.regression import first_memory
+from distal.regression import carried_size, first_memory
 from distal.rig import LearnedMap, Sensor
 
 UNEXPLAINED_AT_FIRST = 0.25
@@ -27,7 +27,11 @@ Read = Callable[[Sensor, Scalar], Scalar]
 
 
 def prior_function(
-    states: StateVector, maps: Sequence[LearnedMap], places: Sequence[int | None], inputs: int
+    states: StateVector,
+    maps: Sequence[LearnedMap],
+    places: Sequence[int | None],
+    inputs: int,
+    touched: Sequence[int] = (),
 ) -> ca.Function:
     """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
 
@@ -38,6 +42,7 @@ def prior_function(
         maps: that are reported.
         places: for each channel where in the carry its drive's place stands, None for what is read.
         inputs: length of p.
+        touched: where in the carry stands what share a touch has of each joint.
     """
     context = states.context
     names = context.channels.names
@@ -76,6 +81,7 @@ def prior_function(
     for learned in maps:
         readings = ca.vertcat(*placed) if learned.tracked else values
         memory = ca.vertcat(memory, first_memory(learned, readings, mask))
+        memory = ca.vertcat(memory, ca.SX.zeros(carried_size(learned, touched)))
     symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", inputs)
     prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
     return ca.Function("prior", [values, is_present, p], prior)
@@ -85,10 +91,12 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
     """Return what is remembered of the drives and their forces; a place is unknown where none
     `is_there`.
     """
-    memory = ca.SX.zeros((MEMORY + FORCE.size) * context.n_drives)
+    lengths = touch_layout(context)
+    memory = ca.SX.zeros(MEMORY * context.n_drives + sum(lengths.values()))
+    usual = (MEMORY + DRIVE.size) * context.n_drives + FORCE["usual"].start
+    for k in range(lengths["evidence"] // FORCE.size):
+        memory[usual + FORCE.size * k] = UNEXPLAINED_AT_FIRST
     for i, drive in enumerate(context.mechanism.rig.drives):
-        usual = MEMORY * context.n_drives + FORCE.size * i + FORCE["usual"].start
-        memory[usual] = UNEXPLAINED_AT_FIRST
         position, effort = context.position_sensor(i), context.force_sensor(i)
         if position is not None:
             unknown = UNKNOWN_PLACE[drive.kind] ** 2

@@ -19,7 +19,7 @@ from distal.estimators.adaptive.context import DERIVED
 from distal.estimators.adaptive.drive_tracking import MEMORY
 from distal.estimators.adaptive.inputs import states_of_rig
 from distal.estimators.adaptive.states.vector import StateVector
-from distal.estimators.adaptive.unexplained_force import FORCE
+from distal.estimators.adaptive.touch import DRIVE, FORCE, TORQUE, compared_forces
 from distal.estimators.channels import Channels
 from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
 from distal.rig import Part, independent_parts
@@ -34,6 +34,8 @@ class Apart:
         inputs: of its inputs x = (dt, values, mask).
         numbers: of its model's parameters.
         compared: of its innovations.
+        forces: of the forces that are asked for a touch.
+        joints: of its joints.
     """
 
     states: StateVector
@@ -42,6 +44,8 @@ class Apart:
     inputs: Indices
     numbers: Indices
     compared: Indices
+    forces: Indices
+    joints: Indices
 
 
 @lru_cache(maxsize=32)
@@ -67,6 +71,8 @@ def _apart(states: StateVector, part: Part) -> Apart:
     at = [keys.index(key) if key in keys else -1 for key in _keys(part_states)]
     values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
     compared = [sensor.name for sensor in context.channels.compared]
+    forces = [sensor.name for sensor in compared_forces(context)]
+    of_part = [sensor.name for sensor in compared_forces(part_states.context)]
     return Apart(
         part_states,
         np.array(at, dtype=np.intp),
@@ -80,6 +86,8 @@ def _apart(states: StateVector, part: Part) -> Apart:
             dtype=np.intp,
         ),
         np.array([compared.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
+        np.array([forces.index(name) for name in of_part], dtype=np.intp),
+        np.array(part.indices["joints"], dtype=np.intp),
     )
 
 
@@ -129,6 +137,11 @@ def _channels(part: Part, channels: Channels) -> Channels:
     return _PartOfChannels(positions, forces, tensions, angles, others, channels.interval)
 
 
+def _stretches(which: Indices, size: int) -> Indices:
+    """Return where the numbers of some things stand that have `size` numbers each."""
+    return (size * which[:, None] + np.arange(size)).ravel()
+
+
 def filter_by_parts(
     states: StateVector, filters: Sequence[tuple[Apart, ca.Function]], layout: Layout, trace: bool
 ) -> ca.Function:
@@ -138,14 +151,19 @@ def filter_by_parts(
     """
     context, n = states.context, len(states)
     m, kernels = len(context.channels.compared), []
-    first = {name: layout[name].start for name in ("mean", "covariance", "drives", "forces")}
     for part, part_filter in filters:
         # matrices stand column by column
         square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
-        memory = (MEMORY * part.drives[:, None] + np.arange(MEMORY)).ravel()
-        efforts = (FORCE.size * part.drives[:, None] + np.arange(FORCE.size)).ravel()
-        stretches = {"mean": part.at, "covariance": square, "drives": memory, "forces": efforts}
-        carry = np.concatenate([first[name] + at for name, at in stretches.items()])
+        joints = part.joints if context.robustness.opens_torques else part.joints[:0]
+        stretches = {
+            "mean": part.at,
+            "covariance": square,
+            "drives": _stretches(part.drives, MEMORY),
+            "forces": _stretches(part.drives, DRIVE.size),
+            "evidence": _stretches(part.forces, FORCE.size),
+            "torques": _stretches(joints, TORQUE.size),
+        }
+        carry = np.concatenate([layout[name].start + at for name, at in stretches.items()])
         y = [part.compared, m + part.compared]
         if trace:
             y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]

@@ -51,7 +51,12 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     by name.
     """
     rig, channels = context.mechanism.rig, context.channels
+    free = rig.free_motion
     yield "interval", channels.interval
+    for sensor in (*channels.forces, *channels.tensions):
+        at_rest, moving = (1.0, 0.0) if free is None else free.of_channel(sensor.name)
+        yield f"{context.path(sensor)}.normal.at_rest", at_rest
+        yield f"{context.path(sensor)}.normal.moving", moving
     for sensor in (*channels.proximal, *channels.others, *channels.angles):
         yield from _of_sensor(context, sensor)
     for i, joint in enumerate(rig.joints):
@@ -64,8 +69,11 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
+        for name, by_torque in context.forces_by_torque(i).items():
+            yield by_torque, context.force_by_torque(i, name)
     for i, drive in enumerate(rig.drives):
         path = f"drives.{i}"
+        yield f"{path}.spread", 1.0 if free is None else free.of_drive(drive.name)
         low, high = drive_travel(rig, i)
         yield f"{path}.travel.low", low
         yield f"{path}.travel.high", high

@@ -4,7 +4,7 @@ Equations (11) to (13).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import casadi as ca
 
@@ -14,7 +14,6 @@ from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.motion import Moved
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.unexplained_force import opened_torque
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 
 
@@ -134,12 +133,15 @@ def shifted_variance(
 
 
 def revert(
-    states: StateVector, prediction: Prediction, opened: Sequence[ScalarNode], interval: Interval
+    states: StateVector,
+    prediction: Prediction,
+    opened: Mapping[int, ScalarNode],
+    interval: Interval,
 ) -> None:
     """Let what fades fade towards zero over an interval, in place: x⁺ = f x, variance σ² (1 − f²)
     added. Equation (13).
 
-    To σ² of a torque is added what the variances `opened` of the drives' forces say (13b).
+    To σ² of the torque on a joint is added the variance that is `opened` (13b).
     """
     sample = ca.SX.sym("x", states.context.width)
     fadings = states.fadings(sample[0])
@@ -149,12 +151,11 @@ def revert(
     symbols = [sample, states.context.mechanism.parameters.symbols]
     fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(interval.x, interval.p)
     state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
-    torques = states.torque_states if states.context.robustness.opens_torques else {}
     for k, (at, _) in enumerate(fadings):
         fade, added = fades[2 * k], fades[2 * k + 1]
-        if at in torques:
-            torque = opened_torque(states.context, torques[at], opened, interval.p)
-            added += (1 - fade**2) * torque
+        joint = states.torque_states.get(at)
+        if joint in opened:
+            added += (1 - fade**2) * opened[joint]
         state[at] = fade * state[at]
         transition[at, :] = fade * transition[at, :]
         row = (

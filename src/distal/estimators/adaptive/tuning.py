@@ -161,14 +161,15 @@ class Robustness:
         )
 
     @classmethod
-    def usual(cls, n_joints: int) -> Robustness:
-        """Return the guards that a rig gets unless others are given.
+    def usual(cls, n_joints: int, felt: bool = False) -> Robustness:
+        """Return the guards that a rig gets unless others are given; `felt` where logs said what is
+        normal of its forces in free motion.
 
         In a chain several forces depend on each joint, so that one sample of each counts more
         (docs/explanation/chains.md).
         """
         if n_joints == 1:
-            return cls()
+            return cls(opens_torques=felt)
         return cls(
             sticking_time=0.1,
             turning_time=0.05,

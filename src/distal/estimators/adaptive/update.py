@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 
 import casadi as ca
@@ -16,7 +15,14 @@ from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.adaptive.stops import sure_of_stops
 from distal.estimators.adaptive.tuning import Robustness
-from distal.estimators.adaptive.unexplained_force import watched
+from distal.estimators.adaptive.touch import (
+    FORCE,
+    Evidence,
+    Remembered,
+    evidence_function,
+    open_torques,
+    paced,
+)
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout
@@ -37,11 +43,11 @@ def updated(
     states: StateVector,
     prediction: Prediction,
     rates: VectorNode,
-    memory: Sequence[dict[str, ScalarNode]],
+    kept: Remembered,
     interval: Interval,
 ) -> tuple[VectorNode, MatrixNode, VectorNode]:
-    """Return mean, covariance, and (innovations, variances) after a sample; what is remembered of
-    forces changes in place.
+    """Return mean, covariance, and (innovations, variances) after a sample; what is remembered
+    changes in place.
 
     For each row with slope A of what is expected: ν, S = A P Aᵀ + R', S' by `robust_variance`, m⁺ =
     m + P Aᵀ ν/S', P⁺ = P − P Aᵀ A P/S', but where states take a share of the gain only: equations
@@ -50,7 +56,7 @@ def updated(
     Args:
         prediction: for the sample; it is not changed.
         rates: mean speed of each drive over the interval.
-        memory: what is remembered of each drive's force; see `FORCE`.
+        kept: what is remembered of forces and of torques on the joints.
         interval: with its sample.
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
@@ -59,7 +65,8 @@ def updated(
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
     mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
     nominal = states.context.numbers(p, ["interval"])
-    watch = watched(states.context.robustness)
+    pace, evidence = paced(states, kept, interval), dict[str, Evidence]()
+    watch = evidence_function(states.context)
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row, slopes, moved = at.row, at.slopes, mean - prior
@@ -70,7 +77,7 @@ def updated(
             **{part: along(getattr(slopes, part), moved) for part in SLOPED},
             residual_variance=along(slopes.residual, by_residual),
             limit_variance=along(slopes.limit, by_limit),
-            memory=ca.MX(0) if row.drive is None else memory[row.drive]["friction"],
+            memory=ca.MX(0) if row.drive is None else kept.drives[row.drive]["friction"],
         )
         followed = (
             ca.MX.zeros(len(TRACKED)) if row.drive is None else Tracks(tracks, nd).of(row.drive)
@@ -107,21 +114,29 @@ def updated(
         if row.drive is not None:
             # a mean residual moves with the state; a time does not
             declared = states.context.declares_friction(row.drive)
-            kept = memory[row.drive]
-            kept["friction"] = comparison.memory + (
+            kept.drives[row.drive]["friction"] = comparison.memory + (
                 along(slopes.residual, change) if declared else 0
             )
-            if row.measured:
-                # a place that is lost says nothing of torques
-                read = Tracks(tracks, nd)[row.drive].lost == 0
-                used = share_used(ROW.part(at.values, "mask")) * read
-                evidence = kept["innovation"], kept["usual"], kept["opened"]
-                evidence = watch(*evidence, comparison.innovation, spread + variance, used, dt)
-                kept["innovation"], kept["usual"], kept["opened"] = evidence
+        if row.measured and row.name in kept.forces:
+            # a place that is lost says nothing of torques
+            place_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
+            path = f"{states.context.path_of(row.name)}.normal"
+            said = watch(
+                kept=FORCE.joined(**kept.forces[row.name]),
+                innovation=comparison.innovation,
+                variance=spread + variance,
+                is_used=share_used(ROW.part(at.values, "mask")) * place_is_read,
+                pace=pace,
+                normal_by=states.context.numbers(p, [f"{path}.at_rest", f"{path}.moving"]),
+                dt=dt,
+            )
+            evidence[row.name] = Evidence(**said)
+            kept.forces[row.name] = {part: said[part] for part in FORCE.names}
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
         spreads.append(spread + variance)
+    open_torques(states, evidence, kept, mean, interval)
     measured = [k for k, at in enumerate(rows) if at.row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))
     return mean, covariance.matrix(), y

@@ -1,0 +1,226 @@
+"""Touched or free: a torque from outside may act on a joint once its forces say so. Equations (13b),
+(29) to (31).
+
+The mean innovation of each force is compared with what is normal in free motion. What is more than
+that opens the variance of a torque on the joints that the force moves (a test of the innovations
+against a jump of a state: Willsky and Jones, IEEE TAC 21, 1976). While it is open, the size of the
+torque itself keeps it open, so that it fits a light touch and a wall alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import casadi as ca
+
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.interval import Interval
+from distal.estimators.adaptive.states.vector import StateVector
+from distal.expressions import ScalarNode, VectorNode
+from distal.kernels.layout import Layout
+from distal.rig import Sensor
+
+EVIDENCE_TIME = 0.05
+"""Time constant of the mean innovation of a force [s]."""
+
+OPENED = 3.0
+"""So many times the part of a force that is not normal is the std of what opens [1]: a torque that
+changes within its correlation time is followed at once. docs/results/touch.md
+"""
+
+CLOSING_TIME = 0.3
+"""Time constant with which the opened std is forgotten [s]: docs/results/touch.md."""
+
+PACE_TIME = 0.1
+"""For so long after a fast motion its forces are less sure [s]."""
+
+USUAL_TIME = 2.5
+"""Time constant of what is usual of a force where no log said what is normal [s]."""
+
+UNEXPLAINED, UNUSUAL = 0.7, 4.0
+"""Without such logs, normal is this many stds, or so many times what is usual, whichever is more [1]:
+docs/results/chains.md, "Something happens".
+"""
+
+SMALLEST_TORQUE = 1e-30
+"""Square of a torque that is none, so that nothing is divided by zero [(N m)²]."""
+
+DRIVE = Layout(friction=1, pace=1)
+"""What is remembered of a drive's force: of its friction (see `Comparison`), and the largest recent
+square of its speed over the spread of its positions [1/s²].
+"""
+
+FORCE = Layout(mean=1, force=1, usual=1)
+"""What is remembered of a force or tension that is compared: its mean innovation in stds [1] and as
+a force [N, N m], and the mean square of the first [1].
+"""
+
+TORQUE = Layout(opened=1, share=1)
+"""What is remembered of the torque on a joint: the variance that opened [(N m)²], and the share of
+it that a touch has, 0 (free) to 1.
+"""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one force says of a touch.
+
+    Args:
+        mean: its mean innovation, in stds.
+        force: the same as a force [N, N m].
+        usual: mean square of the first.
+        excess: square of the part of its innovation that is not normal [N², (N m)²].
+        normal: square of the largest mean innovation that is normal [N², (N m)²].
+        used: 1 where it is read.
+    """
+
+    mean: ScalarNode
+    force: ScalarNode
+    usual: ScalarNode
+    excess: ScalarNode
+    normal: ScalarNode
+    used: ScalarNode
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """What is remembered from sample to sample beside the drives' motion; its entries are replaced
+    in place.
+
+    Args:
+        drives: a `DRIVE` for each.
+        forces: a `FORCE` for each that is asked for a touch, by its sensor's name.
+        torques: a `TORQUE` for each joint that may be touched, by its index.
+    """
+
+    drives: list[dict[str, ScalarNode]]
+    forces: dict[str, dict[str, ScalarNode]]
+    torques: list[dict[str, ScalarNode]]
+
+    @classmethod
+    def of(cls, context: FilterContext, layout: Layout, carry: VectorNode) -> Remembered:
+        """Return what a carry remembers."""
+        names = [sensor.name for sensor in compared_forces(context)]
+        joints = context.n_joints if context.robustness.opens_torques else 0
+        forces = _each(FORCE, layout.part(carry, "evidence"), len(names))
+        return cls(
+            _each(DRIVE, layout.part(carry, "forces"), context.n_drives),
+            dict(zip(names, forces)),
+            _each(TORQUE, layout.part(carry, "torques"), joints),
+        )
+
+    @property
+    def opened(self) -> dict[int, ScalarNode]:
+        """The variance that is open of the torque on each joint [(N m)²]."""
+        return {joint: torque["opened"] for joint, torque in enumerate(self.torques)}
+
+    def joined(self) -> dict[str, VectorNode]:
+        """Return the parts of a carry."""
+        return {
+            "forces": ca.vertcat(*(DRIVE.joined(**drive) for drive in self.drives)),
+            "evidence": ca.vertcat(ca.MX(0, 1), *(FORCE.joined(**f) for f in self.forces.values())),
+            "torques": ca.vertcat(ca.MX(0, 1), *(TORQUE.joined(**t) for t in self.torques)),
+        }
+
+
+def _each(layout: Layout, vector: VectorNode, count: int) -> list[dict[str, ScalarNode]]:
+    stretches = (vector[layout.size * i : layout.size * (i + 1)] for i in range(count))
+    return [layout.parts(stretch) for stretch in stretches]
+
+
+def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
+    """Return the forces and tensions that are compared, if a touch is looked for at all."""
+    if not context.robustness.opens_torques:
+        return ()
+    forces = (*context.channels.forces, *context.channels.tensions)
+    return tuple(sensor for sensor in context.channels.compared if sensor in forces)
+
+
+def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNode:
+    """Return Σ of the largest recent squares of the drives' speeds over their spreads, (29); what
+    is remembered of each changes in place.
+    """
+    fade = ca.exp(-2 * interval.x[0] / PACE_TIME)
+    total, tracks = ca.MX(0), Tracks(interval.tracks, states.context.n_drives)
+    for i, memory in enumerate(kept.drives):
+        spread = states.context.numbers(interval.p, [f"drives.{i}.spread"])
+        memory["pace"] = ca.fmax(memory["pace"] * fade, (tracks[i].speed / spread) ** 2)
+        total += memory["pace"]
+    return total
+
+
+def evidence_function(context: FilterContext) -> ca.Function:
+    """Return (kept, ν, S, used, pace, normal, dt) → the parts of `Evidence` of a force: (29), (30).
+
+    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z₀ = √(a² + b² pace) of logs in free
+    motion, `normal` = (a, b). One sample alone never exceeds it.
+    """
+    kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", 2)
+    scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "dt")]
+    innovation, variance, used, speed, dt = scalars
+    memory = FORCE.parts(kept)
+    threshold = ca.sqrt(normal[0] ** 2 + normal[1] ** 2 * speed)
+    if context.mechanism.rig.free_motion is None:
+        threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(memory["usual"]))
+    fade = ca.exp(-dt / EVIDENCE_TIME)
+    std = ca.sqrt(ca.fmax(variance, SMALLEST_TORQUE))
+    most = threshold * ca.fmax(2, 1 / ca.fmax(1 - fade, 1e-6))
+    shown = ca.fmin(ca.fmax(innovation / std, -most), most)
+    mean = ca.if_else(used > 0, fade * memory["mean"] + (1 - fade) * shown, memory["mean"])
+    force = fade * memory["force"] + (1 - fade) * shown * std
+    force = ca.if_else(used > 0, force, memory["force"])
+    slowly = ca.exp(-dt / USUAL_TIME)
+    usual = ca.if_else(used > 0, slowly * memory["usual"] + (1 - slowly) * mean**2, memory["usual"])
+    share = ca.fmax(1 - threshold**2 / ca.fmax(mean**2, SMALLEST_TORQUE), 0)
+    outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, used]
+    names = [part.name for part in fields(Evidence)]
+    inputs = ["kept", "innovation", "variance", "is_used", "pace", "normal_by", "dt"]
+    arguments = [kept, innovation, variance, used, speed, normal, dt]
+    return ca.Function("evidence", arguments, outputs, inputs, names)
+
+
+def open_torques(
+    states: StateVector,
+    evidence: Mapping[str, Evidence],
+    kept: Remembered,
+    mean: VectorNode,
+    interval: Interval,
+) -> None:
+    """Change what is remembered of the torque on each joint after a sample, in place: (31), (32).
+
+    A force U_i that changes by a_i for a unit of torque feels a torque beyond √(normal)/a_i; all
+    together beyond τ₀, 1/τ₀² = Σ a_i²/normal_i. The opened variance is the largest of what it was,
+    fading, of `OPENED`² Σ excess_i/a_i², and of τ̂² − τ₀².
+    """
+    context, fade = states.context, ca.exp(-2 * interval.x[0] / CLOSING_TIME)
+    asked = states.torque_states if kept.torques else {}
+    for at, joint in asked.items():
+        torque = kept.torques[joint]
+        pushed, felt = ca.MX(0), ca.MX(0)
+        for name, by_torque in context.forces_by_torque(joint).items():
+            if name not in evidence:
+                continue
+            change = context.numbers(interval.p, [by_torque]) ** 2
+            one = evidence[name]
+            pushed += one.excess / change
+            felt += one.used * change / ca.fmax(one.normal, SMALLEST_TORQUE)
+        lost = felt <= 0
+        smallest = 1 / ca.fmax(felt, SMALLEST_TORQUE)
+        held = ca.if_else(lost, 0, ca.fmax(mean[at] ** 2 - smallest, 0))
+        variance = ca.fmax(fade * torque["opened"], ca.fmax(OPENED**2 * pushed, held))
+        torque["share"] = ca.if_else(
+            lost, fade * torque["share"], variance / (variance + smallest)
+        )
+        torque["opened"] = variance
+
+
+def touch_layout(context: FilterContext) -> dict[str, int]:
+    """Return the lengths of what is remembered of forces and torques, for the carry."""
+    joints = context.n_joints if context.robustness.opens_torques else 0
+    return {
+        "forces": DRIVE.size * context.n_drives,
+        "evidence": FORCE.size * len(compared_forces(context)),
+        "torques": TORQUE.size * joints,
+    }

@@ -1,0 +1,116 @@
+"""What is normal of the forces of a rig in free motion, on logs that its fit had not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import exp
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.signal import lfilter
+
+from distal.arrays import Floats
+from distal.estimators import AdaptiveFilter, Estimator
+from distal.estimators.adaptive.drive_tracking import MOTION_TIME
+from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
+from distal.logs import Log
+from distal.rig import FreeMotion, Rig
+from distal.run import estimate
+
+NORMAL = 0.99
+"""Share of the time in which a mean innovation in free motion is normal."""
+
+LEAST_AT_REST = 0.3
+"""At rest the mean square innovation is at least this share of that over all speeds [1]: a log that
+rests seldom says little of it.
+"""
+
+SETTLING = 0.5
+"""The first seconds of a log, in which the filter finds its beginning, are left out [s]."""
+
+NEVER = 1e6
+"""As many standard deviations as no mean innovation has: nothing opens [1]."""
+
+
+def free_motion_of(held_out: Sequence[tuple[Rig, Log]]) -> FreeMotion | None:
+    """Return what is normal of the forces in logs, each with the rig as other logs taught it; None
+    where no force is compared.
+
+    The square of each force's mean innovation, in stds, is fitted by a² + b² v² (see `FreeMotion`)
+    with nonnegative least squares, and scaled so that `NORMAL` of the samples are below.
+    """
+    rig = held_out[0][0]
+    channels = [s.name for s in rig.sensors if s.measures in ("force", "tension")]
+    of_drives = {s.of: s.name for s in rig.sensors if s.measures == "position"}
+    drives = tuple(drive.name for drive in rig.drives if drive.name in of_drives)
+    if not channels or not drives:
+        return None
+    places = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
+    spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in places]), axis=1), 1e-9)
+    squares, paces = list[Floats](), list[Floats]()
+    for (taught, log), readings in zip(held_out, places):
+        runner = closed_filter(taught)
+        result = estimate(log, taught, runner)
+        begun = log.time - log.time[0] > SETTLING
+        squares.append(_mean_squares(result.innovations, result.innovation_variances, log)[begun])
+        paces.append(_pace(np.array(readings) / spread[:, None], log)[begun])
+    square, pace = np.vstack(squares), np.concatenate(paces)
+    names = runner.measured
+    compared = [name for name in names if name in channels]
+    fits = [_normal(square[:, names.index(name)], pace) for name in compared]
+    at_rest, moving = zip(*fits)
+    return FreeMotion(
+        channels=tuple(compared),
+        at_rest=tuple(at_rest),
+        moving=tuple(moving),
+        drives=drives,
+        spread=tuple(spread.tolist()),
+        logs=len(held_out),
+    )
+
+
+def closed_filter(rig: Rig) -> AdaptiveFilter:
+    """Return the filter of a rig, without its maps, in which no touch is ever found."""
+    forces = tuple(s.name for s in rig.sensors if s.measures in ("force", "tension"))
+    drives = tuple(drive.name for drive in rig.drives)
+    never = FreeMotion(
+        channels=forces,
+        at_rest=(NEVER,) * len(forces),
+        moving=(0.0,) * len(forces),
+        drives=drives,
+        spread=(1.0,) * len(drives),
+        logs=1,
+    )
+    return AdaptiveFilter(rig.bare().model_copy(update={"free_motion": never}))
+
+
+def _mean_squares(innovations: Floats, variances: Floats, log: Log) -> Floats:
+    """Return the squares of the mean innovations in stds as the filter has them, (k, m)."""
+    stds = np.sqrt(np.maximum(variances, 1e-30))
+    fade = exp(-float(np.median(np.diff(log.time))) / EVIDENCE_TIME)
+    means: Floats = lfilter([1 - fade], [1, -fade], np.nan_to_num(innovations / stds), axis=0)
+    return means**2
+
+
+def _pace(places: Floats, log: Log) -> Floats:
+    """Return v², the largest recent squared speed of all drives over their spreads, (k,) [1/s²]."""
+    interval = float(np.median(np.diff(log.time)))
+    fade, slowly = exp(-interval / MOTION_TIME), exp(-2 * interval / PACE_TIME)
+    steps = np.nan_to_num(np.diff(places, axis=1, prepend=places[:, :1])) / interval
+    speeds = lfilter([1 - fade], [1, -fade], steps, axis=1) ** 2
+    paces, kept = np.empty(speeds.shape[1]), np.zeros(len(places))
+    for k, now in enumerate(speeds.T):
+        kept = np.maximum(slowly * kept, now)
+        paces[k] = kept.sum()
+    return paces
+
+
+def _normal(square: Floats, pace: Floats) -> tuple[float, float]:
+    """Return a and b with a² + b² v² above the squares in `NORMAL` of the time."""
+    columns = np.column_stack([np.ones(len(pace)), pace])
+    size = max(float(np.mean(square)), 1e-12)
+    shares, _ = nnls(columns / (1.0, max(float(np.mean(pace)), 1e-12)), square / size)
+    rest, moving = shares * size / (1.0, max(float(np.mean(pace)), 1e-12))
+    rest = max(float(rest), LEAST_AT_REST * size)
+    beyond = float(np.quantile(square / (rest + moving * pace), NORMAL))
+    return float(np.sqrt(rest * beyond)), float(np.sqrt(moving * beyond))
