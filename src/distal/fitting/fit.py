@@ -4,27 +4,40 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from distal.errors import DistalWarning, FitError
 from distal.fitting.doubts import far_from_priors
+from distal.fitting.free_motion import free_motion_of
 from distal.fitting.learn import Learned, judge, learn, learned_by
 from distal.fitting.learned_maps import MapFit, logs_read
-from distal.fitting.leave_out import candidate_by_folds, leave_out, with_written
+from distal.fitting.leave_out import (
+    WRITTEN,
+    Fold,
+    candidate_by_folds,
+    leave_out,
+    with_written,
+)
 from distal.fitting.log_checks import check_logs
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.homing import check_homing
 from distal.logs import Log, Source, true_angles
-from distal.regression import folds_of, groups_of, servos_of
+from distal.regression import folds_of, groups_of, servos_of, splits
 from distal.rig import Rig, load_rig
 from distal.threads import one_blas_thread
 
 FOR_LEAVING_OUT = 3
 """With this many logs of known angle, or more, each is left out once."""
+
+TRUSTED = 0.8
+"""What is normal in free motion is recorded where the 95 % band holds at least this share of logs
+left out [1].
+"""
 
 
 @one_blas_thread()
@@ -119,9 +132,29 @@ def fit(
             best = candidate_by_folds(done, judged.candidates, judged.chosen)
             learned = learned_by(judged, best) if best is not judged.chosen else learned
         done = with_written(done, by_folds)
+        learned = _with_free_motion(learned, done, read, folds)
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
+
+
+def _with_free_motion(
+    learned: Learned, done: Sequence[Fold], logs: Sequence[Log], folds: Sequence[int]
+) -> Learned:
+    """Return what was learned with what is normal of forces in free motion, by the logs left out;
+    nothing where the band fails on these.
+    """
+    inside = [each.scores[WRITTEN] for fold in done for each in fold.compared]
+    shares = [score.inside for score in inside if score is not None]
+    if not shares or np.mean(shares) < TRUSTED:
+        return learned
+    held_out = [
+        (fold.learned.rig, logs[i]) for fold, (out, _) in zip(done, splits(folds)) for i in out
+    ]
+    free = free_motion_of(held_out)
+    if free is None:
+        return learned
+    return replace(learned, rig=learned.rig.model_copy(update={"free_motion": free}))
 
 
 def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int], bool]:

@@ -15,7 +15,7 @@ MARK = "# Fitted by `distal "
 """How the head of a fitted file begins, by which that of an earlier fit is found and replaced."""
 
 
-LEARNED = ("affine", "discrepancy", "contact", "provisional")
+LEARNED = ("affine", "discrepancy", "contact", "free_motion", "provisional")
 """Tables and keys that a fit writes; one that it did not learn belongs to an earlier fit."""
 
 

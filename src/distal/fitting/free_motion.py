@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 from distal.arrays import Floats
-from distal.estimators import AdaptiveFilter, Estimator
+from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.drive_tracking import MOTION_TIME
 from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.logs import Log
@@ -81,7 +81,7 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
         spread=(1.0,) * len(drives),
         logs=1,
     )
-    return AdaptiveFilter(rig.bare().model_copy(update={"free_motion": never}))
+    return AdaptiveFilter(rig.bare().model_copy(update={"free_motion": never}), compiled=False)
 
 
 def _mean_squares(innovations: Floats, variances: Floats, log: Log) -> Floats:

@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_numbers import paths_of
-from distal.fitting.fitted_file import MARK, fitted_text
+from distal.fitting.fitted_file import MARK, fitted_text, plain
 from distal.fitting.fitted_number import FittedNumber, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
@@ -285,6 +285,8 @@ class Fit:
         `Rig.with_values`.
         """
         learned = {name: map_fit.as_table() for name, map_fit in self.maps.items()}
+        if self.rig.free_motion is not None:
+            learned["free_motion"] = plain(self.rig.free_motion.model_dump())
         return {
             **self.added,
             **assignments(self.fitted, self.model, self.hold),
