@@ -45,6 +45,11 @@ LONG, OPTIMISED_LONG = 500_000, "-O1"
 effort: a filter with a sheath takes GCC 12 7 s in place of 17, and 46 µs a sample in place of 44.
 """
 
+VERY_LONG, UNOPTIMISED = 1_500_000, "-O0"
+"""C with more characters than this takes GCC 12 more than five minutes at -O1, and 4 s without any
+optimisation: the equations of a finger with three sheaths in lanes, 2.8 million characters.
+"""
+
 QUICK = "-O1"
 """With DISTAL_COMPILE=quick all C is compiled so: in half the time, half as fast."""
 
@@ -214,6 +219,8 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     compiler, cache = _needed_compiler(), _own_cache()
     if os.environ.get("DISTAL_COMPILE") == "quick":
         level = QUICK
+    if len(source) > VERY_LONG:
+        level = UNOPTIMISED
     elif len(source) > LONG:
         level = OPTIMISED_LONG
     key = _key(compiler, source, level)
