@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.expressions import Scalar, Vector
+from distal.expressions import Scalar, Vector, VectorNode
 from distal.kernels.mask import is_read
 from distal.regression.after_homing import ANYWHERE
 from distal.regression.features import SMALLEST_HALF, columns, fade, limits, variables
@@ -20,6 +20,21 @@ CARRIED_TIME = 0.3
 """What a map adds while free is carried on and forgotten in this time while touched [s]: the joint
 goes on to where the map does not hold (docs/results/touch.md).
 """
+
+PARAMETERS = (
+    "centre",
+    "scale",
+    "low",
+    "high",
+    "rate",
+    "width",
+    "distance",
+    "reach",
+    "own",
+    "spread",
+    "band",
+)
+"""The parameters of a map before those of its joints, in their order."""
 
 UNREAD_AGE = 1e6
 """Age of a reading before its first value has come [s]."""
@@ -40,21 +55,18 @@ def numbers_of(learned: LearnedMap) -> Floats:
     return np.concatenate(_parameters(learned))
 
 
+def _spread(learned: LearnedMap, numbers: VectorNode) -> VectorNode:
+    """Return the RMS over the logs of what is mapped, of each joint, from the map's parameters."""
+    sizes = [len(part) for part in _parameters(learned)]
+    at = PARAMETERS.index("spread")
+    begin = sum(sizes[:at])
+    return numbers[begin : begin + sizes[at]]
+
+
 def _parameters(learned: LearnedMap) -> list[Floats]:
-    names = (
-        "centre",
-        "scale",
-        "low",
-        "high",
-        "rate",
-        "width",
-        "distance",
-        "reach",
-        "own",
-        "spread",
-        "band",
-    )
-    parameters = [np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in names]
+    parameters = [
+        np.asarray(getattr(learned, name), dtype=np.float64).ravel() for name in PARAMETERS
+    ]
     homed = np.array(learned.homed or [ANYWHERE] * len(learned.joints))
     parameters += [np.array(learned.extrapolation or [0.0] * len(learned.joints)), *homed.T]
     for joint in learned.joints:
@@ -215,6 +227,8 @@ def reporting_function(
         if carried:
             values = (1 - share) * values + left * memory[size - carried :]
             gains = (1 - share) * gains + share
+            if corrects:  # what a map corrects is what the filter errs by without it
+                variances += share * _spread(learned, numbers) ** 2
             after = ca.vertcat(after, values)
         reports += [own + values, gains, variances]
         memories.append(after)
