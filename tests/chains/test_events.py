@@ -22,88 +22,140 @@ from distal.estimators.adaptive.drive_tracking import (
     Tracks,
     track,
 )
+from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.prediction import shifted_variance
-from distal.estimators.adaptive.unexplained_force import opened_torque, watched
+from distal.estimators.adaptive.touch import (
+    CLOSING_TIME,
+    FORCE,
+    Evidence,
+    Remembered,
+    evidence_function,
+    open_torques,
+)
 from distal.estimators.state_kinds import StateKind
 from distal.kernels.mask import MISSING, READ
+from distal.rig import FreeMotion
 from distal.simulation import build_scenario
 
 CHAIN = Robustness.usual(3)
 
 
-def test_a_force_opens_a_torque_once_it_stays_unexplained() -> None:
-    """Against (29), (30) written out: one outlier opens nothing, several alike open a force, which
-    closes again.
-    """
-    watch, dt, rng = watched(CHAIN), 0.005, np.random.default_rng(0)
-    innovations = rng.normal(0, 0.5, 2400)
-    innovations[2050] = 80.0
-    innovations[2100:2160] += 4.0
-    mean = opened = found_mean = found = 0.0
-    usual = found_usual = 0.25
-    kept = []
-    for innovation in innovations:
-        variance = 0.8
-        fade = exp(-dt / 0.05)
-        mean = fade * mean + (1 - fade) * float(np.clip(innovation / sqrt(variance), -3, 3))
-        unusual = max(0.7, 4 * sqrt(usual))
-        share = max(1 - unusual / max(abs(mean), 1e-9), 0.0)
-        opened = max(opened * exp(-2 * dt / 1.2), 196 * share**2 * min(innovation**2, 9 * variance))
-        usual = exp(-dt / 2.5) * usual + (1 - exp(-dt / 2.5)) * mean**2
-        state = found_mean, found_usual, found
-        found_mean, found_usual, found = (
-            float(x) for x in watch(*state, innovation, variance, 1, dt)
-        )
-        assert found_usual == pytest.approx(usual, rel=1e-12)
-        assert found == pytest.approx(opened, rel=1e-12)
-        kept.append(found)
-    assert max(kept[:2100]) == 0.0
-    assert min(kept[2120:2160]) > 4.0
-    assert min(kept[2120:]) < max(kept)
-    assert [float(x) for x in watch(0.9, 0.3, 1.0, 50.0, 1.0, 0, dt)] == pytest.approx(
-        [0.9, 0.3, exp(-2 * dt / 1.2)]
+def said(function: ca.Function, kept: dict[str, float], **came: float) -> dict[str, float]:
+    """Return what the evidence of a force says after one innovation, and keep what it remembers."""
+    normal = [came.pop("at_rest", 1.0), came.pop("moving", 0.0)]
+    outputs = function(kept=[kept[name] for name in FORCE.names], normal_by=normal, **came)
+    found = {name: float(value) for name, value in outputs.items()}
+    kept.update({name: found[name] for name in FORCE.names})
+    return found
+
+
+def context_of(name: str = "finger-2n", fitted: bool = False) -> FilterContext:
+    """Return a chain's filter, of a rig whose forces in free motion are known or not."""
+    rig = load_rig(name)
+    free = FreeMotion(
+        channels=("u_mcp_f",), at_rest=(1.0,), moving=(0.0,), drives=("mcp_f",), spread=(1.0,), logs=1
     )
+    rig = rig.model_copy(update={"free_motion": free if fitted else None})
+    return AdaptiveFilter(rig, compiled=False).states.context
 
 
-def test_what_is_always_a_little_off_opens_nothing() -> None:
+def test_a_force_beyond_what_is_normal_is_evidence_of_a_touch() -> None:
+    """Against (29), (30) written out: one outlier is none, several alike are, more than what is
+    normal at this speed; what is not read changes nothing.
+    """
+    watch, dt, rng = evidence_function(context_of(fitted=True)), 0.005, np.random.default_rng(0)
+    innovations = rng.normal(0, 0.5, 600)
+    innovations[250] = 80.0
+    innovations[300:360] += 4.0
+    kept, mean, force, excesses = dict.fromkeys(FORCE.names, 0.0), 0.0, 0.0, []
+    variance, at_rest, moving, fade = 0.8, 0.6, 0.3, exp(-dt / 0.05)
+    for k, innovation in enumerate(innovations):
+        pace, used = 0.04 * (k % 7), float(k % 11 != 0)
+        normal = sqrt(at_rest**2 + moving**2 * pace)
+        most = normal * max(2.0, 1 / (1 - fade))
+        shown = float(np.clip(innovation / sqrt(variance), -most, most))
+        if used:
+            mean = fade * mean + (1 - fade) * shown
+            force = fade * force + (1 - fade) * shown * sqrt(variance)
+        share = max(1 - normal**2 / max(mean**2, 1e-30), 0.0)
+        found = said(
+            watch,
+            kept,
+            innovation=innovation,
+            variance=variance,
+            is_used=used,
+            pace=pace,
+            dt=dt,
+            at_rest=at_rest,
+            moving=moving,
+        )
+        assert found["mean"] == pytest.approx(mean, rel=1e-12)
+        assert found["force"] == pytest.approx(force, rel=1e-12)
+        assert found["normal"] == pytest.approx(normal**2 * variance, rel=1e-12)
+        assert found["excess"] == pytest.approx(used * share * force**2, rel=1e-12, abs=1e-30)
+        excesses.append(found["excess"])
+    assert max(excesses[:300]) == 0.0
+    assert np.median(excesses[320:360]) > 4.0
+
+
+def test_without_logs_normal_is_what_is_usual() -> None:
     """A mean innovation of 1.2 stds, which the rig has from the start; one that comes after 15 calm
-    seconds opens.
+    seconds is evidence.
     """
-    watch = watched(CHAIN)
-    always, later = (0.0, 0.25, 0.0), (0.0, 0.25, 0.0)
+    watch = evidence_function(context_of())
+    always, later = ({"mean": 0.0, "force": 0.0, "usual": 0.25} for _ in range(2))
+    came = {"variance": 1.0, "is_used": 1.0, "pace": 0.0, "dt": 0.005}
     for k in range(4000):
-        always = tuple(float(x) for x in watch(*always, 1.2, 1.0, 1, 0.005))
-        assert always[2] == 0.0
-        later = tuple(float(x) for x in watch(*later, 1.2 if k > 3000 else 0.0, 1.0, 1, 0.005))
+        assert said(watch, always, innovation=1.2, **came)["excess"] == 0.0
+        found = said(watch, later, innovation=1.2 if k > 3000 else 0.0, **came)
         if k == 3030:
-            assert later[2] > 1.0
+            assert found["excess"] > 0.1
 
 
-def test_guards_of_one_joint_open_nothing() -> None:
-    assert [float(x) for x in watched(Robustness.usual(1))(0.9, 0.3, 1.0, 50.0, 1.0, 1, 0.005)] == [
-        0.9,
-        0.3,
-        1.0,
-    ]
-    kinds = AdaptiveFilter(
-        load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()
-    ).state_kinds
-    assert StateKind.UNDECLARED_TORQUE not in kinds
-
-
-def test_a_force_is_a_torque_at_the_moment_arms() -> None:
-    """A torque on one of three joints changes the flexor's tension by r_j²/Σ r² of what it would
-    alone.
-    """
-    runner = AdaptiveFilter(load_rig("finger-underactuated"), compiled=False)
-    arms, lever, numbers = np.array([9e-3, 7e-3, 5e-3]), 6e-3, ca.MX(ca.DM(runner.numbers))
-    for j in range(3):
-        opened = opened_torque(runner.states.context, j, [ca.MX(2.5e-5)], numbers)
-        found = float(ca.evalf(opened))
-        assert found == pytest.approx(2.5e-5 * (np.sum(arms**2) / arms[j] / lever) ** 2, rel=1e-9)
-    assert [runner.state_names[i] for i in runner.states.torque_states] == [
+def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
+    """Against (31), (32) written out, for the three joints that one tendon moves."""
+    rig = load_rig("finger-underactuated")
+    runner = AdaptiveFilter(rig, compiled=False)
+    states, lever = runner.states, 6e-3
+    arms, dt, kept_open = np.array([9e-3, 7e-3, 5e-3]), 0.005, np.array([0.0, 4e-4, 1e-6])
+    excess, normal = 2.5e-5, 1e-6
+    mean = np.zeros(len(states))
+    torques = {joint: at for at, joint in states.torque_states.items()}
+    mean[torques[2]] = 0.05
+    remembered = Remembered(
+        [], {}, [{"opened": ca.MX(o), "share": ca.MX(0.5)} for o in kept_open]
+    )
+    interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(runner.numbers)))
+    name = states.context.channels.forces[0].name
+    evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, 1)))}
+    open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
+    for j, torque in enumerate(remembered.torques):
+        by_torque = lever / arms[j] * arms[j] ** 2 / np.sum(arms**2)
+        smallest = normal / by_torque**2
+        expected = max(
+            kept_open[j] * exp(-2 * dt / CLOSING_TIME),
+            9.0 * excess / by_torque**2,
+            mean[torques[j]] ** 2 - smallest,
+        )
+        assert float(ca.evalf(torque["opened"])) == pytest.approx(expected, rel=1e-9)
+        assert float(ca.evalf(torque["share"])) == pytest.approx(
+            expected / (expected + smallest), rel=1e-9
+        )
+    assert [runner.state_names[at] for at in states.torque_states] == [
         f"undeclared_torque_{name}" for name in ("mcp", "pip", "dip")
     ]
+
+
+def test_nothing_opens_in_a_fit_nor_where_nothing_can_touch() -> None:
+    fitting = AdaptiveFilter(
+        load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()
+    )
+    assert StateKind.UNDECLARED_TORQUE not in fitting.state_kinds
+    never = load_rig("finger-2n").with_values({"joints.pip.touch": "never"})
+    names = AdaptiveFilter(never, compiled=False).state_names
+    assert "undeclared_torque_mcp" in names
+    assert "undeclared_torque_pip" not in names
 
 
 def tracked(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import reduce
 
 import casadi as ca
 
@@ -115,6 +116,11 @@ class Remembered:
     def opened(self) -> dict[int, ScalarNode]:
         """The variance that is open of the torque on each joint [(N m)²]."""
         return {joint: torque["opened"] for joint, torque in enumerate(self.torques)}
+
+    @property
+    def touched(self) -> ScalarNode:
+        """The largest share that a touch has of a joint, 0 where none is looked for."""
+        return reduce(ca.fmax, (torque["share"] for torque in self.torques), ca.MX(0))
 
     def joined(self) -> dict[str, VectorNode]:
         """Return the parts of a carry."""

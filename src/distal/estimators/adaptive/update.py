@@ -66,7 +66,8 @@ def updated(
     mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
     nominal = states.context.numbers(p, ["interval"])
     pace, evidence = paced(states, kept, interval), dict[str, Evidence]()
-    watch = evidence_function(states.context)
+    watch, free = evidence_function(states.context), 1 - kept.touched
+    lasting = np.flatnonzero(states.lasting).tolist()
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row, slopes, moved = at.row, at.slopes, mean - prior
@@ -106,6 +107,9 @@ def updated(
         )
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted, nominal)
+        if kept.torques and not row.trusted:
+            # what lasts learns nothing from forces while something may touch the joints
+            shares = {at: free * shares.get(at, 1.0) for at in (*lasting, *shares)}
         # nothing is learned by a drive's force while a joint that it moves may be held by a stop or
         # not, (24b)
         taken = ca.vertcat(*shares.values()) * (1 if row.drive is None else sure[row.drive])
