@@ -123,14 +123,13 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     mean = np.zeros(len(states))
     torques = {joint: at for at, joint in states.torque_states.items()}
     mean[torques[2]] = 0.05
-    remembered = Remembered(
-        [], {}, [{"opened": ca.MX(o), "share": ca.MX(0.5)} for o in kept_open]
-    )
+    torque = {j: {"opened": ca.MX(o), "share": ca.MX(0.5)} for j, o in enumerate(kept_open)}
+    remembered = Remembered([], {}, torque)
     interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(runner.numbers)))
     name = states.context.channels.forces[0].name
     evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, 1)))}
     open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
-    for j, torque in enumerate(remembered.torques):
+    for j, torque in remembered.torques.items():
         by_torque = lever / arms[j] * arms[j] ** 2 / np.sum(arms**2)
         smallest = normal / by_torque**2
         expected = max(

@@ -74,6 +74,18 @@ class FilterContext:
         """Numbers in a sample x = (dt, values, mask)."""
         return 1 + 2 * len(self.channels.names)
 
+    @cached_property
+    def touchable(self) -> tuple[int, ...]:
+        """The joints on which a torque may act that the rig does not declare, by their indices."""
+        if not self.robustness.opens_torques:
+            return ()
+        joints = enumerate(self.mechanism.rig.joints)
+        return tuple(
+            j
+            for j, joint in joints
+            if joint.touch != "never" and joint.external_torque.std == 0.0
+        )
+
     def moved_by(self, joint: int) -> dict[int, tuple[str, str]]:
         """Return drive → the names of r_d/r_j at a joint that it moves, and of the joint's share of
         that motion.

@@ -292,11 +292,9 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def touched(self) -> tuple[int, ...]:
         """Where in the carry the share stands that a touch has of each joint that may be touched."""
-        if not self._states.context.robustness.opens_torques:
-            return ()
         at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
-        joints = sorted(self._states.torque_states.values())
-        return tuple(at + TORQUE.size * joint for joint in joints)
+        joints = range(len(self._states.context.touchable))
+        return tuple(at + TORQUE.size * k for k in joints)
 
     @property
     def substeps(self) -> int:

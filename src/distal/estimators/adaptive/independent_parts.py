@@ -35,7 +35,7 @@ class Apart:
         numbers: of its model's parameters.
         compared: of its innovations.
         forces: of the forces that are asked for a touch.
-        joints: of its joints.
+        touchable: of its joints that may be touched, among all that may be.
     """
 
     states: StateVector
@@ -45,7 +45,7 @@ class Apart:
     numbers: Indices
     compared: Indices
     forces: Indices
-    joints: Indices
+    touchable: Indices
 
 
 @lru_cache(maxsize=32)
@@ -72,6 +72,7 @@ def _apart(states: StateVector, part: Part) -> Apart:
     values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
     compared = [sensor.name for sensor in context.channels.compared]
     forces = [sensor.name for sensor in compared_forces(context)]
+    touchable = [j for j in part.indices["joints"] if j in context.touchable]
     of_part = [sensor.name for sensor in compared_forces(part_states.context)]
     return Apart(
         part_states,
@@ -87,7 +88,7 @@ def _apart(states: StateVector, part: Part) -> Apart:
         ),
         np.array([compared.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
         np.array([forces.index(name) for name in of_part], dtype=np.intp),
-        np.array(part.indices["joints"], dtype=np.intp),
+        np.array([context.touchable.index(j) for j in touchable], dtype=np.intp),
     )
 
 
@@ -154,14 +155,13 @@ def filter_by_parts(
     for part, part_filter in filters:
         # matrices stand column by column
         square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
-        joints = part.joints if context.robustness.opens_torques else part.joints[:0]
         stretches = {
             "mean": part.at,
             "covariance": square,
             "drives": _stretches(part.drives, MEMORY),
             "forces": _stretches(part.drives, DRIVE.size),
             "evidence": _stretches(part.forces, FORCE.size),
-            "torques": _stretches(joints, TORQUE.size),
+            "torques": _stretches(part.touchable, TORQUE.size),
         }
         carry = np.concatenate([layout[name].start + at for name, at in stretches.items()])
         y = [part.compared, m + part.compared]

@@ -98,36 +98,36 @@ class Remembered:
 
     drives: list[dict[str, ScalarNode]]
     forces: dict[str, dict[str, ScalarNode]]
-    torques: list[dict[str, ScalarNode]]
+    torques: dict[int, dict[str, ScalarNode]]
 
     @classmethod
     def of(cls, context: FilterContext, layout: Layout, carry: VectorNode) -> Remembered:
         """Return what a carry remembers."""
         names = [sensor.name for sensor in compared_forces(context)]
-        joints = context.n_joints if context.robustness.opens_torques else 0
+        torques = _each(TORQUE, layout.part(carry, "torques"), len(context.touchable))
         forces = _each(FORCE, layout.part(carry, "evidence"), len(names))
         return cls(
             _each(DRIVE, layout.part(carry, "forces"), context.n_drives),
             dict(zip(names, forces)),
-            _each(TORQUE, layout.part(carry, "torques"), joints),
+            dict(zip(context.touchable, torques)),
         )
 
     @property
     def opened(self) -> dict[int, ScalarNode]:
         """The variance that is open of the torque on each joint [(N m)²]."""
-        return {joint: torque["opened"] for joint, torque in enumerate(self.torques)}
+        return {joint: torque["opened"] for joint, torque in self.torques.items()}
 
     @property
     def touched(self) -> ScalarNode:
         """The largest share that a touch has of a joint, 0 where none is looked for."""
-        return reduce(ca.fmax, (torque["share"] for torque in self.torques), ca.MX(0))
+        return reduce(ca.fmax, (torque["share"] for torque in self.torques.values()), ca.MX(0))
 
     def joined(self) -> dict[str, VectorNode]:
         """Return the parts of a carry."""
         return {
             "forces": ca.vertcat(*(DRIVE.joined(**drive) for drive in self.drives)),
             "evidence": ca.vertcat(ca.MX(0, 1), *(FORCE.joined(**f) for f in self.forces.values())),
-            "torques": ca.vertcat(ca.MX(0, 1), *(TORQUE.joined(**t) for t in self.torques)),
+            "torques": ca.vertcat(ca.MX(0, 1), *(TORQUE.joined(**t) for t in self.torques.values())),
         }
 
 
@@ -138,7 +138,7 @@ def _each(layout: Layout, vector: VectorNode, count: int) -> list[dict[str, Scal
 
 def compared_forces(context: FilterContext) -> tuple[Sensor, ...]:
     """Return the forces and tensions that are compared, if a touch is looked for at all."""
-    if not context.robustness.opens_torques:
+    if not context.touchable:
         return ()
     forces = (*context.channels.forces, *context.channels.tensions)
     return tuple(sensor for sensor in context.channels.compared if sensor in forces)
@@ -201,9 +201,9 @@ def open_torques(
     fading, of `OPENED`² Σ excess_i/a_i², and of τ̂² − τ₀².
     """
     context, fade = states.context, ca.exp(-2 * interval.x[0] / CLOSING_TIME)
-    asked = states.torque_states if kept.torques else {}
-    for at, joint in asked.items():
-        torque = kept.torques[joint]
+    at_joints = {joint: at for at, joint in states.torque_states.items()}
+    for joint, torque in kept.torques.items():
+        at = at_joints[joint]
         pushed, felt = ca.MX(0), ca.MX(0)
         for name, by_torque in context.forces_by_torque(joint).items():
             if name not in evidence:
@@ -224,9 +224,8 @@ def open_torques(
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
     """Return the lengths of what is remembered of forces and torques, for the carry."""
-    joints = context.n_joints if context.robustness.opens_torques else 0
     return {
         "forces": DRIVE.size * context.n_drives,
         "evidence": FORCE.size * len(compared_forces(context)),
-        "torques": TORQUE.size * joints,
+        "torques": TORQUE.size * len(context.touchable),
     }

@@ -80,6 +80,6 @@ def external_torques(context: FilterContext) -> list[State]:
     for j, joint in enumerate(joints):
         if joint.external_torque.std > 0.0:
             blocks.append(ExternalTorque(context, j))
-        elif context.robustness.opens_torques and joint.touch != "never":
+        elif j in context.touchable:
             blocks.append(UndeclaredTorque(context, j))
     return blocks
