@@ -28,6 +28,7 @@ from distal.estimators.adaptive.prediction import shifted_variance
 from distal.estimators.adaptive.touch import (
     CLOSING_TIME,
     FORCE,
+    LASTING_TIME,
     Evidence,
     Remembered,
     evidence_function,
@@ -123,7 +124,10 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     mean = np.zeros(len(states))
     torques = {joint: at for at, joint in states.torque_states.items()}
     mean[torques[2]] = 0.05
-    torque = {j: {"opened": ca.MX(o), "share": ca.MX(0.5)} for j, o in enumerate(kept_open)}
+    torque = {
+        j: {"opened": ca.MX(o), "clear": ca.MX(o), "share": ca.MX(0.5)}
+        for j, o in enumerate(kept_open)
+    }
     remembered = Remembered([], {}, torque)
     interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(runner.numbers)))
     name = states.context.channels.forces[0].name
@@ -132,7 +136,12 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     for j, torque in remembered.torques.items():
         by_torque = lever / arms[j] * arms[j] ** 2 / np.sum(arms**2)
         smallest = normal / by_torque**2
+        clear = max(
+            kept_open[j] * exp(-2 * dt / LASTING_TIME), mean[torques[j]] ** 2 - 9 * smallest
+        )
+        assert float(ca.evalf(torque["clear"])) == pytest.approx(clear, rel=1e-9)
         expected = max(
+            clear,
             kept_open[j] * exp(-2 * dt / CLOSING_TIME),
             9.0 * excess / by_torque**2,
             mean[torques[j]] ** 2 - smallest,

@@ -17,7 +17,7 @@ from distal.logs import Log
 from distal.rig import FreeMotion, Rig
 from distal.run import estimate
 
-NORMAL = 0.975
+NORMAL = 0.998
 """Share of the time in which a mean innovation in free motion is normal: docs/results/touch.md."""
 
 LEAST_AT_REST = 0.3

@@ -200,8 +200,8 @@ def reporting_function(
         places: for each channel of the maps where in the carry its drive's place stands, None for
             what is read.
         joints: number of joints.
-        touched: where in the carry the share stands that a touch has of each joint; none where no
-            touch is looked for.
+        touched: where in the carry the share stands that a touch has of each joint that may be
+            touched.
     """
     n_carry, n_parameters = inner.size1_in(0), inner.size1_in(2)
     sizes = [memory_size(learned) + carried_size(learned, touched) for learned, *_ in maps]

@@ -13,7 +13,7 @@ from distal.rig.quantities import Description
 class FreeMotion(Description):
     """The innovations that are normal in free motion, on logs that the fit had not seen.
 
-    A force's mean innovation stays below z₀ = √(a² + b² v²) of its standard deviations in 99 % of
+    A force's mean innovation stays below z₀ = √(a² + b² v²) of its standard deviations in 99.8 % of
     the time, v² = Σ (ẋ_i/spread_i)² being the squared speed of all drives that move with it. More
     than that is a touch, or a change of the rig.
     """
@@ -37,12 +37,12 @@ class FreeMotion(Description):
                 raise ValueError(f"{name} must have {size} entries; {len(numbers)} came")
             if min(numbers) < 0.0:
                 raise ValueError(f"{name} must not be negative")
-        if min(self.at_rest) == 0.0 or min(self.spread) == 0.0:
+        if 0.0 in (*self.at_rest, *self.spread):
             raise ValueError("at_rest and spread must be positive")
         return self
 
     def of_channel(self, name: str) -> tuple[float, float]:
-        """Return a [1] and b [s] of a sensor; of one that the logs lacked, those of the largest."""
+        """Return a [1] and b [s] of a sensor; of one that the logs lacked, the largest of each."""
         if name not in self.channels:
             return max(self.at_rest), max(self.moving)
         at = self.channels.index(name)

@@ -34,6 +34,11 @@ changes within its correlation time is followed at once. docs/results/touch.md
 CLOSING_TIME = 0.3
 """Time constant with which the opened std is forgotten [s]: docs/results/touch.md."""
 
+CLEARLY, LASTING_TIME = 3.0, 2.4
+"""A torque beyond so many times the smallest that is felt [1] may come back: its std is forgotten
+with this time constant [s]. docs/results/touch.md
+"""
+
 PACE_TIME = 0.1
 """For so long after a fast motion its forces are less sure [s]."""
 
@@ -48,6 +53,9 @@ docs/results/chains.md, "Something happens".
 SMALLEST_TORQUE = 1e-30
 """Square of a torque that is none, so that nothing is divided by zero [(N m)²]."""
 
+NORMAL = ("at_rest", "moving")
+"""Names of what is normal of a force in free motion, see `FreeMotion`."""
+
 DRIVE = Layout(friction=1, pace=1)
 """What is remembered of a drive's force: of its friction (see `Comparison`), and the largest recent
 square of its speed over the spread of its positions [1/s²].
@@ -58,9 +66,9 @@ FORCE = Layout(mean=1, force=1, usual=1)
 a force [N, N m], and the mean square of the first [1].
 """
 
-TORQUE = Layout(opened=1, share=1)
-"""What is remembered of the torque on a joint: the variance that opened [(N m)²], and the share of
-it that a touch has, 0 (free) to 1.
+TORQUE = Layout(opened=1, clear=1, share=1)
+"""What is remembered of the torque on a joint: the variance that opened, that of a clear touch [(N
+m)²], and the share of it that a touch has, 0 (free) to 1.
 """
 
 
@@ -72,7 +80,7 @@ class Evidence:
         mean: its mean innovation, in stds.
         force: the same as a force [N, N m].
         usual: mean square of the first.
-        excess: square of the part of its innovation that is not normal [N², (N m)²].
+        excess: square of the part of it that is not normal [N², (N m)²].
         normal: square of the largest mean innovation that is normal [N², (N m)²].
         used: 1 where it is read.
     """
@@ -201,6 +209,7 @@ def open_torques(
     fading, of `OPENED`² Σ excess_i/a_i², and of τ̂² − τ₀².
     """
     context, fade = states.context, ca.exp(-2 * interval.x[0] / CLOSING_TIME)
+    slowly = ca.exp(-2 * interval.x[0] / LASTING_TIME)
     at_joints = {joint: at for at, joint in states.torque_states.items()}
     for joint, torque in kept.torques.items():
         at = at_joints[joint]
@@ -215,7 +224,10 @@ def open_torques(
         lost = felt <= 0
         smallest = 1 / ca.fmax(felt, SMALLEST_TORQUE)
         held = ca.if_else(lost, 0, ca.fmax(mean[at] ** 2 - smallest, 0))
+        clear = ca.if_else(lost, 0, ca.fmax(mean[at] ** 2 - CLEARLY**2 * smallest, 0))
+        torque["clear"] = ca.fmax(slowly * torque["clear"], clear)
         variance = ca.fmax(fade * torque["opened"], ca.fmax(OPENED**2 * pushed, held))
+        variance = ca.fmax(variance, torque["clear"])
         torque["share"] = ca.if_else(
             lost, fade * torque["share"], variance / (variance + smallest)
         )

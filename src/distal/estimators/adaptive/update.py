@@ -17,6 +17,7 @@ from distal.estimators.adaptive.stops import sure_of_stops
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.adaptive.touch import (
     FORCE,
+    NORMAL,
     Evidence,
     Remembered,
     evidence_function,
@@ -131,7 +132,7 @@ def updated(
                 variance=spread + variance,
                 is_used=share_used(ROW.part(at.values, "mask")) * place_is_read,
                 pace=pace,
-                normal_by=states.context.numbers(p, [f"{path}.at_rest", f"{path}.moving"]),
+                normal_by=states.context.numbers(p, [f"{path}.{name}" for name in NORMAL]),
                 dt=dt,
             )
             evidence[row.name] = Evidence(**said)
