@@ -45,6 +45,7 @@ CHAIN = Robustness.usual(3)
 def said(function: ca.Function, kept: dict[str, float], **came: float) -> dict[str, float]:
     """Return what the evidence of a force says after one innovation, and keep what it remembers."""
     normal = [came.pop("at_rest", 1.0), came.pop("moving", 0.0)]
+    came = {"reading": 0.0, "noise": 0.0} | came
     outputs = function(kept=[kept[name] for name in FORCE.names], normal_by=normal, **came)
     found = {name: float(value) for name, value in outputs.items()}
     kept.update({name: found[name] for name in FORCE.names})
@@ -131,27 +132,29 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     remembered = Remembered([], {}, torque)
     interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(runner.numbers)))
     name = states.context.channels.forces[0].name
-    evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, 1)))}
+    most = 4e-6
+    evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, most, 1)))}
     open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
     for j, torque in remembered.torques.items():
         by_torque = lever / arms[j] * arms[j] ** 2 / np.sum(arms**2)
         smallest = normal / by_torque**2
+        largest = most / by_torque**2
         clear = max(
-            kept_open[j] * exp(-2 * dt / LASTING_TIME), mean[torques[j]] ** 2 - 9 * smallest
+            kept_open[j] * exp(-2 * dt / LASTING_TIME),
+            min(max(mean[torques[j]] ** 2 - 9 * smallest, 0.0), largest),
         )
         assert float(ca.evalf(torque["clear"])) == pytest.approx(clear, rel=1e-9)
         expected = max(
             clear,
             kept_open[j] * exp(-2 * dt / CLOSING_TIME),
-            9.0 * excess / by_torque**2,
-            mean[torques[j]] ** 2 - smallest,
+            min(max(9.0 * excess / by_torque**2, mean[torques[j]] ** 2 - smallest), largest),
         )
         assert float(ca.evalf(torque["opened"])) == pytest.approx(expected, rel=1e-9)
         assert float(ca.evalf(torque["share"])) == pytest.approx(
             expected / (expected + smallest), rel=1e-9
         )
     assert [runner.state_names[at] for at in states.torque_states] == [
-        f"undeclared_torque_{name}" for name in ("mcp", "pip", "dip")
+        f"external_torque_{name}" for name in ("mcp", "pip", "dip")
     ]
 
 
@@ -159,11 +162,11 @@ def test_nothing_opens_in_a_fit_nor_where_nothing_can_touch() -> None:
     fitting = AdaptiveFilter(
         load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()
     )
-    assert StateKind.UNDECLARED_TORQUE not in fitting.state_kinds
+    assert StateKind.EXTERNAL_TORQUE not in fitting.state_kinds
     never = load_rig("finger-2n").with_values({"joints.pip.touch": "never"})
     names = AdaptiveFilter(never, compiled=False).state_names
-    assert "undeclared_torque_mcp" in names
-    assert "undeclared_torque_pip" not in names
+    assert "external_torque_mcp" in names
+    assert "external_torque_pip" not in names
 
 
 def tracked(

@@ -9,7 +9,6 @@ from distal.estimators import AdaptiveFilter, StateKind, external_torques_of, ki
 from distal.rig import in_words
 
 STEMS = {
-    StateKind.UNDECLARED_TORQUE: "undeclared_torque_{}",
     StateKind.LINEARITY: "linearity_{}_",
     StateKind.POSITION: "position_{}",
     StateKind.FRICTION: "friction_{}",

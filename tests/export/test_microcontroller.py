@@ -222,8 +222,8 @@ def test_it_fits_and_is_right(name: str, tmp_path: Path) -> None:
 
 
 LIMITS = {
-    "wrist-instrument": (54, 16, 160_000),
-    "finger-2n": (48, 18, 150_000),
+    "wrist-instrument": (60, 16, 160_000),
+    "finger-2n": (52, 18, 150_000),
     "finger-n-plus-1": (64, 32, 300_000),
 }
 """Most flash [kB], RAM [kB] and instructions of a step; a torque on each joint that forces may tell

@@ -289,10 +289,17 @@ def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
     np.testing.assert_allclose(places[0], places[1], atol=2e-5)
 
 
-def test_a_torque_that_the_filter_sees_is_held_against() -> None:
-    """τ from outside at rest: the drives make τ less, by their levers, than without it."""
+@pytest.mark.parametrize(("compensates", "share"), [(True, -1.0), (False, 0.0)])
+def test_a_torque_that_the_filter_sees_is_held_against_only_where_asked(
+    compensates: bool, share: float
+) -> None:
+    """τ from outside at rest: the drives make τ less, by their levers, than without it; unless
+    asked they do nothing, since what is held would be pressed harder.
+    """
     rig = load_rig(RIG).with_values({"joints.link.external_torque.std": 0.05})
-    inverse = LiveInverse(rig, feedback=Feedback(follow=0.0), compiled=False)
+    inverse = LiveInverse(
+        rig, feedback=Feedback(follow=0.0), compensates=compensates, compiled=False
+    )
     sample, at = sample_of(inverse), inverse.estimator.state_names.index("external_torque")
     forces = []
     for torque in (0.0, 0.01):
@@ -304,7 +311,21 @@ def test_a_torque_that_the_filter_sees_is_held_against() -> None:
         forces.append(inverse._y["tensions"].copy())
     arm = 9.53e-3
     change = arm * ((forces[1] - forces[0])[0] - (forces[1] - forces[0])[1])
-    assert change == pytest.approx(-0.01, rel=0.25)  # friction follows the tensions
+    assert change == pytest.approx(0.01 * share, rel=0.25)  # friction follows the tensions
+
+
+@pytest.mark.parametrize("touched", [0.0, 0.9])
+def test_feedback_does_not_wind_up_against_what_is_touched(touched: float) -> None:
+    inverse = LiveInverse(RIG, feedback=Feedback(follow=1.0, integral=0.1), compiled=False)
+    sample = sample_of(inverse)
+    for k in range(30):
+        inverse.step(0.01 * k, [0.1], sample)
+    inverse._x["touched"][:] = touched
+    before = {name: inverse._carry[name].copy() for name in ("correction", "effort")}
+    for _ in range(20):
+        inverse._loop.step()
+    for name, value in before.items():
+        assert (inverse._carry[name] == value).all() == (touched > 0.5)
 
 
 def test_nothing_winds_up_against_a_stop_or_the_end_of_a_range() -> None:

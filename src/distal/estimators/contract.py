@@ -294,6 +294,13 @@ class KernelEstimator:
         return (f"{self.name} does not read {ignored}; adaptive does",) if ignored else ()
 
     @property
+    def touched(self) -> tuple[int, ...]:
+        """Where in the carry the share stands that a touch has of each joint that may be touched;
+        none where no touch is looked for.
+        """
+        return ()
+
+    @property
     def bridged(self) -> int:
         """Number of leading channels that are interpolated along a straight line over a gap."""
         return 0

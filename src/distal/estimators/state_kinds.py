@@ -24,7 +24,6 @@ class StateKind(Enum):
     ANGLE = "angle of a joint"
     SPEED = "speed of a joint"
     EXTERNAL_TORQUE = "torque on a joint from outside"
-    UNDECLARED_TORQUE = "torque on a joint that the rig does not declare"
     PARAMETER = "number of the rig, or what several err by together"
     LINEARITY = "weight of the curve of a position sensor's error"
     POSITION = "place of a drive that nothing measures"
@@ -75,7 +74,6 @@ UNITS_OF_JOINTS = {
     StateKind.ANGLE: "rad",
     StateKind.SPEED: "rad/s",
     StateKind.EXTERNAL_TORQUE: "N m",
-    StateKind.UNDECLARED_TORQUE: "N m",
 }
 """Units of the joints' states."""
 

@@ -65,6 +65,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
     together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
+    at_touched = layout.x["touched"].start
     reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
     reported += [(runner.state_names.index(state), field) for state, field in torque_fields(runner)]
     values = {
@@ -88,6 +89,10 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "numbers": ", ".join(real.constant(float(number)) for number in numbers),
         "reported": "\n".join(
             f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
+        ),
+        "touched": "\n".join(
+            f"  if (x[{at_touched}] < filter->carry[{i}]) x[{at_touched}] = filter->carry[{i}];"
+            for i in runner.touched
         ),
         "known": " && ".join(
             f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)
@@ -233,6 +238,8 @@ $reported$
     const $real$ read = positions[i] < 0 ? state->places[i] : values[positions[i]];
     x[$x_read$ + i] = read == read ? read : state->places[i];
   }
+  x[$x_touched$] = $zero$;
+$touched$
   x[$x_trusted$] = trusted && $known$ ? $one$ : $zero$;
   x[$x_dt$] = state->begun ? dt : $zero$;
   for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->carry, x, numbers, y);

@@ -97,9 +97,10 @@ def gains_of(
     lowest: float,
     feedback: Feedback | Mapping[str, Feedback] | None,
     fastest: float | None,
+    compensates: bool = False,
 ) -> Floats:
     """Return the gains of `live_function`, (n_gains,): `lowest` tension [N], `fastest` motion
-    [rad/s]; see `LiveInverse`.
+    [rad/s], and whether it `compensates` torques from outside; see `LiveInverse`.
 
     Raises:
         CommandError: a joint is unknown, or a speed is none.
@@ -121,6 +122,7 @@ def gains_of(
             np.ptp(joint.travel) / ACROSS if fastest is None else fastest for joint in joints
         ],
         "lowest": [lowest],
+        "compensates": [float(compensates)],
         "follow": [one.follow for one in of],
         "deadband": [one.deadband for one in of],
         "kp": [one.proportional for one in of],
@@ -141,7 +143,7 @@ class LiveInverse:
     send(command.places)
     ```
 
-    What the filter learns (friction, stretch, loads) is made up for. While the estimate is not
+    What the filter learns (friction, stretch) is made up for. While the estimate is not
     known, its correction stays as it was. The first command is for where the joints are; from there
     they go to what is wanted. Every command passes a `GoalGate`: a drive whose readings are lost
     for 0.1 s stands, with those that move the same joints, and their joints are wanted where they
@@ -154,6 +156,8 @@ class LiveInverse:
         feedback: see `Feedback`; of all joints, or by their names.
         fastest: largest speed of the joints that move by themselves [rad/s]; default all of their
             range in 0.25 s.
+        compensates: hold against torques from outside; default they act: what is held is pressed no
+            harder because it pushes back.
         gate: that takes in the samples elsewhere, before they come here; default one of its own.
 
     Raises:
@@ -167,6 +171,7 @@ class LiveInverse:
         least_tension: float | str = LEAST_TENSION,
         feedback: Feedback | Mapping[str, Feedback] | None = None,
         fastest: float | None = None,
+        compensates: bool = False,
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
@@ -177,6 +182,7 @@ class LiveInverse:
             "least_tension": least_tension,
             "feedback": feedback,
             "fastest": fastest,
+            "compensates": compensates,
             "compiled": compiled,
         }
         self._live = LiveEstimator(self._rig, runner)
@@ -184,7 +190,8 @@ class LiveInverse:
         self._layouts = layouts(model, runner.states)
         structure = live_structure(model, runner.states)
         self._kernel = kernel_of(structure, lambda: live_function(model, runner.states), compiled)
-        gains = gains_of(model, least_tension_of(least_tension, self._rig), feedback, fastest)
+        lowest = least_tension_of(least_tension, self._rig)
+        gains = gains_of(model, lowest, feedback, fastest, compensates)
         self._monitor = Monitor(self._live)
         self._loop = self._kernel.loop(
             np.concatenate([gains, runner.numbers[: len(runner.parameter_names)], model.derived])
@@ -285,7 +292,7 @@ class LiveInverse:
         # without a reading a drive counts as being where it was sent
         read = np.where(self._places >= 0, sample[self._places], nan)
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
-        x["trusted"][0] = not unusable
+        x["trusted"][0], x["touched"][0] = not unusable, self._live.touched
         stopped = self._gate.stopped
         stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
         if self._time is None or (stands.all() and self._gate.are_ignored):

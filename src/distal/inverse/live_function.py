@@ -48,8 +48,14 @@ MOST = float(np.deg2rad(20.0))
 GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
 """What is remembered of the reference and of feedback, for each joint that moves by itself."""
 
-GAINS = ("fastest", "lowest", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
-"""Numbers of the guide: of each joint that moves by itself, but for the least tension, `lowest`."""
+GAINS = ("fastest", "lowest", "compensates", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
+"""Numbers of the guide: of each joint that moves by itself, but for those of `OF_ALL`."""
+
+OF_ALL = ("lowest", "compensates")
+"""The least tension, and whether torques from outside are held against (1) or left to act (0)."""
+
+TOUCHED = 0.5
+"""With a larger share of a touch the joints count as touched: feedback does not wind up [1]."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +79,8 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
             started=1,
             command=model.carry.size,
         ),
-        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1),
-        gains=Layout(**dict.fromkeys(GAINS, nf) | {"lowest": 1}),
+        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1),
+        gains=Layout(**dict.fromkeys(GAINS, nf) | dict.fromkeys(OF_ALL, 1)),
         y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
     )
 
@@ -104,9 +110,9 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
         "wanted": model.within_stops(came["wanted"], numbers),
         "trusted": came["trusted"],
     }
-    inputs["winds"] = came["trusted"] * (1 - at_end)
+    inputs["winds"] = came["trusted"] * (1 - at_end) * (came["touched"] < TOUCHED)
     guided = _guide(model)(
-        angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k != "lowest"}
+        angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k not in OF_ALL}
     )
     later = model.number(numbers, ["lead"])
     bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
@@ -116,7 +122,7 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
         angles=model.within_stops(ahead, numbers),
         speeds=guided["speed"] + guided["correcting"],
         accelerations=guided["acceleration"],
-        torques=came["trusted"] * torques
+        torques=came["trusted"] * gains["compensates"] * torques
         + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
         lowest=gains["lowest"],
     )
@@ -163,7 +169,7 @@ def _guide(model: CommandModel) -> ca.Function:
         "started_before": 1,
     }
     sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
-    sizes |= dict.fromkeys((name for name in GAINS if name != "lowest"), model.nf)
+    sizes |= dict.fromkeys((name for name in GAINS if name not in OF_ALL), model.nf)
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     dt, angles, trusted, started = v["dt"], v["angles"], v["trusted"], v["started_before"]
     safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)
@@ -196,8 +202,8 @@ def _guide(model: CommandModel) -> ca.Function:
         "speed": speed,
         "acceleration": v["acceleration_before"] + share * change,
         "correction": correction,
-        # what is cut does not wind up
-        "effort": v["effort_before"] + ca.if_else(pushed == asked, counted * dt, 0),
+        # what is cut, or presses on what is touched, does not wind up
+        "effort": v["effort_before"] + v["winds"] * ca.if_else(pushed == asked, counted * dt, 0),
         "rests": rests,
         "correcting": (correction - v["correction_before"]) / safe,
         "pushed": -pushed,

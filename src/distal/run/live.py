@@ -95,6 +95,7 @@ class LiveEstimator:
         )
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
+        self._shares = list(runner.touched)
         self._torques = list(external_torques_of(runner).values())
         self._torque_names = tuple(runner.state_names[i] for i in self._torques)
         self._warm()
@@ -321,6 +322,11 @@ class LiveEstimator:
         touched.
         """
         return self._torque_names
+
+    @property
+    def touched(self) -> float:
+        """The largest share that a touch has of a joint, 0 (free) to 1."""
+        return float(self._carry[self._shares].max(initial=0.0))
 
     @property
     def external_torques(self) -> Floats:

@@ -199,6 +199,10 @@ class FilterContext:
         """
         return self.corrected(sensor, x[1 + self.channels.names.index(sensor.name)])
 
+    def reading(self, x: VectorNode, name: str) -> VectorNode:
+        """Return what the sensor of that name reads in a sample x."""
+        return x[1 + self.channels.names.index(name)]
+
     def corrected(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return a reading without the sensor's known offset and gain."""
         path = self.path(sensor)

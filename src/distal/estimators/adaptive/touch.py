@@ -50,6 +50,9 @@ UNEXPLAINED, UNUSUAL = 0.7, 4.0
 docs/results/chains.md, "Something happens".
 """
 
+SURE = 3.0
+"""A force is no larger than it is read to be, so many stds of its sensor added [1]."""
+
 SMALLEST_TORQUE = 1e-30
 """Square of a torque that is none, so that nothing is divided by zero [(N m)²]."""
 
@@ -72,6 +75,10 @@ m)²], and the share of it that a touch has, 0 (free) to 1.
 """
 
 
+WEIGHED = ("excess", "normal", "most", "used")
+"""What of the evidence of a force weighs on a torque."""
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What one force says of a touch.
@@ -82,6 +89,7 @@ class Evidence:
         usual: mean square of the first.
         excess: square of the part of it that is not normal [N², (N m)²].
         normal: square of the largest mean innovation that is normal [N², (N m)²].
+        most: square of the largest force that may act, by what is read [N², (N m)²].
         used: 1 where it is read.
     """
 
@@ -90,6 +98,7 @@ class Evidence:
     usual: ScalarNode
     excess: ScalarNode
     normal: ScalarNode
+    most: ScalarNode
     used: ScalarNode
 
 
@@ -166,14 +175,14 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
 
 
 def evidence_function(context: FilterContext) -> ca.Function:
-    """Return (kept, ν, S, used, pace, normal, dt) → the parts of `Evidence` of a force: (29), (30).
+    """Return (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a force: (29), (30).
 
     The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z₀ = √(a² + b² pace) of logs in free
     motion, `normal` = (a, b). One sample alone never exceeds it.
     """
     kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", 2)
-    scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "dt")]
-    innovation, variance, used, speed, dt = scalars
+    scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
+    innovation, variance, used, speed, reading, noise, dt = scalars
     memory = FORCE.parts(kept)
     threshold = ca.sqrt(normal[0] ** 2 + normal[1] ** 2 * speed)
     if context.mechanism.rig.free_motion is None:
@@ -188,10 +197,11 @@ def evidence_function(context: FilterContext) -> ca.Function:
     slowly = ca.exp(-dt / USUAL_TIME)
     usual = ca.if_else(used > 0, slowly * memory["usual"] + (1 - slowly) * mean**2, memory["usual"])
     share = ca.fmax(1 - threshold**2 / ca.fmax(mean**2, SMALLEST_TORQUE), 0)
-    outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, used]
+    largest = (ca.fabs(reading) + SURE * noise) ** 2
+    outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, largest, used]
     names = [part.name for part in fields(Evidence)]
-    inputs = ["kept", "innovation", "variance", "is_used", "pace", "normal_by", "dt"]
-    arguments = [kept, innovation, variance, used, speed, normal, dt]
+    inputs = ["kept", "innovation", "variance", "is_used", "pace", "reading", "noise", "normal_by", "dt"]
+    arguments = [kept, innovation, variance, used, speed, reading, noise, normal, dt]
     return ca.Function("evidence", arguments, outputs, inputs, names)
 
 
@@ -202,36 +212,46 @@ def open_torques(
     mean: VectorNode,
     interval: Interval,
 ) -> None:
-    """Change what is remembered of the torque on each joint after a sample, in place: (31), (32).
+    """Change what is remembered of the torque on each joint after a sample, in place: (31), (32)."""
+    at_joints = {joint: at for at, joint in states.torque_states.items()}
+    for joint, torque in kept.torques.items():
+        moved = states.context.forces_by_torque(joint)
+        names = [name for name in moved if name in evidence]
+        if not names:
+            continue
+        said = ca.horzcat(
+            *(ca.vertcat(*(getattr(evidence[name], part) for part in WEIGHED)) for name in names)
+        )
+        by_torque = states.context.numbers(interval.p, [moved[name] for name in names])
+        remembered, dt = TORQUE.joined(**torque), interval.x[0]
+        after = opening_function(len(names))(remembered, mean[at_joints[joint]], said, by_torque, dt)
+        torque.update(TORQUE.parts(after))
+
+
+def opening_function(count: int) -> ca.Function:
+    """Return (kept, τ̂, said, a, dt) → what is remembered of a torque, by `count` forces: (31), (32).
 
     A force U_i that changes by a_i for a unit of torque feels a torque beyond √(normal)/a_i; all
     together beyond τ₀, 1/τ₀² = Σ a_i²/normal_i. The opened variance is the largest of what it was,
-    fading, of `OPENED`² Σ excess_i/a_i², and of τ̂² − τ₀².
+    fading, of `OPENED`² Σ excess_i/a_i², and of τ̂² − τ₀²; what a clear torque opened fades slowly.
+    No torque is larger than the forces that are read hold: Σ √(most_i)/|a_i|.
     """
-    context, fade = states.context, ca.exp(-2 * interval.x[0] / CLOSING_TIME)
-    slowly = ca.exp(-2 * interval.x[0] / LASTING_TIME)
-    at_joints = {joint: at for at, joint in states.torque_states.items()}
-    for joint, torque in kept.torques.items():
-        at = at_joints[joint]
-        pushed, felt = ca.MX(0), ca.MX(0)
-        for name, by_torque in context.forces_by_torque(joint).items():
-            if name not in evidence:
-                continue
-            change = context.numbers(interval.p, [by_torque]) ** 2
-            one = evidence[name]
-            pushed += one.excess / change
-            felt += one.used * change / ca.fmax(one.normal, SMALLEST_TORQUE)
-        lost = felt <= 0
-        smallest = 1 / ca.fmax(felt, SMALLEST_TORQUE)
-        held = ca.if_else(lost, 0, ca.fmax(mean[at] ** 2 - smallest, 0))
-        clear = ca.if_else(lost, 0, ca.fmax(mean[at] ** 2 - CLEARLY**2 * smallest, 0))
-        torque["clear"] = ca.fmax(slowly * torque["clear"], clear)
-        variance = ca.fmax(fade * torque["opened"], ca.fmax(OPENED**2 * pushed, held))
-        variance = ca.fmax(variance, torque["clear"])
-        torque["share"] = ca.if_else(
-            lost, fade * torque["share"], variance / (variance + smallest)
-        )
-        torque["opened"] = variance
+    kept, by_torque = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("a", count)
+    torque, dt, said = ca.SX.sym("torque"), ca.SX.sym("dt"), ca.SX.sym("said", len(WEIGHED), count)
+    was, square = TORQUE.parts(kept), by_torque**2
+    excess, normal, most, used = (said[k, :].T for k in range(len(WEIGHED)))
+    felt = ca.sum1(used * square / ca.fmax(normal, SMALLEST_TORQUE))
+    lost, smallest = felt <= 0, 1 / ca.fmax(felt, SMALLEST_TORQUE)
+    pushed = OPENED**2 * ca.sum1(excess / square)
+    held = ca.if_else(lost, 0, ca.fmax(torque**2 - smallest, 0))
+    clearly = ca.if_else(lost, 0, ca.fmax(torque**2 - CLEARLY**2 * smallest, 0))
+    largest = ca.sum1(ca.sqrt(most) / ca.fabs(by_torque)) ** 2
+    clear = ca.fmax(ca.exp(-2 * dt / LASTING_TIME) * was["clear"], ca.fmin(clearly, largest))
+    fade = ca.exp(-2 * dt / CLOSING_TIME)
+    opened = ca.fmax(ca.fmax(fade * was["opened"], clear), ca.fmin(ca.fmax(pushed, held), largest))
+    share = ca.if_else(lost, fade * was["share"], opened / (opened + smallest))
+    after = TORQUE.joined(opened=opened, clear=clear, share=share)
+    return ca.Function("opening", [kept, torque, said, by_torque, dt], [after])
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:

@@ -67,8 +67,8 @@ def updated(
     mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
     nominal = states.context.numbers(p, ["interval"])
     pace, evidence = paced(states, kept, interval), dict[str, Evidence]()
-    watch, free = evidence_function(states.context), 1 - kept.touched
-    lasting = np.flatnonzero(states.lasting).tolist()
+    watch, touched = evidence_function(states.context), kept.touched
+    fixed = np.flatnonzero(states.lasting).tolist()
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
         row, slopes, moved = at.row, at.slopes, mean - prior
@@ -109,8 +109,8 @@ def updated(
         change = (weight * comparison.innovation) * across
         shares = states.gain_shares(row.drive, row.trusted, nominal)
         if kept.torques and not row.trusted:
-            # what lasts learns nothing from forces while something may touch the joints
-            shares = {at: free * shares.get(at, 1.0) for at in (*lasting, *shares)}
+            # parameters learn nothing from forces while something may touch the joints
+            shares = {at: (1 - touched) * share for at, share in shares.items()}
         # nothing is learned by a drive's force while a joint that it moves may be held by a stop or
         # not, (24b)
         taken = ca.vertcat(*shares.values()) * (1 if row.drive is None else sure[row.drive])
@@ -125,14 +125,16 @@ def updated(
         if row.measured and row.name in kept.forces:
             # a place that is lost says nothing of torques
             place_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
-            path = f"{states.context.path_of(row.name)}.normal"
+            path = states.context.path_of(row.name)
             said = watch(
                 kept=FORCE.joined(**kept.forces[row.name]),
                 innovation=comparison.innovation,
                 variance=spread + variance,
                 is_used=share_used(ROW.part(at.values, "mask")) * place_is_read,
                 pace=pace,
-                normal_by=states.context.numbers(p, [f"{path}.{name}" for name in NORMAL]),
+                reading=states.context.reading(x, row.name),
+                noise=states.context.numbers(p, [f"{path}.noise"]),
+                normal_by=states.context.numbers(p, [f"{path}.normal.{name}" for name in NORMAL]),
                 dt=dt,
             )
             evidence[row.name] = Evidence(**said)
@@ -141,6 +143,9 @@ def updated(
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
         spreads.append(spread + variance)
+    if kept.torques:
+        # nor does what else lasts (biases, zeros)
+        mean[fixed] += touched * (prior[fixed] - mean[fixed])
     open_torques(states, evidence, kept, mean, interval)
     measured = [k for k, at in enumerate(rows) if at.row.measured]
     y = ca.vertcat(*(innovations[k] for k in measured), *(spreads[k] for k in measured))

@@ -18,7 +18,10 @@ from distal.rig import torque_names
 
 @dataclass(frozen=True)
 class ExternalTorque(ZeroMean):
-    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt."""
+    """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
+
+    Where the rig declares none it is zero until a touch opens its variance, (13b).
+    """
 
     kind: ClassVar[StateKind] = StateKind.EXTERNAL_TORQUE
 
@@ -58,28 +61,12 @@ class ExternalTorque(ZeroMean):
         return numbers[0] if joint == self.joint else 0
 
 
-@dataclass(frozen=True)
-class UndeclaredTorque(ExternalTorque):
-    """τ_ext on a joint for which the rig declares none: zero until forces stay unexplained,
-    (13b).
-    """
-
-    kind: ClassVar[StateKind] = StateKind.UNDECLARED_TORQUE
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """``undeclared_torque_JOINT``."""
-        return (f"undeclared_torque_{self.part}",)
-
-
 def external_torques(context: FilterContext) -> list[State]:
     """Return a block for each joint on which a torque can act: one that is declared, or that forces
     may tell of.
     """
     joints, blocks = context.mechanism.rig.joints, list[State]()
     for j, joint in enumerate(joints):
-        if joint.external_torque.std > 0.0:
+        if joint.external_torque.std > 0.0 or j in context.touchable:
             blocks.append(ExternalTorque(context, j))
-        elif j in context.touchable:
-            blocks.append(UndeclaredTorque(context, j))
     return blocks
