@@ -29,6 +29,7 @@ from distal.estimators.adaptive.touch import (
     CLOSING_TIME,
     FORCE,
     LASTING_TIME,
+    TORQUE,
     Evidence,
     Remembered,
     evidence_function,
@@ -56,7 +57,16 @@ def context_of(name: str = "finger-2n", fitted: bool = False) -> FilterContext:
     """Return a chain's filter, of a rig whose forces in free motion are known or not."""
     rig = load_rig(name)
     free = FreeMotion(
-        channels=("u_mcp_f",), at_rest=(1.0,), moving=(0.0,), drives=("mcp_f",), spread=(1.0,), logs=1
+        channels=("u_mcp_f",),
+        at_rest=(1.0,),
+        moving=(0.0,),
+        squares=(1.0,),
+        correlations=(0.0,),
+        rms=0.0,
+        inside=0.95,
+        drives=("mcp_f",),
+        spread=(1.0,),
+        logs=3,
     )
     rig = rig.model_copy(update={"free_motion": free if fitted else None})
     return AdaptiveFilter(rig, compiled=False).states.context
@@ -126,7 +136,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     torques = {joint: at for at, joint in states.torque_states.items()}
     mean[torques[2]] = 0.05
     torque = {
-        j: {"opened": ca.MX(o), "clear": ca.MX(o), "share": ca.MX(0.5)}
+        j: dict(zip(TORQUE.names, map(ca.MX, (o, o, 0.5, 0.9, 1.0))))
         for j, o in enumerate(kept_open)
     }
     remembered = Remembered([], {}, torque)
@@ -153,6 +163,11 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
         assert float(ca.evalf(torque["share"])) == pytest.approx(
             expected / (expected + smallest), rel=1e-9
         )
+        times = (mean[torques[j]] ** 2 / smallest) ** 2
+        probability = float(ca.evalf(torque["probability"]))
+        assert probability == pytest.approx(times / (times + 16), rel=1e-9, abs=1e-12)
+        lasts = 1.0 + dt if probability > 0.06 else 0.0
+        assert float(ca.evalf(torque["since"])) == pytest.approx(lasts)
     assert [runner.state_names[at] for at in states.torque_states] == [
         f"external_torque_{name}" for name in ("mcp", "pip", "dip")
     ]

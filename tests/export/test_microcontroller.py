@@ -222,7 +222,7 @@ def test_it_fits_and_is_right(name: str, tmp_path: Path) -> None:
 
 
 LIMITS = {
-    "wrist-instrument": (60, 16, 160_000),
+    "wrist-instrument": (60, 17, 168_000),
     "finger-2n": (52, 18, 150_000),
     "finger-n-plus-1": (64, 32, 300_000),
 }

@@ -64,7 +64,8 @@ def stream_command(
 
     Columns and units are those that the rig's sensors name. CSV begins with a header. Each line is
     answered at once: t, theta and theta_std in rad (or --unit deg; recordings are in rad), where
-    the rig's joint may be touched external_torque and external_torque_std in N m, health, detail.
+    the rig's joint may be touched external_torque and external_torque_std in N m and contact, how
+    probable it is that something touches it, health, detail.
     """
     from distal.logs import MessageReader, Recorder
     from distal.rig import load_rig
@@ -134,6 +135,7 @@ class Session:
         self._units = {
             column: unit for name, unit in units.items() for column in (name, std_name(name))
         }
+        self._units |= dict.fromkeys(monitor.contact_names, "1")
         self._names = list(self._units)
         self.csv: bool | None = None  # not known before the first line
         self.no_header: LogError | None = None
@@ -199,7 +201,9 @@ class Session:
     def _answer(self, reading: Reading, sample: Floats | None) -> None:
         self._counts[reading.health] += 1
         values = chain(
-            *zip(reading.angles, reading.angle_stds), *zip(reading.torques, reading.torque_stds)
+            *zip(reading.angles, reading.angle_stds),
+            *zip(reading.torques, reading.torque_stds),
+            (contact.probability for contact in reading.contacts),
         )
         message = {
             "t": _finite(reading.time),

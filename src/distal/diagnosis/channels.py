@@ -119,14 +119,16 @@ class Channels:
 
 def channels_of(estimate: Estimate) -> Channels:
     """Return what the innovations of an estimate are like."""
-    scaled = estimate.innovations / np.sqrt(estimate.innovation_variances)
+    # beside what is usual of this rig in free motion, where logs said it
+    usual = np.array(estimate.usual or [(1.0, 0.0)] * len(estimate.measured)).reshape(-1, 2)
+    scaled = estimate.innovations / np.sqrt(estimate.innovation_variances * usual[:, 0])
     # the first moments still settle what the prior left open
     settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
     columns = scaled[settled].T
     return Channels(
         estimate.measured,
         tuple(_mean(column**2) for column in columns),
-        tuple(_neighbours(column) for column in columns),
+        tuple(_neighbours(column) * (1.0 - each) for column, each in zip(columns, usual[:, 1])),
         tuple(_since(estimate.time, column) for column in scaled.T),
         tuple(float(np.mean(np.isfinite(column))) for column in scaled.T),
     )

@@ -301,6 +301,11 @@ class KernelEstimator:
         return ()
 
     @property
+    def contacts(self) -> dict[str, list[int]]:
+        """Joint → where in the carry stand the probability of a touch, and since when it is [s]."""
+        return {}
+
+    @property
     def bridged(self) -> int:
         """Number of leading channels that are interpolated along a straight line over a gap."""
         return 0

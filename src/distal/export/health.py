@@ -39,6 +39,7 @@ def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[
         check = emitter.add(watch.function)
     except CodeError as problem:
         raise ExportError(f"the health of '{runner.rig.name}' has no C: {problem}") from None
+    at_touched = watch.sample["touched"].start
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -51,6 +52,10 @@ def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[
         "watched": ", ".join(map(str, watch.watched)) or "0",  # a list without members is not C
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(runner.rig)),
+        "touched": "\n".join(
+            f"  if (sample[{at_touched}] < state->carry[{i}]) sample[{at_touched}] = state->carry[{i}];"
+            for i in runner.touched
+        ),
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),
         **{f"at_{part}": str(watch.sample[part].start) for part in watch.sample.names},
@@ -87,6 +92,8 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
     sample[$at_numbers$ + i] = state->carry[watched[i]];
     sample[$at_number_variances$ + i] = state->carry[$n$ + watched[i] * ($n$ + 1)];
   }
+  sample[$at_touched$] = $zero$;
+$touched$
   $check$(watch->memory, sample, memory, findings);
   memcpy(watch->memory, memory, sizeof memory);
   watch->begun = 1;

@@ -144,14 +144,16 @@ def _with_free_motion(
     """Return what was learned with what is normal of forces in free motion, by the logs left out;
     nothing where the band fails on these.
     """
-    inside = [each.scores[WRITTEN] for fold in done for each in fold.compared]
-    shares = [score.inside for score in inside if score is not None]
-    if not shares or np.mean(shares) < TRUSTED:
+    written = [each.scores[WRITTEN] for fold in done for each in fold.compared]
+    scores = [score for score in written if score is not None]
+    inside = float(np.mean([score.inside for score in scores])) if scores else 0.0
+    if inside < TRUSTED:
         return learned
     held_out = [
         (fold.learned.rig, logs[i]) for fold, (out, _) in zip(done, splits(folds)) for i in out
     ]
-    free = free_motion_of(held_out)
+    rms = float(np.sqrt(np.mean([score.rms**2 for score in scores])))
+    free = free_motion_of(held_out, rms, inside)
     if free is None:
         return learned
     return replace(learned, rig=learned.rig.model_copy(update={"free_motion": free}))

@@ -16,6 +16,7 @@ from distal.estimators.adaptive.touch import EVIDENCE_TIME, PACE_TIME
 from distal.logs import Log
 from distal.rig import FreeMotion, Rig
 from distal.run import estimate
+from distal.run.health import MEMORY
 
 NORMAL = 0.998
 """Share of the time in which a mean innovation in free motion is normal: docs/results/touch.md."""
@@ -25,6 +26,9 @@ LEAST_AT_REST = 0.3
 rests seldom says little of it.
 """
 
+SMALLEST_SQUARE = 1e-6
+"""Least mean of ν²/S that is normal [1]: a force that tells nothing has none."""
+
 SETTLING = 0.5
 """The first seconds of a log, in which the filter finds its beginning, are left out [s]."""
 
@@ -32,12 +36,15 @@ NEVER = 1e6
 """As many standard deviations as no mean innovation has: nothing opens [1]."""
 
 
-def free_motion_of(held_out: Sequence[tuple[Rig, Log]]) -> FreeMotion | None:
+def free_motion_of(
+    held_out: Sequence[tuple[Rig, Log]], rms: float, inside: float
+) -> FreeMotion | None:
     """Return what is normal of the forces in logs, each with the rig as other logs taught it; None
     where no force is compared.
 
     The square of each force's mean innovation, in stds, is fitted by a² + b² v² (see `FreeMotion`)
-    with nonnegative least squares, and scaled so that `NORMAL` of the samples are below.
+    with nonnegative least squares, and scaled so that `NORMAL` of the samples are below. The angles
+    on these logs err by `rms` [rad], and are `inside` their band for that share.
     """
     rig = held_out[0][0]
     channels = [s.name for s in rig.sensors if s.measures in ("force", "tension")]
@@ -47,22 +54,33 @@ def free_motion_of(held_out: Sequence[tuple[Rig, Log]]) -> FreeMotion | None:
         return None
     places = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
     spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in places]), axis=1), 1e-9)
-    squares, paces = list[Floats](), list[Floats]()
+    squares, paces, seconds, neighbours = (list[Floats]() for _ in range(4))
     for (taught, log), readings in zip(held_out, places):
         runner = closed_filter(taught)
         result = estimate(log, taught, runner)
         begun = log.time - log.time[0] > SETTLING
-        squares.append(_mean_squares(result.innovations, result.innovation_variances, log)[begun])
+        stds = np.sqrt(np.maximum(result.innovation_variances, 1e-30))
+        shown = np.nan_to_num(result.innovations / stds)
+        squares.append(_mean(shown, log, EVIDENCE_TIME)[begun] ** 2)
+        seconds.append(_mean(shown**2, log, MEMORY)[begun])
+        both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
+        neighbours.append(np.mean(shown[begun][1:] * shown[begun][:-1], axis=0) / both)
         paces.append(_pace(np.array(readings) / spread[:, None], log)[begun])
     square, pace = np.vstack(squares), np.concatenate(paces)
     names = runner.measured
     compared = [name for name in names if name in channels]
-    fits = [_normal(square[:, names.index(name)], pace) for name in compared]
-    at_rest, moving = zip(*fits)
+    at = [names.index(name) for name in compared]
+    at_rest, moving = zip(*(_normal(square[:, k], pace) for k in at))
+    largest = np.quantile(np.vstack(seconds), NORMAL, axis=0)[at]
+    correlations = np.clip(np.mean(neighbours, axis=0)[at], -1.0, 1.0)
     return FreeMotion(
         channels=tuple(compared),
         at_rest=tuple(at_rest),
         moving=tuple(moving),
+        squares=tuple(np.maximum(largest, SMALLEST_SQUARE).tolist()),
+        correlations=tuple(correlations.tolist()),
+        rms=rms,
+        inside=inside,
         drives=drives,
         spread=tuple(spread.tolist()),
         logs=len(held_out),
@@ -77,6 +95,10 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
         channels=forces,
         at_rest=(NEVER,) * len(forces),
         moving=(0.0,) * len(forces),
+        squares=(1.0,) * len(forces),
+        correlations=(0.0,) * len(forces),
+        rms=0.0,
+        inside=0.0,
         drives=drives,
         spread=(1.0,) * len(drives),
         logs=1,
@@ -84,12 +106,11 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
     return AdaptiveFilter(rig.bare().model_copy(update={"free_motion": never}), compiled=False)
 
 
-def _mean_squares(innovations: Floats, variances: Floats, log: Log) -> Floats:
-    """Return the squares of the mean innovations in stds as the filter has them, (k, m)."""
-    stds = np.sqrt(np.maximum(variances, 1e-30))
-    fade = exp(-float(np.median(np.diff(log.time))) / EVIDENCE_TIME)
-    means: Floats = lfilter([1 - fade], [1, -fade], np.nan_to_num(innovations / stds), axis=0)
-    return means**2
+def _mean(values: Floats, log: Log, time: float) -> Floats:
+    """Return means over a `time` [s] as filters have them, (k, m)."""
+    fade = exp(-float(np.median(np.diff(log.time))) / time)
+    means: Floats = lfilter([1 - fade], [1, -fade], values, axis=0)
+    return means
 
 
 def _pace(places: Floats, log: Log) -> Floats:

@@ -59,6 +59,8 @@ class Estimate:
         state_parts: the joint, drive, tendon or sensor that each state is of, (n,), or the path of
             a number of the rig.
         state_units: SI unit of each state, (n,); default those of the joints' states.
+        usual: of each measured channel the largest normal mean of ν²/S over a second, and the
+            correlation of its innovations, by the logs of a fit; none where it is not known.
         stamps: dates of the log since 1970 [ns], (k,), if it has dates; they link results to other
             recordings.
     """
@@ -85,6 +87,7 @@ class Estimate:
     state_kinds: tuple[StateKind, ...] = ()
     state_parts: tuple[str, ...] = ()
     state_units: tuple[str, ...] = ()
+    usual: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in kinds, parts and units of the states where the estimator has none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Self
 
 from pydantic import Field, model_validator
@@ -21,24 +22,33 @@ class FreeMotion(Description):
     channels: tuple[str, ...] = Field(min_length=1, description="sensors of forces and tensions")
     at_rest: Row = Field(description="a of each [1]")
     moving: Row = Field(description="b of each [s]")
+    squares: Row = Field(
+        description="largest normal mean of ν²/S over a second of each, ν its innovation and S the "
+        "variance that the filter expects [1]"
+    )
+    correlations: Row = Field(
+        description="correlation of each one's neighbouring innovations, from −1 to 1"
+    )
+    rms: float = Field(ge=0.0, description="RMS error of the angles on these logs [rad]")
+    inside: float = Field(
+        ge=0.0, le=1.0, description="share of their samples inside the 95 % band"
+    )
     drives: tuple[str, ...] = Field(min_length=1, description="the drives")
     spread: Row = Field(description="standard deviation of each drive's positions in the logs [SI]")
     logs: int = Field(gt=0, description="number of logs")
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
-        for name, size in (
-            ("at_rest", len(self.channels)),
-            ("moving", len(self.channels)),
-            ("spread", len(self.drives)),
-        ):
+        of_channels = ("at_rest", "moving", "squares", "correlations")
+        sizes = {**dict.fromkeys(of_channels, len(self.channels)), "spread": len(self.drives)}
+        for name, size in sizes.items():
             numbers = getattr(self, name)
             if len(numbers) != size:
                 raise ValueError(f"{name} must have {size} entries; {len(numbers)} came")
-            if min(numbers) < 0.0:
+            if name != "correlations" and min(numbers) < 0.0:
                 raise ValueError(f"{name} must not be negative")
-        if 0.0 in (*self.at_rest, *self.spread):
-            raise ValueError("at_rest and spread must be positive")
+        if 0.0 in (*self.at_rest, *self.squares, *self.spread):
+            raise ValueError("at_rest, squares and spread must be positive")
         return self
 
     def of_channel(self, name: str) -> tuple[float, float]:
@@ -47,6 +57,13 @@ class FreeMotion(Description):
             return max(self.at_rest), max(self.moving)
         at = self.channels.index(name)
         return self.at_rest[at], self.moving[at]
+
+    def usual(self, names: Sequence[str]) -> tuple[tuple[float, float], ...]:
+        """Return the normal mean of ν²/S over a second, and the correlation, of each of some
+        sensors; of one that the logs lacked, those of a filter that knows everything, 1 and 0.
+        """
+        known = dict(zip(self.channels, zip(self.squares, self.correlations)))
+        return tuple(known.get(name, (1.0, 0.0)) for name in names)
 
     def of_drive(self, name: str) -> float:
         """Return the spread of a drive's positions [SI]; of one that the logs lacked, the

@@ -51,7 +51,12 @@ LONGEST_GAP = 0.5
 """After a longer gap the filter begins anew [s]."""
 
 LARGE = 2.5
-"""Mean of ν²/S of a sensor beyond which it disagrees."""
+"""Mean of ν²/S of a sensor beyond which it disagrees; of a fitted rig, that over the largest normal
+one.
+"""
+
+TOUCHED = 0.5
+"""With a larger share of a touch the joints count as touched [1]."""
 
 MEMORY = 1.0
 """Time over which that mean, and the share of time beyond the stops, is taken [s]."""
@@ -96,7 +101,7 @@ class Watch:
             furthest reading, and how far the joint was beyond it [deg].
         sample: what comes: whether it is the first, dt, values and mask of the channels, stds of
             the angles, innovations, their mask and their variances, the watched states and their
-            variances.
+            variances, and the largest share that a touch has of a joint.
         findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read,
             untested, unknown; of each channel dead, stuck, missing; of each place wrong; of each of
             the `ends` by how much the joint is beyond it [deg]; of each compared sensor large; of
@@ -162,6 +167,7 @@ def watch_of(runner: KernelEstimator) -> Watch:
         variances=m,
         numbers=k,
         number_variances=k,
+        touched=1,
     )
     findings = Layout(
         code=1,
@@ -210,7 +216,12 @@ def watch_of(runner: KernelEstimator) -> Watch:
     )
     far = read * (ca.fabs(place - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
-    square = ca.fmin(came["innovations"] ** 2 / came["variances"], CAPPED)
+    # of a rig that was fitted, large is what is large beside its own free motion, and a touch,
+    # which the filter follows, is no disagreement
+    free = runner.rig.free_motion
+    usual = [1.0] * m if free is None else [square for square, _ in free.usual(runner.measured)]
+    square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
+    square = ca.if_else(came["touched"] > TOUCHED, ca.fmin(square, 1), square)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
     prior, allowed = _column(means[list(watched)]), LARGE_PRIOR * _column(stds[list(watched)])
     left = (
@@ -222,7 +233,7 @@ def watch_of(runner: KernelEstimator) -> Watch:
         "gap": ca.logic_and(ca.logic_not(first), dt > WAITING * interval),
         "hurried": ca.logic_and(ca.logic_not(first), pace < HURRIED),
         "nothing": ca.logic_not(_any(mask)),
-        "untested": ca.logic_not(_any(ratio >= SMALL)),
+        "untested": ca.logic_not(_any(ratio >= (SMALL if free is None else 0.0))),
         "unknown": ca.logic_and(ca.logic_not(first), _any(came["stds"] > UNKNOWN)),
     }
     flags |= {

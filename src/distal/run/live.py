@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from math import inf, nan
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,25 @@ from distal.rig import Rig, load_rig
 
 LATEST = 1e300
 """No stamp is larger than this [s]: differences of stamps stay finite."""
+
+
+@dataclass(frozen=True)
+class JointContact:
+    """Whether something touches a joint.
+
+    Args:
+        joint: its name.
+        probability: that something does, 0 to 1; from one half on it counts as touched.
+        torque: that acts on it [N m].
+        torque_std: standard deviation of its error [N m].
+        since: for how long it has been touched [s]; 0 where it is not.
+    """
+
+    joint: str
+    probability: float
+    torque: float
+    torque_std: float
+    since: float
 
 
 class LiveEstimator:
@@ -95,7 +115,8 @@ class LiveEstimator:
         )
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
-        self._shares = list(runner.touched)
+        self._shares, self._contacts = list(runner.touched), runner.contacts
+        self._touchable = list(external_torques_of(runner))
         self._torques = list(external_torques_of(runner).values())
         self._torque_names = tuple(runner.state_names[i] for i in self._torques)
         self._warm()
@@ -322,6 +343,18 @@ class LiveEstimator:
         touched.
         """
         return self._torque_names
+
+    @property
+    def contacts(self) -> tuple[JointContact, ...]:
+        """Whether something touches each joint that may be touched, in the order of
+        `torque_names`.
+        """
+        found, torques, stds = list[JointContact](), self.external_torques, self.external_torque_stds
+        for joint, at in self._contacts.items():
+            probability, since = self._carry[at].tolist()
+            k = self._touchable.index(joint)
+            found.append(JointContact(joint, probability, float(torques[k]), float(stds[k]), since))
+        return tuple(found)
 
     @property
     def touched(self) -> float:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan, sqrt
 
 import numpy as np
@@ -18,7 +18,7 @@ from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
 from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
-from distal.run.live import LATEST, LiveEstimator
+from distal.run.live import LATEST, JointContact, LiveEstimator
 
 REWOUND = 3
 """After this many late samples in a row, each newer than the one before, the clock counts as set
@@ -48,6 +48,7 @@ class Reading:
         torques: external ones [N m], of each joint that the rig allows to be touched; NaN where the
             sample was skipped.
         torque_stds: standard deviations of their errors [N m].
+        contacts: whether something touches each joint that may be touched.
     """
 
     time: float
@@ -57,6 +58,7 @@ class Reading:
     detail: str = ""
     torques: tuple[float, ...] = ()
     torque_stds: tuple[float, ...] = ()
+    contacts: tuple[JointContact, ...] = ()
 
     @property
     def angle(self) -> float:
@@ -138,6 +140,14 @@ class Monitor:
         return self._live.torque_names
 
     @property
+    def contact_names(self) -> tuple[str, ...]:
+        """Names of the probabilities of a touch: ``contact``, or ``contact_JOINT``."""
+        joints = self._live.runner.contacts
+        if len(self.rig.joints) == 1:
+            return ("contact",) * len(joints)
+        return tuple(f"contact_{joint}" for joint in joints)
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """Names of the sensors in a sample."""
         return self._live.channels
@@ -195,7 +205,14 @@ class Monitor:
         torques, torque_stds = live.external_torques.tolist(), live.external_torque_stds.tolist()
         angles, stds = live.angles.tolist(), live.angle_stds.tolist()
         return Reading(
-            time, tuple(angles), tuple(stds), health, detail, tuple(torques), tuple(torque_stds)
+            time,
+            tuple(angles),
+            tuple(stds),
+            health,
+            detail,
+            tuple(torques),
+            tuple(torque_stds),
+            live.contacts,
         )
 
     def _problems(self, dt: float, sample: Floats) -> list[tuple[Health, str]]:
@@ -210,6 +227,7 @@ class Monitor:
         came["variances"][:], came["stds"][:] = live.innovation_variances, live.angle_stds
         came["numbers"][:] = live.mean[list(watch.watched)]
         came["number_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
+        came["touched"][:] = live.touched
         came["first"][:], came["dt"][:] = self._fresh, dt
         self._memory, findings = self._check(self._memory, self._sample)
         self._fresh = False
@@ -253,7 +271,8 @@ class Monitor:
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
         angles, torques = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
-        return Reading(time, angles, angles, health, detail, torques, torques)
+        contacts = tuple(replace(contact, probability=nan) for contact in self._live.contacts)
+        return Reading(time, angles, angles, health, detail, torques, torques, contacts)
 
     def _late_or_twice(self, time: float) -> Reading | None:
         """Return a reading without an estimate where a stamp does not rise; None where it may go

@@ -273,6 +273,8 @@ def finished(
     if references:
         innovations, variances = innovations[:, columns], variances[:, columns]
     prior_means, prior_stds = priors_of(runner)
+    measured = tuple(runner.measured[i] for i in columns)
+    free = runner.rig.free_motion
     state_kinds, state_parts = kinds_of(runner)
     return Estimate(
         runner.name,
@@ -281,9 +283,10 @@ def finished(
         runner.state_names,
         frozen(means),
         frozen(spreads),
-        tuple(runner.measured[i] for i in columns),
+        measured,
         frozen(innovations),
         frozen(variances),
+        usual=() if free is None else free.usual(measured),
         truths=truths,
         covariances=None if covariances is None else frozen(covariances),
         joint_names=joints,

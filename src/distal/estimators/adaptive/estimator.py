@@ -297,6 +297,16 @@ class AdaptiveFilter(KernelEstimator):
         return tuple(at + TORQUE.size * k for k in joints)
 
     @property
+    def contacts(self) -> dict[str, list[int]]:
+        """Joint → where in the carry stand the probability of a touch, and since when it is [s]."""
+        at, parts = adaptive_layout(self._states)["torques"].start, ("probability", "since")
+        joints = (self.rig.joints[joint].name for joint in self._states.context.touchable)
+        return {
+            name: [at + TORQUE.size * k + TORQUE[part].start for part in parts]
+            for k, name in enumerate(joints)
+        }
+
+    @property
     def substeps(self) -> int:
         """Sub-steps of the joints in one interval."""
         return self._states.context.substeps(self._resolution)

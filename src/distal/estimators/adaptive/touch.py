@@ -50,6 +50,11 @@ UNEXPLAINED, UNUSUAL = 0.7, 4.0
 docs/results/chains.md, "Something happens".
 """
 
+TOUCHING, STILL = 2.0, 0.06
+"""A torque of so many times the smallest that is felt is a touch with a probability of one half [1];
+it ends where the probability falls below the second, at that smallest one [1]: docs/results/touch.md
+"""
+
 SURE = 3.0
 """A force is no larger than it is read to be, so many stds of its sensor added [1]."""
 
@@ -69,9 +74,10 @@ FORCE = Layout(mean=1, force=1, usual=1)
 a force [N, N m], and the mean square of the first [1].
 """
 
-TORQUE = Layout(opened=1, clear=1, share=1)
+TORQUE = Layout(opened=1, clear=1, share=1, probability=1, since=1)
 """What is remembered of the torque on a joint: the variance that opened, that of a clear touch [(N
-m)²], and the share of it that a touch has, 0 (free) to 1.
+m)²], the share of it that a touch has, 0 (free) to 1, how probable it is that something touches, and
+for how long it has [s].
 """
 
 
@@ -250,7 +256,13 @@ def opening_function(count: int) -> ca.Function:
     fade = ca.exp(-2 * dt / CLOSING_TIME)
     opened = ca.fmax(ca.fmax(fade * was["opened"], clear), ca.fmin(ca.fmax(pushed, held), largest))
     share = ca.if_else(lost, fade * was["share"], opened / (opened + smallest))
-    after = TORQUE.joined(opened=opened, clear=clear, share=share)
+    times = torque**4 / ca.fmax(smallest**2, SMALLEST_TORQUE)
+    probability = ca.if_else(lost, was["probability"], times / (times + TOUCHING**4))
+    touches = probability > ca.if_else(was["since"] > 0, STILL, 0.5)
+    since = ca.if_else(touches, was["since"] + dt, 0)
+    after = TORQUE.joined(
+        opened=opened, clear=clear, share=share, probability=probability, since=since
+    )
     return ca.Function("opening", [kept, torque, said, by_torque, dt], [after])
 
 
