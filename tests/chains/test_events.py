@@ -64,6 +64,7 @@ def context_of(name: str = "finger-2n", fitted: bool = False) -> FilterContext:
         correlations=(0.0,),
         rms=0.0,
         inside=0.95,
+        felt=(0.01, 0.02),
         drives=("mcp_f",),
         spread=(1.0,),
         logs=3,

@@ -50,7 +50,14 @@ def list_command() -> None:
 def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     """Check a rig file and say what it holds."""
     from distal.model import Mechanism, stiffest_frequency, substeps
-    from distal.rig import doubts, in_words, load_rig, parameters_below, step_of
+    from distal.rig import (
+        doubts,
+        felt_in_words,
+        in_words,
+        load_rig,
+        parameters_below,
+        step_of,
+    )
 
     description = load_rig(rig, set_ or ())
     mechanism = Mechanism(description)
@@ -79,6 +86,14 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         source = "a homing move" if logs == 0 else f"{logs} log{'s' if logs > 1 else ''}"
         std = max(degrees(joint.std) for joint in description.affine.joints)
         say(f"  affine: learned from {source}, residual ±{rounded(std)}° (1σ)")
+    if description.free_motion is not None:
+        free = description.free_motion
+        say(
+            f"  on {free.logs} logs left out it errs by {rounded(degrees(free.rms))}°, "
+            f"{100 * free.inside:.0f} % inside the 95 % band"
+        )
+    for line in felt_in_words(description):
+        say(f"  {line}")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import exp
 
 import numpy as np
@@ -54,13 +54,14 @@ def free_motion_of(
         return None
     places = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
     spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in places]), axis=1), 1e-9)
-    squares, paces, seconds, neighbours = (list[Floats]() for _ in range(4))
+    squares, paces, seconds, neighbours, variances = (list[Floats]() for _ in range(5))
     for (taught, log), readings in zip(held_out, places):
         runner = closed_filter(taught)
         result = estimate(log, taught, runner)
         begun = log.time - log.time[0] > SETTLING
         stds = np.sqrt(np.maximum(result.innovation_variances, 1e-30))
         shown = np.nan_to_num(result.innovations / stds)
+        variances.append(result.innovation_variances[begun])
         squares.append(_mean(shown, log, EVIDENCE_TIME)[begun] ** 2)
         seconds.append(_mean(shown**2, log, MEMORY)[begun])
         both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
@@ -69,6 +70,7 @@ def free_motion_of(
     square, pace = np.vstack(squares), np.concatenate(paces)
     names = runner.measured
     compared = [name for name in names if name in channels]
+    expected = np.vstack(variances)
     at = [names.index(name) for name in compared]
     at_rest, moving = zip(*(_normal(square[:, k], pace) for k in at))
     largest = np.quantile(np.vstack(seconds), NORMAL, axis=0)[at]
@@ -81,10 +83,23 @@ def free_motion_of(
         correlations=tuple(correlations.tolist()),
         rms=rms,
         inside=inside,
+        felt=_felt(runner, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))),
         drives=drives,
         spread=tuple(spread.tolist()),
         logs=len(held_out),
     )
+
+
+def _felt(runner: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:
+    """Return the torque on each joint from which on a touch is felt, 1/τ₀² = Σ a²/normal [N m]; 0
+    of one where none is.
+    """
+    context, felt = runner.states.context, list[float]()
+    for joint in range(context.n_joints):
+        names = [name for name in context.forces_by_torque(joint) if name in normal]
+        total = sum(context.force_by_torque(joint, name) ** 2 / normal[name] for name in names)
+        felt.append(float(total**-0.5) if joint in context.touchable and total > 0.0 else 0.0)
+    return tuple(felt)
 
 
 def closed_filter(rig: Rig) -> AdaptiveFilter:
@@ -99,6 +114,7 @@ def closed_filter(rig: Rig) -> AdaptiveFilter:
         correlations=(0.0,) * len(forces),
         rms=0.0,
         inside=0.0,
+        felt=(0.0,) * len(rig.joints),
         drives=drives,
         spread=(1.0,) * len(drives),
         logs=1,

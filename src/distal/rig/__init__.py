@@ -19,6 +19,7 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
+from distal.rig.felt import felt_in_words
 from distal.rig.free_motion import FreeMotion
 from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
 from distal.rig.imported import Imported
@@ -70,6 +71,7 @@ __all__ = [
     "Description",
     "Discrepancy",
     "FreeMotion",
+    "felt_in_words",
     "Hysteresis",
     "Imported",
     "In",

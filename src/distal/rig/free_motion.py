@@ -33,6 +33,10 @@ class FreeMotion(Description):
     inside: float = Field(
         ge=0.0, le=1.0, description="share of their samples inside the 95 % band"
     )
+    felt: Row = Field(
+        description="torque of each joint from which on a touch is felt, in the median [N m]; 0 of "
+        "one where none is"
+    )
     drives: tuple[str, ...] = Field(min_length=1, description="the drives")
     spread: Row = Field(description="standard deviation of each drive's positions in the logs [SI]")
     logs: int = Field(gt=0, description="number of logs")
