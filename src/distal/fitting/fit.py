@@ -25,8 +25,9 @@ from distal.fitting.log_checks import check_logs
 from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
+from distal.fitting.touched_logs import touched_logs
 from distal.homing import check_homing
-from distal.logs import Log, Source, true_angles
+from distal.logs import Log, Source, shown, true_angles
 from distal.regression import folds_of, groups_of, servos_of, splits
 from distal.rig import Rig, load_rig
 from distal.threads import one_blas_thread
@@ -111,6 +112,9 @@ def fit(
         compiled=compiled,
     )
     read, start_rig = _read(logs, rig, truth, homing), rig
+    touched = [] if homing is not None or units is not None else touched_logs(read, rig)
+    aside = [read[i] for i in touched]
+    read = [log for i, log in enumerate(read) if i not in touched]
     servos = servos_of(read, rig)
     rig = rig.with_values(servos)
     folds, enough = _folds(read, rig, units)
@@ -133,9 +137,22 @@ def fit(
             learned = learned_by(judged, best) if best is not judged.chosen else learned
         done = with_written(done, by_folds)
         learned = _with_free_motion(learned, done, read, folds)
+    learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
     for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
+
+
+def _touched(aside: Sequence[Log]) -> list[str]:
+    """Return a sentence on logs that are not like free motion."""
+    if not aside:
+        return []
+    names = ", ".join(shown(log.source) for log in aside)
+    return [
+        f"in {names} something touches a joint, or holds it: the same positions of the drives go "
+        "with other angles than in the other logs. What is learned of the rig is of free motion, "
+        "so they are left out; a log of another kind of motion is fitted where there are several"
+    ]
 
 
 def _with_free_motion(
