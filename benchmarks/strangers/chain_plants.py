@@ -415,17 +415,18 @@ def make_log(
     seed: int,
     samples: int = SAMPLES,
     hung: tuple[float, float] | None = None,
+    instrument: int | None = None,
 ) -> tuple[dict[str, Floats], dict[str, Floats]]:
     """Return the columns of a log and those of its truth, of a plant and a motion that the seed
     draws.
 
     A log has so many samples; something is `hung` on one joint from its first to its second time
-    [s].
+    [s]. Logs of the same `instrument` have the same plant; else each seed has its own.
     """
     of = PLANTS[plant]
     rng = np.random.default_rng([seed, list(PLANTS).index(plant), KINDS.index(kind)])
     n = len(of.joints)
-    truth = draw_truth(of, rng)
+    truth = draw_truth(of, rng if instrument is None else np.random.default_rng(instrument))
     model = build_model(of, truth.springs)
     start = np.radians([joint.init_degrees + rng.normal(0.0, 3.0) for joint in of.joints])
     times = np.asarray(np.arange((samples - 1) * EVERY + 1) * STEP, dtype=np.float64)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from distal.errors import DistalWarning, FitError
+from distal.errors import DistalWarning, EstimationError, FitError
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.free_motion import free_motion_of
+from distal.fitting.free_motion import free_motion_of, widest
 from distal.fitting.learn import Learned, judge, learn, learned_by
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.leave_out import (
@@ -169,10 +169,17 @@ def _with_free_motion(
     held_out = [
         (fold.learned.rig, logs[i]) for fold, (out, _) in zip(done, splits(folds)) for i in out
     ]
+    kept = [i for _, (out, _) in zip(done, splits(folds)) for i in out]
     rms = float(np.sqrt(np.mean([score.rms**2 for score in scores])))
-    free = free_motion_of(held_out, rms, inside)
-    if free is None:
+    try:
+        free = free_motion_of(held_out, rms, inside)
+        # the rig that is written may be another candidate than that of a fold
+        own = free_motion_of([(learned.rig, logs[i]) for i in kept], rms, inside)
+    except EstimationError:
+        return learned  # a filter that a log throws off has no normal
+    if free is None or own is None:
         return learned
+    free = widest(free, own)
     return replace(learned, rig=learned.rig.model_copy(update={"free_motion": free}))
 
 

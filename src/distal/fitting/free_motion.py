@@ -90,6 +90,15 @@ def free_motion_of(
     )
 
 
+def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
+    """Return what is normal where the larger of two counts, for the same sensors and logs."""
+    larger = {
+        name: tuple(map(max, getattr(first, name), getattr(second, name)))
+        for name in ("at_rest", "moving", "squares", "correlations", "felt")
+    }
+    return first.model_copy(update=larger)
+
+
 def _felt(runner: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:
     """Return the torque on each joint from which on a touch is felt, 1/τ₀² = Σ a²/normal [N m]; 0
     of one where none is.

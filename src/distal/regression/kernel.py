@@ -5,6 +5,7 @@ report it corrects.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 
 import casadi as ca
 import numpy as np
@@ -211,7 +212,7 @@ def reporting_function(
     following, y = inner(carry[:n_carry], x, p[:n_parameters])
     read = ca.vertcat(*(0 if place is None else following[place] for place in places))
     memories, reports, at, number = [], [], n_carry, n_parameters
-    share = ca.mmax(following[list(touched)]) if touched else ca.MX(0)
+    share = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     left = share * ca.exp(-x[0] / CARRIED_TIME)
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
         function = map_function(

@@ -142,8 +142,8 @@ class Remembered:
 
     @property
     def touched(self) -> ScalarNode:
-        """The largest share that a touch has of a joint, 0 where none is looked for."""
-        return reduce(ca.fmax, (torque["share"] for torque in self.torques.values()), ca.MX(0))
+        """1 while something touches a joint, else 0."""
+        return reduce(ca.fmax, (torque["since"] > 0 for torque in self.torques.values()), ca.MX(0))
 
     def joined(self) -> dict[str, VectorNode]:
         """Return the parts of a carry."""
@@ -248,7 +248,7 @@ def opening_function(count: int) -> ca.Function:
     excess, normal, most, used = (said[k, :].T for k in range(len(WEIGHED)))
     felt = ca.sum1(used * square / ca.fmax(normal, SMALLEST_TORQUE))
     lost, smallest = felt <= 0, 1 / ca.fmax(felt, SMALLEST_TORQUE)
-    pushed = OPENED**2 * ca.sum1(excess / square)
+    pushed = (1 - was["share"]) * OPENED**2 * ca.sum1(excess / square)
     held = ca.if_else(lost, 0, ca.fmax(torque**2 - smallest, 0))
     clearly = ca.if_else(lost, 0, ca.fmax(torque**2 - CLEARLY**2 * smallest, 0))
     largest = ca.sum1(ca.sqrt(most) / ca.fabs(by_torque)) ** 2

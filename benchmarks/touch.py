@@ -1,0 +1,361 @@
+"""What a touch does to the angle: rigs that were fitted in free motion by the command, then touched.
+
+`python -m benchmarks.touch [--first-seed 5000] [--only "sheath joint"]` draws logs of plants that share no code with
+`distal.model`, fits by `distal fit` with a file to read, and judges it on logs that no fit has seen:
+free motion, walls and pushes. Beside it stand least squares of the same calibration logs (the best
+yardstick by their own cross-validation), and the same filter with no touch looked for. The two
+sheath joints and the finger of three tendons need the folder of logs in `DISTAL_DATA`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.report import table
+from benchmarks.strangers.chain_plants import make_log
+from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
+from distal.estimators import affine_samples
+from distal.logs import write_columns
+from distal.regression import YARDSTICKS, Samples, yardstick_error
+from distal.run import Monitor
+
+Floats = NDArray[np.float64]
+
+TOUCHED = 1e-3
+"""Torque from which on a joint counts as touched [N m]."""
+
+AFTER = 1.0
+"""For so long after a touch its samples are counted with it [s]."""
+
+WRONG_STDS, WRONG = 3.0, np.deg2rad(1.0)
+"""A sample is wrong that errs by more than so many stated stds and by more than so much [rad]."""
+
+DURATION = 20.0
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A rig with its logs as files: for calibration, in free motion, and touched."""
+
+    rig: Path
+    calibration: tuple[Path, ...]
+    free: tuple[Path, ...]
+    touched: tuple[Path, ...]
+
+
+def newcomer(name: str) -> Any:
+    """Return the module of a plant in the folder of logs."""
+    path = Path(os.environ["DISTAL_DATA"]) / "newcomer" / f"{name}_plant.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    plant: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(plant)
+    return plant
+
+
+def sheath_joint(seed: int, folder: Path) -> Drawn:
+    """Return the joint of two Bowden sheaths: currents only."""
+    plant, rng = newcomer("sheath_joint"), np.random.default_rng(seed)
+
+    def wall(at: float, stiffness: float, push: float, start: float) -> Callable[..., float]:
+        def torque(time: float, angle: float, speed: float) -> float:
+            beyond = angle - at
+            force = min(0.0, -(stiffness * beyond + 0.01 * speed)) if beyond > 0.0 else 0.0
+            return force + _pushed(push, start, time)
+
+        return torque
+
+    def write(kind: str, k: int, reference: Any, outside: Any) -> Path:
+        rows, truth = plant.simulate(reference, DURATION, seed + 10 * k, outside)
+        columns = dict(zip(plant.HEAD.split(","), rows.T))
+        if kind != "calibration":
+            del columns["angle_deg"]
+            columns["true_theta"] = np.deg2rad(truth[:, 1])
+            columns["true_external_torque"] = truth[:, 2]
+        return _written(folder / f"{kind}_{k}.csv", columns)
+
+    calibration = [
+        plant.sine(38, 0.2, 0.0, 0.15),
+        plant.smooth(seed + 1, 40, 1.1, (-0.1, 0.35)),
+        plant.ramps(seed + 2, 40, 60.0, (-0.1, 0.3)),
+        plant.ramps(seed + 3, 35, 25.0, (0.0, 0.2)),
+    ]
+    free = [plant.steps(seed + 4, 32, 1.25), plant.smooth(seed + 5, 35, 1.2, (0.0, 0.3))]
+    walls = [
+        wall(np.deg2rad(rng.uniform(0, 22)), rng.uniform(0.7, 4.0), push, rng.uniform(3, 15))
+        for push in rng.uniform(-0.07, 0.07, 4)
+    ]
+    return Drawn(
+        Path(os.environ["DISTAL_DATA"]) / "newcomer" / "sheath_joint.toml",
+        tuple(write("calibration", k, motion, None) for k, motion in enumerate(calibration)),
+        tuple(write("free", 4 + k, motion, None) for k, motion in enumerate(free)),
+        tuple(
+            write("touched", 6 + k, plant.smooth(seed + 6 + k, 30, 1.4, (0.0, 0.2)), outside)
+            for k, outside in enumerate(walls)
+        ),
+    )
+
+
+def three_tendons(seed: int, folder: Path) -> Drawn:
+    """Return the finger of two joints and three tendons with load cells."""
+    plant, rng = newcomer("three_tendons"), np.random.default_rng(seed)
+
+    def ball(at: float, stiffness: float, push: float, start: float) -> Callable[..., Any]:
+        def torques(time: float, q1: float, q2: float, w1: float, w2: float) -> Any:
+            beyond = q1 + q2 - at
+            force = min(0.0, -(stiffness * beyond + 4e-4 * (w1 + w2))) if beyond > 0.0 else 0.0
+            return 2.2 * force + _pushed(push, start, time), force
+
+        return torques
+
+    def write(kind: str, k: int, reference: Any, outside: Any) -> Path:
+        rows, truth = plant.simulate(reference, DURATION, seed + 10 * k, outside)
+        names = plant.HEAD.split(",")
+        columns = dict(zip(names, rows.T))
+        if kind != "calibration":
+            for j, joint in enumerate(("mcp", "pip")):
+                del columns[f"{joint}_deg"]
+                columns[f"true_theta_{joint}"] = np.deg2rad(truth[:, 1 + j])
+                columns[f"true_external_torque_{joint}"] = truth[:, 3 + j]
+        return _written(folder / f"{kind}_{k}.csv", columns)
+
+    calibration = [
+        plant.lissajous(0.21, 0.33),
+        plant.smooth(seed + 1, 1.1),
+        plant.ramps(seed + 2, 110.0),
+        plant.ramps(seed + 3, 50.0),
+    ]
+    free = [plant.steps(seed + 4, 1.2), plant.smooth(seed + 5, 1.2)]
+    balls = [
+        ball(np.deg2rad(rng.uniform(60, 85)), rng.uniform(0.06, 0.6), push, rng.uniform(3, 15))
+        for push in rng.uniform(-0.03, 0.03, 4)
+    ]
+    return Drawn(
+        Path(os.environ["DISTAL_DATA"]) / "newcomer" / "three_tendons.toml",
+        tuple(write("calibration", k, motion, None) for k, motion in enumerate(calibration)),
+        tuple(write("free", 4 + k, motion, None) for k, motion in enumerate(free)),
+        tuple(
+            write("touched", 6 + k, plant.smooth(seed + 6 + k, 1.3), outside)
+            for k, outside in enumerate(balls)
+        ),
+    )
+
+
+def chain(name: str, plant: str, seed: int, folder: Path) -> Drawn:
+    """Return a chain in another simulator: torques on one joint at a time."""
+    rig = load_rig(name)
+
+    def write(kind: str, of: str, k: int) -> Path:
+        columns, truth = make_log(plant, of, seed + k, instrument=seed)
+        known = {f"true_{key}": values for key, values in truth.items() if key.startswith("theta")}
+        torques = [key for key in truth if "torque" in key or key.startswith("tau")]
+        for key, joint in zip(torques, rig.joints):
+            known[f"true_external_torque_{joint.name}"] = truth[key]
+        return _written(folder / f"{kind}_{k}.csv", {**columns, **known})
+
+    path = folder / "rig.toml"
+    text = subprocess.run(
+        [sys.executable, "-m", "distal", "rig", "show", name], capture_output=True, text=True, check=True
+    )
+    path.write_text(text.stdout, encoding="utf-8")
+    kinds = ("servo", "step", "servo", "step")
+    return Drawn(
+        path,
+        tuple(write("calibration", kind, k) for k, kind in enumerate(kinds)),
+        tuple(write("free", kind, 4 + k) for k, kind in enumerate(("servo", "step"))),
+        tuple(write("touched", "contact", 6 + k) for k in range(4)),
+    )
+
+
+CASES: dict[str, Callable[[int, Path], Drawn]] = {
+    "sheath joint, currents": sheath_joint,
+    "finger, three tendons": three_tendons,
+    "finger-2n": lambda seed, folder: chain("finger-2n", "finger2N", seed, folder),
+    "finger-n-plus-1": lambda seed, folder: chain("finger-n-plus-1", "finger_n1", seed, folder),
+    "wrist-instrument": lambda seed, folder: chain(
+        "wrist-instrument", "wrist_instrument", seed, folder
+    ),
+}
+
+
+def _pushed(push: float, start: float, time: float) -> float:
+    """Return a push of 3 s that comes and goes within 0.1 s [N m]."""
+    if not start < time < start + 3.0:
+        return 0.0
+    return push * min(1.0, (time - start) / 0.1) * min(1.0, (start + 3.0 - time) / 0.1)
+
+
+def _written(path: Path, columns: dict[str, Floats]) -> Path:
+    write_columns(columns, path)
+    return path
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Squared errors and whether they are inside the band, (k, n_joints) each, and which samples
+    are touched or wrong, (k,).
+    """
+
+    squares: Floats
+    inside: NDArray[np.bool_]
+    touched: NDArray[np.bool_]
+    wrong: NDArray[np.bool_]
+    half: float
+
+    @classmethod
+    def of(cls, result: Estimate, log: Log) -> Judged:
+        """Return how an estimate did on a log that knows angles and torques."""
+        errors = result.errors().reshape(len(log), -1)
+        stds = result.angle_stds
+        wrong = (np.abs(errors) > WRONG_STDS * stds) & (np.abs(errors) > WRONG)
+        return cls(
+            np.rad2deg(errors) ** 2,
+            np.abs(errors) <= 1.96 * stds,
+            is_touched(result, log),
+            wrong.any(axis=1),
+            float(np.rad2deg(1.96 * np.median(stds))),
+        )
+
+
+def is_touched(result: Estimate, log: Log) -> NDArray[np.bool_]:
+    """Return which samples are touched, or come less than `AFTER` after a touch, (k,)."""
+    if result.torque_truths is None:
+        return np.zeros(len(log), dtype=bool)
+    now = (np.abs(result.torque_truths) > TOUCHED).any(axis=1)
+    since, touched = np.inf, np.zeros(len(log), dtype=bool)
+    for k, step in enumerate(np.diff(log.time, prepend=log.time[0])):
+        since = 0.0 if now[k] else since + step
+        touched[k] = since < AFTER
+    return touched
+
+
+def fitted(drawn: Drawn, folder: Path) -> Rig:
+    """Return the rig that the command writes."""
+    out = folder / "fitted.toml"
+    command = [sys.executable, "-m", "distal", "fit", *map(str, drawn.calibration)]
+    subprocess.run(
+        [*command, "--rig", str(drawn.rig), "--out", str(out)], capture_output=True, check=True
+    )
+    return load_rig(out)
+
+
+def best_line(calibration: Sequence[Samples], others: Sequence[Samples]) -> list[float]:
+    """Return the RMS errors on other logs [°] of the yardstick that errs least on each calibration
+    log by the rest of them.
+    """
+
+    def left_out(name: str) -> float:
+        errors = [
+            yardstick_error(name, [*calibration[:k], *calibration[k + 1 :]], samples)
+            for k, samples in enumerate(calibration)
+        ]
+        return float(np.sqrt(np.mean(np.square(errors))))
+
+    best = min(YARDSTICKS, key=left_out)
+    return [float(np.rad2deg(yardstick_error(best, calibration, samples))) for samples in others]
+
+
+def onsets(rig: Rig, log: Log) -> int:
+    """Return how many touches begin, as a stream reports them."""
+    monitor = Monitor(LiveEstimator(rig))
+    samples = np.column_stack([log.channels[name] for name in monitor.channels])
+    begun, before = 0, False
+    for time, sample in zip(log.time, samples):
+        now = any(contact.since > 0.0 for contact in monitor.take(float(time), sample).contacts)
+        begun, before = begun + (now and not before), now
+    return begun
+
+
+def judged(name: str, seed: int) -> list[str]:
+    """Return the row of one rig."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        drawn = CASES[name](seed, folder)
+        rig = fitted(drawn, folder)
+        closed = rig.with_values({"joints.*.touch": "never"})
+        logs = {
+            kind: [read_log(path, rig) for path in paths]
+            for kind, paths in (("free", drawn.free), ("touched", drawn.touched))
+        }
+        calibration = [affine_samples(read_log(path, rig), rig) for path in drawn.calibration]
+        lines = {
+            kind: best_line(calibration, [affine_samples(log, rig) for log in group])
+            for kind, group in logs.items()
+        }
+        runs = {kind: [Judged.of(estimate(log, rig), log) for log in group] for kind, group in logs.items()}
+        before = {
+            kind: [Judged.of(estimate(log, closed), log) for log in group]
+            for kind, group in logs.items()
+        }
+        minutes = sum(float(np.ptp(log.time)) for log in logs["free"]) / 60
+        false = sum(onsets(rig, log) for log in logs["free"])
+    touched = [run.inside[run.touched] for run in runs["touched"]]
+    wrong = np.concatenate([run.wrong for run in runs["touched"]])
+    return [
+        name,
+        " / ".join(f"{_rms(group['free']):.3f}" for group in (runs, before)),
+        f"{np.mean([run.half for run in runs['free']]) / np.mean([run.half for run in before['free']]):.2f}",
+        " / ".join(
+            f"{value:.3f}"
+            for value in (
+                _rms(runs["touched"]),
+                _rms(before["touched"]),
+                float(np.sqrt(np.mean(np.square(lines["touched"])))),
+            )
+        ),
+        " / ".join(
+            f"{100 * np.mean(np.concatenate([run.inside for run in group])):.0f} %"
+            for group in (runs["touched"], before["touched"])
+        ),
+        f"{100 * np.mean(np.concatenate(touched)):.0f} %",
+        f"{100 * np.mean(wrong):.1f} %",
+        f"{false} in {minutes:.1f} min",
+    ]
+
+
+def _rms(runs: Sequence[Judged]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate([run.squares for run in runs]))))
+
+
+COLUMNS = (
+    "rig",
+    "free, RMS: now / never touched [°]",
+    "half-width now / never",
+    "logs with touches, RMS: now / never / least squares [°]",
+    "inside: now / never",
+    "inside, touched and 1 s after",
+    "wrong by > 3 stds and > 1°",
+    "touches found where there are none",
+)
+
+
+def main() -> None:
+    """Run, print and save."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first-seed", type=int, default=5000)
+    parser.add_argument("--only", choices=list(CASES), action="append")
+    arguments = parser.parse_args()
+    names = arguments.only or [
+        name
+        for name in CASES
+        if "DISTAL_DATA" in os.environ or not name.startswith(("sheath", "finger, "))
+    ]
+    rows = [judged(name, arguments.first_seed) for name in names]
+    table("touch", f"Fitted in free motion, then touched; seed {arguments.first_seed}", COLUMNS, rows)
+
+
+if __name__ == "__main__":
+    main()
