@@ -1,0 +1,157 @@
+"""What is normal of forces in free motion, logs that are touched, and what a filter makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.strangers.contact import finger, finger_rig
+from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
+from distal import LiveEstimator, Log, Rig, estimate, load_rig
+from distal.errors import RigError
+from distal.estimators.adaptive.filter import adaptive_layout
+from distal.estimators.adaptive.touch import DRIVE, FORCE
+from distal.fitting.free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
+from distal.fitting.touched_logs import touched_logs
+from distal.kernels import Feed, advance
+from distal.rig import FreeMotion, felt_in_words
+from distal.run import JointContact, Monitor
+
+PUSHED = 6.0
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    """Return a finger with load cells that says nothing of touches, with its free motion."""
+    described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
+    logs = [finger(seed, 12.0, None)[0] for seed in range(3)]
+    free = free_motion_of([(described, log) for log in logs], np.deg2rad(0.3), 0.95)
+    assert free is not None
+    return described.model_copy(update={"free_motion": free})
+
+
+@pytest.fixture(scope="module")
+def pushed() -> Log:
+    """Return a log in which the finger is pushed from 6 s on."""
+    return finger(7, PUSHED + 4.0, PUSHED)[0]
+
+
+def contacts(rig: Rig, log: Log) -> list[JointContact]:
+    """Return what a stream says of the one joint."""
+    monitor = Monitor(LiveEstimator(rig))
+    samples = np.column_stack([log.channels[name] for name in monitor.channels])
+    readings = [monitor.take(float(t), sample) for t, sample in zip(log.time, samples)]
+    assert {reading.health for reading in readings} == {"ok"}
+    return [reading.contacts[0] for reading in readings]
+
+
+def test_a_push_is_felt_followed_and_forgotten(rig: Rig, pushed: Log) -> None:
+    """The angle stays right, the torque is known, health stays ok, nothing is felt before it; 1.5 s
+    after it nothing is left.
+    """
+    found, result = contacts(rig, pushed), estimate(pushed, rig)
+    never = estimate(pushed, rig.with_values({"joints.finger.touch": "never"}))
+    push = (pushed.time > PUSHED + 0.5) & (pushed.time < PUSHED + 3.0)
+    true = pushed.truth["external_torque"]
+    first = next(t for t, one in zip(pushed.time, found) if one.since > 0.0)
+    assert PUSHED < first < PUSHED + 0.2
+    assert all(one.probability > 0.5 for one, is_pushed in zip(found, push) if is_pushed)
+    error, before = (
+        np.sqrt(np.mean(each.errors().ravel()[push] ** 2)) for each in (result, never)
+    )
+    assert error < 0.5 * before
+    wrong = np.array([one.torque for one in found])[push] - true[push]
+    assert np.sqrt(np.mean(wrong**2)) < 0.2 * np.abs(true[push]).max()
+    stands = [one.since for t, one in zip(pushed.time, found) if push[0] or t < PUSHED + 3.0]
+    assert max(stands) == pytest.approx(PUSHED + 3.0 - first, abs=0.02)
+
+
+def test_nothing_is_felt_in_free_motion(rig: Rig) -> None:
+    found = contacts(rig, finger(21, 12.0, None)[0])
+    assert not any(one.since for one in found)
+
+
+def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
+    """Mean innovations and pace as the kernel remembers them are those that say what is normal."""
+    from distal.fitting import free_motion as module
+
+    log, runner = finger(1, 4.0, None)[0], closed_filter(rig)
+    samples = np.column_stack([log.channels[name] for name in runner.channels])
+    rows, _ = runner.rows(np.diff(log.time, prepend=log.time[0]), samples)
+    begun = runner.initial(float(log.time[0]), samples[0])
+    run = advance(runner.kernel, Feed(begun.carry, rows, runner.numbers))
+    layout, count = adaptive_layout(runner.states), len(runner.measured)
+    kept = layout.view(run.carries, "evidence").reshape(len(log), -1, FORCE.size)
+    paces = layout.view(run.carries, "forces").reshape(len(log), -1, DRIVE.size)
+    shown = np.nan_to_num(run.ys[:, :count] / np.sqrt(run.ys[:, count : 2 * count]))
+    means = module._mean(shown, log, 0.05)
+    np.testing.assert_allclose(kept[50:, :, 0], means[50:], rtol=1e-2, atol=5e-3)
+    places = np.array([log.channels[name] for name in ("x_flexor", "x_extensor")])
+    total = paces[:, :, DRIVE["pace"].start].sum(axis=1)
+    assert np.corrcoef(total[50:], module._pace(places, log)[50:])[0, 1] > 0.95
+
+
+def test_normal_is_what_nearly_all_samples_are(rig: Rig) -> None:
+    """Of z̄² = a² + b² v² exactly, a and b; of samples, `NORMAL` are below."""
+    from distal.fitting.free_motion import _normal
+
+    pace = np.linspace(0.0, 4.0, 2000)
+    a, b = _normal(0.25 + 0.09 * pace, pace)
+    np.testing.assert_allclose([a, b], [0.5, 0.3], rtol=1e-6)
+    square = (0.25 + 0.09 * pace) * np.random.default_rng(0).chisquare(1, 2000)
+    a, b = _normal(square, pace)
+    assert np.mean(square < a**2 + b**2 * pace) == pytest.approx(NORMAL, abs=2e-3)
+    assert SETTLING > 0.0
+    wide = rig.free_motion.model_copy(update={"at_rest": (9.0, 0.01)})
+    assert widest(rig.free_motion, wide).at_rest == (9.0, rig.free_motion.at_rest[1])
+
+
+def test_logs_that_are_touched_are_found() -> None:
+    rig = bowden_rig()
+    free = [bowden_log(seed, "calibration", 20.0) for seed in range(4)]
+    assert touched_logs(free, rig) == []
+    held = free[2].truth["theta"] - np.deg2rad(12) * (np.sin(0.7 * free[2].time) > 0.3)
+    assert touched_logs([*free[:3], replace(free[2], truth={"theta": held}), free[3]], rig) == [3]
+
+
+def test_what_can_be_felt_is_said(rig: Rig) -> None:
+    (line,) = felt_in_words(rig)
+    assert line.startswith("finger: a torque from about 0.")
+    assert line.endswith("N m on is felt by u_flexor, u_extensor")
+    said = list(felt_in_words(load_rig("finger-underactuated")))
+    assert "together with pip, dip" in said[0]
+    unread = rig.model_copy(update={"sensors": rig.sensors_of("position")})
+    assert "not observable" in next(iter(felt_in_words(unread)))
+    never = rig.with_values({"joints.finger.touch": "never"})
+    assert "nothing touches it" in next(iter(felt_in_words(never)))
+
+
+def test_free_motion_is_checked(rig: Rig) -> None:
+    raw = rig.free_motion.model_dump()
+    for key, value, said in (
+        ("at_rest", [1.0], "at_rest must have 2 entries; 1 came"),
+        ("moving", [-1.0, 0.0], "moving must not be negative"),
+        ("spread", [0.0, 1.0], "must be positive"),
+    ):
+        with pytest.raises(RigError, match=said):
+            rig.with_values({"free_motion": {**raw, key: value}})
+    free = FreeMotion(**raw)
+    assert free.of_channel("none") == (max(free.at_rest), max(free.moving))
+    assert free.usual(("none",)) == ((1.0, 0.0),)
+
+
+def test_health_is_beside_what_is_normal(rig: Rig, pushed: Log, tmp_path: Path) -> None:
+    """Innovations far from what the rig file says are ok where they are normal, and the same ones
+    disagree where they are not.
+    """
+    log = finger(21, 6.0, None)[0]
+    free = rig.free_motion
+    for factor, word in ((1.0, "ok"), (1e-3, "disagrees")):
+        scaled = free.model_copy(update={"squares": tuple(factor * s for s in free.squares)})
+        monitor = Monitor(LiveEstimator(rig.model_copy(update={"free_motion": scaled})))
+        samples = np.column_stack([log.channels[name] for name in monitor.channels])
+        words = [monitor.take(float(t), sample).health for t, sample in zip(log.time, samples)]
+        assert words[-1] == word
