@@ -18,7 +18,7 @@ from distal.rig import FreeMotion, Rig
 from distal.run import estimate
 from distal.run.health import MEMORY
 
-NORMAL = 0.998
+NORMAL = 0.997
 """Share of the time in which a mean innovation in free motion is normal: docs/results/touch.md."""
 
 LEAST_AT_REST = 0.3

@@ -14,7 +14,7 @@ from distal.rig.quantities import Description
 class FreeMotion(Description):
     """The innovations that are normal in free motion, on logs that the fit had not seen.
 
-    A force's mean innovation stays below z₀ = √(a² + b² v²) of its standard deviations in 99.8 % of
+    A force's mean innovation stays below z_w = √(a² + b² v²) of its standard deviations in 99.7 % of
     the time, v² = Σ (ẋ_i/spread_i)² being the squared speed of all drives that move with it. More
     than that is a touch, or a change of the rig.
     """

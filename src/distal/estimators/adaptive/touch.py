@@ -1,5 +1,5 @@
 """Touched or free: a torque from outside may act on a joint once its forces say so. Equations (13b),
-(29) to (31).
+(29), (30), (32), (33).
 
 The mean innovation of each force is compared with what is normal in free motion. What is more than
 that opens the variance of a torque on the joints that the force moves (a test of the innovations
@@ -181,10 +181,10 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
 
 
 def evidence_function(context: FilterContext) -> ca.Function:
-    """Return (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a force: (29), (30).
+    """Return (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a force: (30).
 
-    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z₀ = √(a² + b² pace) of logs in free
-    motion, `normal` = (a, b). One sample alone never exceeds it.
+    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w = √(z_a² + z_b² pace) of logs in free
+    motion, `normal` = (z_a, z_b). One sample alone never exceeds it.
     """
     kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", 2)
     scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
@@ -218,7 +218,7 @@ def open_torques(
     mean: VectorNode,
     interval: Interval,
 ) -> None:
-    """Change what is remembered of the torque on each joint after a sample, in place: (31), (32)."""
+    """Change what is remembered of the torque on each joint after a sample, in place: (32), (33)."""
     at_joints = {joint: at for at, joint in states.torque_states.items()}
     for joint, torque in kept.torques.items():
         moved = states.context.forces_by_torque(joint)
@@ -235,12 +235,12 @@ def open_torques(
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ̂, said, a, dt) → what is remembered of a torque, by `count` forces: (31), (32).
+    """Return (kept, τ_ext, said, a_τ, dt) → what is remembered of a torque, by `count` forces: (32), (33).
 
-    A force U_i that changes by a_i for a unit of torque feels a torque beyond √(normal)/a_i; all
-    together beyond τ₀, 1/τ₀² = Σ a_i²/normal_i. The opened variance is the largest of what it was,
-    fading, of `OPENED`² Σ excess_i/a_i², and of τ̂² − τ₀²; what a clear torque opened fades slowly.
-    No torque is larger than the forces that are read hold: Σ √(most_i)/|a_i|.
+    A force U that changes by a_τ for a unit of torque feels a torque beyond √(normal)/a_τ; all
+    together beyond τ₀, 1/τ₀² = Σ a_τ²/normal. The opened variance is the largest of what it was,
+    fading, of `OPENED`² Σ excess/a_τ², and of τ_ext² − τ₀²; what a clear torque opened fades slowly.
+    No torque is larger than the forces that are read hold: Σ √most/|a_τ|.
     """
     kept, by_torque = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("a", count)
     torque, dt, said = ca.SX.sym("torque"), ca.SX.sym("dt"), ca.SX.sym("said", len(WEIGHED), count)
