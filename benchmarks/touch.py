@@ -1,8 +1,8 @@
-"""What a touch does to the angle: rigs that were fitted in free motion by the command, then touched.
+"""What a touch does to the angle: rigs that the command fitted in free motion, then touched.
 
-`python -m benchmarks.touch [--first-seed 5000] [--only "sheath joint"]` draws logs of plants that share no code with
-`distal.model`, fits by `distal fit` with a file to read, and judges it on logs that no fit has seen:
-free motion, walls and pushes. Beside it stand least squares of the same calibration logs (the best
+`python -m benchmarks.touch [--first-seed 5000] [--only finger-2n]` draws logs of plants that share
+no code with `distal.model`, fits by `distal fit` with a file to read, and judges it on logs that no
+fit has seen: free motion, walls and pushes. Beside it stand least squares of the same calibration logs (the best
 yardstick by their own cross-validation), and the same filter with no touch looked for. The two
 sheath joints and the finger of three tendons need the folder of logs in `DISTAL_DATA`.
 """
@@ -168,7 +168,10 @@ def chain(name: str, plant: str, seed: int, folder: Path) -> Drawn:
 
     path = folder / "rig.toml"
     text = subprocess.run(
-        [sys.executable, "-m", "distal", "rig", "show", name], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "distal", "rig", "show", name],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     path.write_text(text.stdout, encoding="utf-8")
     kinds = ("servo", "step", "servo", "step")
@@ -295,7 +298,10 @@ def judged(name: str, seed: int) -> list[str]:
             kind: best_line(calibration, [affine_samples(log, rig) for log in group])
             for kind, group in logs.items()
         }
-        runs = {kind: [Judged.of(estimate(log, rig), log) for log in group] for kind, group in logs.items()}
+        runs = {
+            kind: [Judged.of(estimate(log, rig), log) for log in group]
+            for kind, group in logs.items()
+        }
         before = {
             kind: [Judged.of(estimate(log, closed), log) for log in group]
             for kind, group in logs.items()
@@ -307,7 +313,7 @@ def judged(name: str, seed: int) -> list[str]:
     return [
         name,
         " / ".join(f"{_rms(group['free']):.3f}" for group in (runs, before)),
-        f"{np.mean([run.half for run in runs['free']]) / np.mean([run.half for run in before['free']]):.2f}",
+        f"{_half(runs['free']) / _half(before['free']):.2f}",
         " / ".join(
             f"{value:.3f}"
             for value in (
@@ -324,6 +330,10 @@ def judged(name: str, seed: int) -> list[str]:
         f"{100 * np.mean(wrong):.1f} %",
         f"{false} in {minutes:.1f} min",
     ]
+
+
+def _half(runs: Sequence[Judged]) -> float:
+    return float(np.mean([run.half for run in runs]))
 
 
 def _rms(runs: Sequence[Judged]) -> float:
@@ -354,7 +364,9 @@ def main() -> None:
         if "DISTAL_DATA" in os.environ or not name.startswith(("sheath", "finger, "))
     ]
     rows = [judged(name, arguments.first_seed) for name in names]
-    table("touch", f"Fitted in free motion, then touched; seed {arguments.first_seed}", COLUMNS, rows)
+    table(
+        "touch", f"Fitted in free motion, then touched; seed {arguments.first_seed}", COLUMNS, rows
+    )
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from distal import Log, estimate, load_rig, load_scenario, scenario_rig, simulat
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import Robustness
+from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
@@ -22,7 +23,6 @@ from distal.estimators.adaptive.drive_tracking import (
     Tracks,
     track,
 )
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.prediction import shifted_variance
 from distal.estimators.adaptive.touch import (
@@ -176,9 +176,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
 
 
 def test_nothing_opens_in_a_fit_nor_where_nothing_can_touch() -> None:
-    fitting = AdaptiveFilter(
-        load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting()
-    )
+    fitting = AdaptiveFilter(load_rig("finger-2n"), compiled=False, robustness=Robustness.fitting())
     assert StateKind.EXTERNAL_TORQUE not in fitting.state_kinds
     never = load_rig("finger-2n").with_values({"joints.pip.touch": "never"})
     names = AdaptiveFilter(never, compiled=False).state_names

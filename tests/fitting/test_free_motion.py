@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from benchmarks.strangers.contact import finger, finger_rig
 from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
+
 from distal import LiveEstimator, Log, Rig, estimate, load_rig
 from distal.errors import RigError
 from distal.estimators.adaptive.filter import adaptive_layout
@@ -59,9 +59,7 @@ def test_a_push_is_felt_followed_and_forgotten(rig: Rig, pushed: Log) -> None:
     first = next(t for t, one in zip(pushed.time, found) if one.since > 0.0)
     assert PUSHED < first < PUSHED + 0.2
     assert all(one.probability > 0.5 for one, is_pushed in zip(found, push) if is_pushed)
-    error, before = (
-        np.sqrt(np.mean(each.errors().ravel()[push] ** 2)) for each in (result, never)
-    )
+    error, before = (np.sqrt(np.mean(each.errors().ravel()[push] ** 2)) for each in (result, never))
     assert error < 0.5 * before
     wrong = np.array([one.torque for one in found])[push] - true[push]
     assert np.sqrt(np.mean(wrong**2)) < 0.2 * np.abs(true[push]).max()

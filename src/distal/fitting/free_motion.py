@@ -83,7 +83,9 @@ def free_motion_of(
         correlations=tuple(correlations.tolist()),
         rms=rms,
         inside=inside,
-        felt=_felt(runner, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))),
+        felt=_felt(
+            runner, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))
+        ),
         drives=drives,
         spread=tuple(spread.tolist()),
         logs=len(held_out),

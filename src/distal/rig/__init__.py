@@ -9,6 +9,7 @@ from distal.rig.drives import (
     effort_unit,
     position_unit,
 )
+from distal.rig.felt import felt_in_words
 from distal.rig.files import (
     build_rig,
     edited_text,
@@ -19,7 +20,6 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
-from distal.rig.felt import felt_in_words
 from distal.rig.free_motion import FreeMotion
 from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
 from distal.rig.imported import Imported
@@ -71,7 +71,6 @@ __all__ = [
     "Description",
     "Discrepancy",
     "FreeMotion",
-    "felt_in_words",
     "Hysteresis",
     "Imported",
     "In",
@@ -101,6 +100,7 @@ __all__ = [
     "edited_text",
     "effort_unit",
     "factors",
+    "felt_in_words",
     "from_aero",
     "from_mujoco",
     "from_orca",

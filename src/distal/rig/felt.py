@@ -23,9 +23,7 @@ def _felt(rig: Rig, j: int, joint: Joint) -> str:
         return "a touch is not observable, since no force of what moves it is read"
     if joint.external_torque.std > 0.0:
         return f"a torque of ±{rounded(joint.external_torque.std)} N m is always looked for"
-    others = [
-        other.name for other in rig.joints if set(forces_of(rig, other.name)) & set(forces)
-    ]
+    others = [other.name for other in rig.joints if set(forces_of(rig, other.name)) & set(forces)]
     together = f", together with {', '.join(n for n in others if n != joint.name)}"
     by = f"by {', '.join(forces)}{together if len(others) > len(forces) else ''}"
     if rig.free_motion is None and len(rig.joints) == 1:

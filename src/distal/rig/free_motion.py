@@ -1,4 +1,4 @@
-"""What forces are like when nothing touches the joints: `distal fit` learns it from logs left out."""
+"""What forces are like when nothing touches the joints: `distal fit` learns it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from distal.rig.quantities import Description
 class FreeMotion(Description):
     """The innovations that are normal in free motion, on logs that the fit had not seen.
 
-    A force's mean innovation stays below z_w = √(a² + b² v²) of its standard deviations in 99.7 % of
-    the time, v² = Σ (ẋ_i/spread_i)² being the squared speed of all drives that move with it. More
+    A force's mean innovation stays below √(a² + b² v²) of its standard deviations in 99.7 % of the
+    time, v² = Σ (ẋ_i/spread_i)² being the squared speed of all drives that move with it. More
     than that is a touch, or a change of the rig.
     """
 
@@ -30,9 +30,7 @@ class FreeMotion(Description):
         description="correlation of each one's neighbouring innovations, from −1 to 1"
     )
     rms: float = Field(ge=0.0, description="RMS error of the angles on these logs [rad]")
-    inside: float = Field(
-        ge=0.0, le=1.0, description="share of their samples inside the 95 % band"
-    )
+    inside: float = Field(ge=0.0, le=1.0, description="share of their samples inside the 95 % band")
     felt: Row = Field(
         description="torque of each joint from which on a touch is felt, in the median [N m]; 0 of "
         "one where none is"

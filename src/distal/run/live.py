@@ -349,7 +349,11 @@ class LiveEstimator:
         """Whether something touches each joint that may be touched, in the order of
         `torque_names`.
         """
-        found, torques, stds = list[JointContact](), self.external_torques, self.external_torque_stds
+        found, torques, stds = (
+            list[JointContact](),
+            self.external_torques,
+            self.external_torque_stds,
+        )
         for joint, at in self._contacts.items():
             probability, since = self._carry[at].tolist()
             k = self._touchable.index(joint)

@@ -81,9 +81,7 @@ class FilterContext:
             return ()
         joints = enumerate(self.mechanism.rig.joints)
         return tuple(
-            j
-            for j, joint in joints
-            if joint.touch != "never" and joint.external_torque.std == 0.0
+            j for j, joint in joints if joint.touch != "never" and joint.external_torque.std == 0.0
         )
 
     def moved_by(self, joint: int) -> dict[int, tuple[str, str]]:

@@ -180,9 +180,7 @@ class AdaptiveFilter(KernelEstimator):
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
         sample.
         """
-        return prior_function(
-            self._states, self._maps, self.places, len(self._p), self.touched
-        )
+        return prior_function(self._states, self._maps, self.places, len(self._p), self.touched)
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return which directions of joint space the sensors do not see, where there are any."""
@@ -291,7 +289,7 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Where in the carry the share stands that a touch has of each joint that may be touched."""
+        """Where in the carry the share stands that a touch has of each joint."""
         at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
         joints = range(len(self._states.context.touchable))
         return tuple(at + TORQUE.size * k for k in joints)

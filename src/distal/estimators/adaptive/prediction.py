@@ -154,7 +154,7 @@ def revert(
     for k, (at, _) in enumerate(fadings):
         fade, added = fades[2 * k], fades[2 * k + 1]
         joint = states.torque_states.get(at)
-        if joint in opened:
+        if joint is not None and joint in opened:
             added += (1 - fade**2) * opened[joint]
         state[at] = fade * state[at]
         transition[at, :] = fade * transition[at, :]

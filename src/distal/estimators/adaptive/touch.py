@@ -1,5 +1,6 @@
-"""Touched or free: a torque from outside may act on a joint once its forces say so. Equations (13b),
-(29), (30), (32), (33).
+"""Touched or free: a torque from outside may act on a joint once its forces say so.
+
+Equations (13b), (29), (30), (32) and (33).
 
 The mean innovation of each force is compared with what is normal in free motion. What is more than
 that opens the variance of a torque on the joints that the force moves (a test of the innovations
@@ -46,13 +47,13 @@ USUAL_TIME = 2.5
 """Time constant of what is usual of a force where no log said what is normal [s]."""
 
 UNEXPLAINED, UNUSUAL = 0.7, 4.0
-"""Without such logs, normal is this many stds, or so many times what is usual, whichever is more [1]:
+"""Without such logs, normal is the larger of so many stds and so many times what is usual [1]:
 docs/results/chains.md, "Something happens".
 """
 
 TOUCHING, STILL = 2.0, 0.06
-"""A torque of so many times the smallest that is felt is a touch with a probability of one half [1];
-it ends where the probability falls below the second, at that smallest one [1]: docs/results/touch.md
+"""A torque of so many times the smallest that is felt is a touch with a probability of one half;
+the touch ends where that falls below the second, at the smallest one [1]: docs/results/touch.md.
 """
 
 SURE = 3.0
@@ -76,8 +77,8 @@ a force [N, N m], and the mean square of the first [1].
 
 TORQUE = Layout(opened=1, clear=1, share=1, probability=1, since=1)
 """What is remembered of the torque on a joint: the variance that opened, that of a clear touch [(N
-m)²], the share of it that a touch has, 0 (free) to 1, how probable it is that something touches, and
-for how long it has [s].
+m)²], the share of it that a touch has, 0 (free) to 1, how probable a touch is, and for how long it
+has been [s].
 """
 
 
@@ -150,7 +151,9 @@ class Remembered:
         return {
             "forces": ca.vertcat(*(DRIVE.joined(**drive) for drive in self.drives)),
             "evidence": ca.vertcat(ca.MX(0, 1), *(FORCE.joined(**f) for f in self.forces.values())),
-            "torques": ca.vertcat(ca.MX(0, 1), *(TORQUE.joined(**t) for t in self.torques.values())),
+            "torques": ca.vertcat(
+                ca.MX(0, 1), *(TORQUE.joined(**t) for t in self.torques.values())
+            ),
         }
 
 
@@ -183,8 +186,8 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
 def evidence_function(context: FilterContext) -> ca.Function:
     """Return (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a force: (30).
 
-    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w = √(z_a² + z_b² pace) of logs in free
-    motion, `normal` = (z_a, z_b). One sample alone never exceeds it.
+    The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29) of logs in free
+    motion, by `normal` = (z_a, z_b). One sample alone never exceeds it.
     """
     kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", 2)
     scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
@@ -206,7 +209,17 @@ def evidence_function(context: FilterContext) -> ca.Function:
     largest = (ca.fabs(reading) + SURE * noise) ** 2
     outputs = [mean, force, usual, used * share * force**2, threshold**2 * variance, largest, used]
     names = [part.name for part in fields(Evidence)]
-    inputs = ["kept", "innovation", "variance", "is_used", "pace", "reading", "noise", "normal_by", "dt"]
+    inputs = [
+        "kept",
+        "innovation",
+        "variance",
+        "is_used",
+        "pace",
+        "reading",
+        "noise",
+        "normal_by",
+        "dt",
+    ]
     arguments = [kept, innovation, variance, used, speed, reading, noise, normal, dt]
     return ca.Function("evidence", arguments, outputs, inputs, names)
 
@@ -229,17 +242,18 @@ def open_torques(
             *(ca.vertcat(*(getattr(evidence[name], part) for part in WEIGHED)) for name in names)
         )
         by_torque = states.context.numbers(interval.p, [moved[name] for name in names])
-        remembered, dt = TORQUE.joined(**torque), interval.x[0]
-        after = opening_function(len(names))(remembered, mean[at_joints[joint]], said, by_torque, dt)
+        opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
+        after = opening(remembered, mean[at_joints[joint]], said, by_torque, interval.x[0])
         torque.update(TORQUE.parts(after))
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ_ext, said, a_τ, dt) → what is remembered of a torque, by `count` forces: (32), (33).
+    """Return (kept, τ_ext, said, a_τ, dt) → what is remembered of a torque, by `count` forces: (32),
+    (33).
 
     A force U that changes by a_τ for a unit of torque feels a torque beyond √(normal)/a_τ; all
     together beyond τ₀, 1/τ₀² = Σ a_τ²/normal. The opened variance is the largest of what it was,
-    fading, of `OPENED`² Σ excess/a_τ², and of τ_ext² − τ₀²; what a clear torque opened fades slowly.
+    fading, of `OPENED`² Σ excess/a_τ², and of τ_ext² − τ₀²; that of a clear torque fades slowly.
     No torque is larger than the forces that are read hold: Σ √most/|a_τ|.
     """
     kept, by_torque = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("a", count)

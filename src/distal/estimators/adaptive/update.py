@@ -14,7 +14,6 @@ from distal.estimators.adaptive.measurement import ROW, SLOPED, Row, Rows
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.adaptive.stops import sure_of_stops
-from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.adaptive.touch import (
     FORCE,
     NORMAL,
@@ -24,6 +23,7 @@ from distal.estimators.adaptive.touch import (
     open_torques,
     paced,
 )
+from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.kalman import Downdate, along
 from distal.expressions import MatrixNode, ScalarNode, VectorNode
 from distal.kernels.layout import Layout
