@@ -2,9 +2,9 @@
 
 `python -m benchmarks.touch [--first-seed 5000] [--only finger-2n]` draws logs of plants that share
 no code with `distal.model`, fits by `distal fit` with a file to read, and judges it on logs that no
-fit has seen: free motion, walls and pushes. Beside it stand least squares of the same calibration logs (the best
-yardstick by their own cross-validation), and the same filter with no touch looked for. The two
-sheath joints and the finger of three tendons need the folder of logs in `DISTAL_DATA`.
+fit has seen: free motion, walls and pushes. Beside it stand least squares of the same calibration
+logs (the best yardstick by their own cross-validation), and the same filter with no touch looked
+for. The sheath joint and the finger of three tendons need the folder of logs in `DISTAL_DATA`.
 """
 
 from __future__ import annotations

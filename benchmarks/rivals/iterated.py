@@ -18,7 +18,7 @@ from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
 from distal.estimators.adaptive.motion import moved
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.transmission_play import play
-from distal.estimators.adaptive.unexplained_force import FORCE
+from distal.estimators.adaptive.touch import DRIVE
 from distal.estimators.adaptive.update import SINCE, comparison_function, weights
 from distal.estimators.kalman import Downdate, along
 from distal.kernels import Kernel
@@ -55,7 +55,7 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     """
     n, nd, context = len(states), states.context.n_drives, states.context
     carry, x = (
-        ca.MX.sym("carry", n + n * n + nd * (MEMORY + FORCE.size)),
+        ca.MX.sym("carry", n + n * n + nd * (MEMORY + DRIVE.size)),
         ca.MX.sym("x", context.width),
     )
     p = ca.MX.sym("p", len(context.mechanism.parameters))
@@ -69,8 +69,8 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         ca.DM.eye(n).full()
     )  # asked for by `revert` and `play`; only smoothing reads it
     prediction = Prediction(state, spread, transition)
-    remembered = [FORCE.parts(forces[FORCE.size * i : FORCE.size * (i + 1)]) for i in range(nd)]
-    revert(states, prediction, [force["opened"] for force in remembered], interval)
+    remembered = [DRIVE.parts(forces[DRIVE.size * i : DRIVE.size * (i + 1)]) for i in range(nd)]
+    revert(states, prediction, {}, interval)
     kept = [force["friction"] for force in remembered]
     for i in range(nd):
         if states.transmitted(i) is not None:
@@ -82,7 +82,7 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
     told = [
-        FORCE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)
+        DRIVE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)
     ]
     following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *told)
     return ca.Function(

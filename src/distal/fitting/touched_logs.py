@@ -51,6 +51,8 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
             for i in of
         }
 
+    if len(known) <= FEWEST:
+        return []
     kept, aside = list(known), list[int]()
     while len(kept) > max(FEWEST, len(known) // 2):
         by_others = errors(kept, kept)

@@ -231,7 +231,7 @@ def open_torques(
     mean: VectorNode,
     interval: Interval,
 ) -> None:
-    """Change what is remembered of the torque on each joint after a sample, in place: (32), (33)."""
+    """Change what is remembered of the torques after a sample, in place: (32), (33)."""
     at_joints = {joint: at for at, joint in states.torque_states.items()}
     for joint, torque in kept.torques.items():
         moved = states.context.forces_by_torque(joint)
@@ -248,7 +248,7 @@ def open_torques(
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ_ext, said, a_τ, dt) → what is remembered of a torque, by `count` forces: (32),
+    """Return (kept, τ_ext, said, a_τ, dt) → what is remembered of a torque by some forces: (32),
     (33).
 
     A force U that changes by a_τ for a unit of torque feels a torque beyond √(normal)/a_τ; all

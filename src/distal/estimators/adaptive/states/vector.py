@@ -60,7 +60,8 @@ class StateVector:
         walks, bounded = self.walks > 0.0, np.isfinite(self.lowest)
         flags = tuple(zip(walks.tolist(), bounded.tolist()))
         blocks = tuple((type(block).__name__, block.structure) for block in self.blocks)
-        return self.names, blocks, flags, tuple(self._considered), tuple(self._untold)
+        shares = tuple(self._considered), tuple(self._untold)
+        return self.names, blocks, flags, *shares, self.context.touchable
 
     def __len__(self) -> int:
         return len(self.names)
