@@ -27,6 +27,7 @@ from benchmarks.report import table
 from benchmarks.strangers.chain_plants import make_log
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
 from distal.estimators import affine_samples
+from distal.fitting.free_motion import free_motion_of
 from distal.logs import write_columns
 from distal.regression import YARDSTICKS, Samples, yardstick_error
 from distal.run import Monitor
@@ -340,6 +341,44 @@ def _rms(runs: Sequence[Judged]) -> float:
     return float(np.sqrt(np.mean(np.concatenate([run.squares for run in runs]))))
 
 
+def figure(path: Path) -> None:
+    """Draw a push on a finger: angles with and without the touch looked for, and its torque."""
+    import matplotlib.pyplot as plt
+
+    from benchmarks.strangers.contact import finger, finger_rig
+
+    described = finger_rig().with_values({"joints.finger.external_torque.std": 0.0})
+    calm = [(described, finger(seed, 12.0, None)[0]) for seed in range(3)]
+    free = free_motion_of(calm, 0.0, 1.0)
+    rig = described.model_copy(update={"free_motion": free})
+    log = finger(7, 11.0, 6.0)[0]
+    result = estimate(log, rig)
+    never = estimate(log, rig.with_values({"joints.finger.touch": "never"}))
+    shown = log.time >= 4.0
+    time, true = log.time[shown], np.rad2deg(log.truth["theta"][shown])
+    fig, (above, below) = plt.subplots(2, sharex=True, figsize=(7.0, 4.2), layout="constrained")
+    angle, half = (
+        np.rad2deg(result.angles[shown, 0]),
+        np.rad2deg(1.96 * result.angle_stds[shown, 0]),
+    )
+    above.fill_between(time, angle - half, angle + half, color="0.85", label="95 % band")
+    above.plot(
+        time, np.rad2deg(never.angles[shown, 0]), "--", color="#d55e00", label="never touched"
+    )
+    above.plot(time, angle, color="#0072b2", label="estimate")
+    above.plot(time, true, ":", color="black", label="true")
+    above.set_ylabel("angle [°]")
+    above.legend(fontsize=8, loc="lower right")
+    torque = 1e3 * result.external_torque[shown]
+    below.plot(time, torque, color="#0072b2", label="estimate")
+    below.plot(time, 1e3 * log.truth["external_torque"][shown], ":", color="black", label="true")
+    below.set(xlabel="time [s]", ylabel="torque [mN m]")
+    for axes in (above, below):
+        axes.axvspan(6.0, 9.0, color="#56b4e9", alpha=0.15, linewidth=0)
+        axes.spines[["top", "right"]].set_visible(False)
+    fig.savefig(path)
+
+
 COLUMNS = (
     "rig",
     "free, RMS: now / never touched [°]",
@@ -357,7 +396,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first-seed", type=int, default=5000)
     parser.add_argument("--only", choices=list(CASES), action="append")
+    parser.add_argument("--figure", type=Path, help="draw a push to this file instead")
     arguments = parser.parse_args()
+    if arguments.figure is not None:
+        figure(arguments.figure)
+        return
     names = arguments.only or [
         name
         for name in CASES

@@ -17,8 +17,8 @@ from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
 from distal.estimators.adaptive.motion import moved
 from distal.estimators.adaptive.prediction import predicted, revert
-from distal.estimators.adaptive.transmission_play import play
 from distal.estimators.adaptive.touch import DRIVE
+from distal.estimators.adaptive.transmission_play import play
 from distal.estimators.adaptive.update import SINCE, comparison_function, weights
 from distal.estimators.kalman import Downdate, along
 from distal.kernels import Kernel
