@@ -51,6 +51,11 @@ UNEXPLAINED, UNUSUAL = 0.7, 4.0
 docs/results/chains.md, "Something happens".
 """
 
+TOGETHER = 0.5
+"""With the torque on one joint so much of its std opens on the others of a chain [1]:
+docs/results/touch.md.
+"""
+
 TOUCHING, STILL = 2.0, 0.06
 """A torque of so many times the smallest that is felt is a touch with a probability of one half;
 the touch ends where that falls below the second, at the smallest one [1]: docs/results/touch.md.
@@ -245,6 +250,10 @@ def open_torques(
         opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
         after = opening(remembered, mean[at_joints[joint]], said, by_torque, interval.x[0])
         torque.update(TORQUE.parts(after))
+    largest = reduce(ca.fmax, kept.opened.values(), ca.MX(0))
+    for torque in kept.torques.values():
+        # what touches a link loads all joints before it
+        torque["opened"] = ca.fmax(torque["opened"], TOGETHER**2 * largest)
 
 
 def opening_function(count: int) -> ca.Function:
