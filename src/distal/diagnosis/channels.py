@@ -128,7 +128,7 @@ def channels_of(estimate: Estimate) -> Channels:
     return Channels(
         estimate.measured,
         tuple(_mean(column**2) for column in columns),
-        tuple(_neighbours(column) * (1.0 - each) for column, each in zip(columns, usual[:, 1])),
+        tuple(_neighbours(column) * (1.0 - rho) for column, rho in zip(columns, usual[:, 1])),
         tuple(_since(estimate.time, column) for column in scaled.T),
         tuple(float(np.mean(np.isfinite(column))) for column in scaled.T),
     )

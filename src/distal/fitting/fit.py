@@ -161,7 +161,7 @@ def _with_free_motion(
     """Return what was learned with what is normal of forces in free motion, by the logs left out;
     nothing where the band fails on these.
     """
-    written = [each.scores[WRITTEN] for fold in done for each in fold.compared]
+    written = [score.scores[WRITTEN] for fold in done for score in fold.compared]
     scores = [score for score in written if score is not None]
     inside = float(np.mean([score.inside for score in scores])) if scores else 0.0
     if inside < TRUSTED:
@@ -174,12 +174,12 @@ def _with_free_motion(
     try:
         free = free_motion_of(held_out, rms, inside)
         # the rig that is written may be another candidate than that of a fold
-        own = free_motion_of([(learned.rig, logs[i]) for i in kept], rms, inside)
+        in_sample = free_motion_of([(learned.rig, logs[i]) for i in kept], rms, inside)
     except EstimationError:
         return learned  # a filter that a log throws off has no normal
-    if free is None or own is None:
+    if free is None or in_sample is None:
         return learned
-    free = widest(free, own)
+    free = widest(free, in_sample)
     return replace(learned, rig=learned.rig.model_copy(update={"free_motion": free}))
 
 

@@ -39,9 +39,9 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     is far, but spoils nothing.
     """
     joints = [joint.name for joint in rig.joints]
-    known = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
+    with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
     try:
-        samples = {i: affine_samples(logs[i], rig) for i in known}
+        samples = {i: affine_samples(logs[i], rig) for i in with_angles}
     except EstimationError:
         return []
 
@@ -51,16 +51,16 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
             for i in of
         }
 
-    if len(known) <= FEWEST:
+    if len(with_angles) <= FEWEST:
         return []
-    kept, aside = list(known), list[int]()
-    while len(kept) > max(FEWEST, len(known) // 2):
+    kept, aside = list(with_angles), list[int]()
+    while len(kept) > max(FEWEST, len(with_angles) // 2):
         by_others = errors(kept, kept)
         worst = max(kept, key=lambda i: by_others[i])
         aside.append(worst)
         kept.remove(worst)
-    alone = errors(known, kept)
-    usual = float(np.median([alone[i] for i in kept]))
-    far = [i for i in aside if alone[i] > FAR * usual]
+    by_kept = errors(with_angles, kept)
+    usual = float(np.median([by_kept[i] for i in kept]))
+    far = [i for i in aside if by_kept[i] > FAR * usual]
     spoilt = errors(kept, [*kept, *far])
     return sorted(far) if np.median(list(spoilt.values())) > SPOILT * usual else []

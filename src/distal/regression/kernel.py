@@ -219,19 +219,19 @@ def reporting_function(
             learned, width, [place is not None and learned.tracked for place in places]
         )
         memory, numbers = carry[at : at + size], p[number : number + count]
-        own, carried = following[list(states)], carried_size(learned, touched)
+        angles, carried = following[list(states)], carried_size(learned, touched)
         values, gains, variances, _, after = function(
             memory[: size - carried], x, read, following[list(range(joints))], numbers
         )
         if not corrects:
-            values, gains = values - own, ca.MX.zeros(len(states))
+            values, gains = values - angles, ca.MX.zeros(len(states))
         if carried:
             values = (1 - share) * values + left * memory[size - carried :]
             gains = (1 - share) * gains + share
             if corrects:  # what a map corrects is what the filter errs by without it
                 variances += share * _spread(learned, numbers) ** 2
             after = ca.vertcat(after, values)
-        reports += [own + values, gains, variances]
+        reports += [angles + values, gains, variances]
         memories.append(after)
         at, number = at + size, number + count
     names = ["carry", "x", "p"], ["next", "y"]

@@ -64,8 +64,8 @@ class FreeMotion(Description):
         """Return the normal mean of ν²/S over a second, and the correlation, of each of some
         sensors; of one that the logs lacked, those of a filter that knows everything, 1 and 0.
         """
-        known = dict(zip(self.channels, zip(self.squares, self.correlations)))
-        return tuple(known.get(name, (1.0, 0.0)) for name in names)
+        by_name = dict(zip(self.channels, zip(self.squares, self.correlations)))
+        return tuple(by_name.get(name, (1.0, 0.0)) for name in names)
 
     def of_drive(self, name: str) -> float:
         """Return the spread of a drive's positions [SI]; of one that the logs lacked, the

@@ -349,16 +349,14 @@ class LiveEstimator:
         """Whether something touches each joint that may be touched, in the order of
         `torque_names`.
         """
-        found, torques, stds = (
-            list[JointContact](),
-            self.external_torques,
-            self.external_torque_stds,
-        )
+        contacts, torques = list[JointContact](), self.external_torques
+        stds = self.external_torque_stds
         for joint, at in self._contacts.items():
             probability, since = self._carry[at].tolist()
             k = self._touchable.index(joint)
-            found.append(JointContact(joint, probability, float(torques[k]), float(stds[k]), since))
-        return tuple(found)
+            torque, std = float(torques[k]), float(stds[k])
+            contacts.append(JointContact(joint, probability, torque, std, since))
+        return tuple(contacts)
 
     @property
     def touched(self) -> float:

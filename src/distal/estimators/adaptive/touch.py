@@ -44,7 +44,7 @@ PACE_TIME = 0.1
 """For so long after a fast motion its forces are less sure [s]."""
 
 USUAL_TIME = 2.5
-"""Time constant of what is usual of a force where no log said what is normal [s]."""
+"""Time constant of what is usual of a force where no log says what is normal [s]."""
 
 UNEXPLAINED, UNUSUAL = 0.7, 4.0
 """Without such logs, normal is the larger of so many stds and so many times what is usual [1]:
@@ -243,12 +243,12 @@ def open_torques(
         names = [name for name in moved if name in evidence]
         if not names:
             continue
-        said = ca.horzcat(
+        weighed = ca.horzcat(
             *(ca.vertcat(*(getattr(evidence[name], part) for part in WEIGHED)) for name in names)
         )
         by_torque = states.context.numbers(interval.p, [moved[name] for name in names])
         opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
-        after = opening(remembered, mean[at_joints[joint]], said, by_torque, interval.x[0])
+        after = opening(remembered, mean[at_joints[joint]], weighed, by_torque, interval.x[0])
         torque.update(TORQUE.parts(after))
     largest = reduce(ca.fmax, kept.opened.values(), ca.MX(0))
     for torque in kept.torques.values():
@@ -257,7 +257,7 @@ def open_torques(
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ_ext, said, a_τ, dt) → what is remembered of a torque by some forces: (32),
+    """Return (kept, τ_ext, weighed, a_τ, dt) → what is remembered of a torque by some forces: (32),
     (33).
 
     A force U that changes by a_τ for a unit of torque feels a torque beyond √(normal)/a_τ; all
@@ -266,9 +266,13 @@ def opening_function(count: int) -> ca.Function:
     No torque is larger than the forces that are read hold: Σ √most/|a_τ|.
     """
     kept, by_torque = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("a", count)
-    torque, dt, said = ca.SX.sym("torque"), ca.SX.sym("dt"), ca.SX.sym("said", len(WEIGHED), count)
+    torque, dt, weighed = (
+        ca.SX.sym("torque"),
+        ca.SX.sym("dt"),
+        ca.SX.sym("weighed", len(WEIGHED), count),
+    )
     was, square = TORQUE.parts(kept), by_torque**2
-    excess, normal, most, used = (said[k, :].T for k in range(len(WEIGHED)))
+    excess, normal, most, used = (weighed[k, :].T for k in range(len(WEIGHED)))
     felt = ca.sum1(used * square / ca.fmax(normal, SMALLEST_TORQUE))
     lost, smallest = felt <= 0, 1 / ca.fmax(felt, SMALLEST_TORQUE)
     pushed = (1 - was["share"]) * OPENED**2 * ca.sum1(excess / square)
@@ -286,7 +290,7 @@ def opening_function(count: int) -> ca.Function:
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
     )
-    return ca.Function("opening", [kept, torque, said, by_torque, dt], [after])
+    return ca.Function("opening", [kept, torque, weighed, by_torque, dt], [after])
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:

@@ -126,7 +126,7 @@ def updated(
             # a place that is lost says nothing of torques
             place_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
             path = states.context.path_of(row.name)
-            said = watch(
+            outputs = watch(
                 kept=FORCE.joined(**kept.forces[row.name]),
                 innovation=comparison.innovation,
                 variance=spread + variance,
@@ -137,8 +137,8 @@ def updated(
                 normal_by=states.context.numbers(p, [f"{path}.normal.{name}" for name in NORMAL]),
                 dt=dt,
             )
-            evidence[row.name] = Evidence(**said)
-            kept.forces[row.name] = {part: said[part] for part in FORCE.names}
+            evidence[row.name] = Evidence(**outputs)
+            kept.forces[row.name] = {part: outputs[part] for part in FORCE.names}
         mean = mean + change
         covariance.take(root * across, list(shares), taken)
         innovations.append(shown)
