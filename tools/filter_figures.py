@@ -70,7 +70,7 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
     runner = AdaptiveFilter(rig, robustness=robustness, trace=True)
     states = runner.states
     n, n_drives, m = len(states), len(rig.drives), len(runner.measured)
-    layout = adaptive_layout(n, n_drives)
+    layout = adaptive_layout(states)
     track, rows = tracking(states), Rows.of(states)
     samples = np.column_stack([log.channels[name] for name in runner.channels])
     belief = runner.initial(log.time[0], samples[0])

@@ -40,7 +40,9 @@ class CommandedForces:
             )
             for name, one in joints.items()
         }
-        self._inverse = LiveInverse(rig, least_tension=KEPT * co_contraction, feedback=feedback)
+        self._inverse = LiveInverse(
+            rig, least_tension=KEPT * co_contraction, feedback=feedback, compensates=True
+        )
         names = [sensor.name for sensor in rig.sensors]
         self._at = [names.index(channel) for channel in self._inverse.channels]
         self._joints, self._drives = joints, [drive.name for drive in rig.drives]

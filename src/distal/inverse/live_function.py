@@ -110,7 +110,8 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
         "wanted": model.within_stops(came["wanted"], numbers),
         "trusted": came["trusted"],
     }
-    inputs["winds"] = came["trusted"] * (1 - at_end) * (came["touched"] < TOUCHED)
+    inputs["free"] = came["touched"] < TOUCHED
+    inputs["winds"] = came["trusted"] * (1 - at_end) * inputs["free"]
     guided = _guide(model)(
         angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k not in OF_ALL}
     )
@@ -166,6 +167,7 @@ def _guide(model: CommandModel) -> ca.Function:
         "dt": 1,
         "trusted": 1,
         "winds": 1,
+        "free": 1,
         "started_before": 1,
     }
     sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
@@ -203,7 +205,7 @@ def _guide(model: CommandModel) -> ca.Function:
         "acceleration": v["acceleration_before"] + share * change,
         "correction": correction,
         # what is cut, or presses on what is touched, does not wind up
-        "effort": v["effort_before"] + v["winds"] * ca.if_else(pushed == asked, counted * dt, 0),
+        "effort": v["effort_before"] + v["free"] * ca.if_else(pushed == asked, counted * dt, 0),
         "rests": rests,
         "correcting": (correction - v["correction_before"]) / safe,
         "pushed": -pushed,
