@@ -313,9 +313,9 @@ def judged(name: str, seed: int) -> list[str]:
     wrong = np.concatenate([run.wrong for run in runs["touched"]])
     return [
         name,
-        " / ".join(f"{_rms(group['free']):.3f}" for group in (runs, before)),
+        "/".join(f"{_rms(group['free']):.3f}" for group in (runs, before)),
         f"{_half(runs['free']) / _half(before['free']):.2f}",
-        " / ".join(
+        "/".join(
             f"{value:.3f}"
             for value in (
                 _rms(runs["touched"]),
@@ -323,7 +323,7 @@ def judged(name: str, seed: int) -> list[str]:
                 float(np.sqrt(np.mean(np.square(lines["touched"])))),
             )
         ),
-        " / ".join(
+        "/".join(
             f"{100 * np.mean(np.concatenate([run.inside for run in group])):.0f} %"
             for group in (runs["touched"], before["touched"])
         ),
@@ -381,13 +381,13 @@ def figure(path: Path) -> None:
 
 COLUMNS = (
     "rig",
-    "free, RMS: now / never touched [°]",
-    "half-width now / never",
-    "logs with touches, RMS: now / never / least squares [°]",
-    "inside: now / never",
-    "inside, touched and 1 s after",
-    "wrong by > 3 stds and > 1°",
-    "touches found where there are none",
+    "free, RMS now/never [°]",
+    "half-width now/never",
+    "touched, RMS now/never/least squares [°]",
+    "inside now/never",
+    "touched and 1 s after",
+    "wrong",
+    "false touches",
 )
 
 
