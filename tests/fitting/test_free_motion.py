@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.strangers.contact import finger, finger_rig
@@ -12,13 +13,17 @@ from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig
 from distal.errors import RigError
+from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.filter import adaptive_layout
 from distal.estimators.adaptive.touch import DRIVE, FORCE
 from distal.fitting.free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
 from distal.fitting.touched_logs import touched_logs
 from distal.kernels import Feed, advance
+from distal.kernels.mask import READ
+from distal.regression.kernel import numbers_of, reporting_function
 from distal.rig import FreeMotion, felt_in_words
 from distal.run import JointContact, Monitor
+from tests.estimators.test_discrepancy import made
 
 PUSHED = 6.0
 
@@ -153,3 +158,41 @@ def test_health_is_beside_what_is_normal(rig: Rig, pushed: Log, tmp_path: Path) 
         samples = np.column_stack([log.channels[name] for name in monitor.channels])
         words = [monitor.take(float(t), sample).health for t, sample in zip(log.time, samples)]
         assert words[-1] == word
+
+
+def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
+    """Parameters and biases move before the push, and not by a force while it is clear."""
+    known = rig.with_values({"sensors.u_flexor.bias.std": "0.3 N"})
+    runner = AdaptiveFilter(known)
+    states = np.flatnonzero(runner.states.lasting)
+    samples = np.column_stack([pushed.channels[name] for name in runner.channels])
+    rows, _ = runner.rows(np.diff(pushed.time, prepend=pushed.time[0]), samples)
+    begun = runner.initial(float(pushed.time[0]), samples[0])
+    carries = advance(runner.kernel, Feed(begun.carry, rows, runner.numbers)).carries
+    moved = np.abs(np.diff(carries[:, states], axis=0)).max(axis=1)
+    touched = carries[:-1, runner.contacts["finger"][1]] > 0.0
+    assert touched.sum() > 300
+    assert moved[touched].max() < 1e-12
+    assert moved[~touched].max() > 1e-6
+
+
+def test_a_map_is_carried_on_and_fades_while_touched() -> None:
+    """d⁺ = (1 − w)(value − θ) + w e^{−dt/T} d, gain and variance as the equations say."""
+    learned, dt = made(), 0.05
+    carry, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
+    inner = ca.Function("inner", [carry, x, p], [carry, ca.MX(1, 1)])
+    maps = [(learned, [0], True)]
+    free = reporting_function(inner, maps, 2, [None, None], 1)
+    held = reporting_function(inner, maps, 2, [None, None], 1, touched=[1])
+    sizes = free.size1_in(0) - 2
+    numbers = np.concatenate([[0.0], numbers_of(learned)])
+    sample = [dt, 0.1, 0.02, READ, READ]
+    for share in (0.0, 0.4, 1.0):
+        start = [0.2, share, *np.zeros(sizes)]
+        _, y = free(start, sample, numbers)
+        value, gain, variance = np.array(y).ravel()[1:]
+        following, y = held([*start, 0.03], sample, numbers)
+        carried = (1 - share) * (value - 0.2) + share * np.exp(-dt / 0.3) * 0.03
+        expected = [0.2 + carried, (1 - share) * gain + share, variance + share * 0.03**2]
+        np.testing.assert_allclose(np.array(y).ravel()[1:], expected, rtol=1e-12)
+        assert float(following[-1]) == pytest.approx(carried, rel=1e-12)
