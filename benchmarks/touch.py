@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.strangers.chain_plants import make_log
+from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
 from distal.estimators import affine_samples
 from distal.fitting.free_motion import free_motion_of
@@ -67,6 +68,20 @@ def newcomer(name: str) -> Any:
     return plant
 
 
+def _drawn(
+    rig: Path, folder: Path, columns_of: Callable[..., dict[str, Floats]], **motions: Sequence[Any]
+) -> Drawn:
+    """Return a rig whose logs of each kind are written from motions, of which the touched ones have
+    what they meet; numbered over all kinds.
+    """
+    paths: dict[str, list[Path]] = {kind: [] for kind in motions}
+    for k, (kind, motion) in enumerate((kind, m) for kind, of in motions.items() for m in of):
+        met = motion if kind == "touched" else (motion, None)
+        columns = columns_of(k, kind == "calibration", *met)
+        paths[kind].append(_written(folder / f"{kind}_{k}.csv", columns))
+    return Drawn(rig, **{kind: tuple(of) for kind, of in paths.items()})
+
+
 def sheath_joint(seed: int, folder: Path) -> Drawn:
     """Return the joint of two Bowden sheaths: currents only."""
     plant, rng = newcomer("sheath_joint"), np.random.default_rng(seed)
@@ -79,34 +94,34 @@ def sheath_joint(seed: int, folder: Path) -> Drawn:
 
         return torque
 
-    def write(kind: str, k: int, reference: Any, outside: Any) -> Path:
+    def columns_of(k: int, with_reference: bool, reference: Any, outside: Any) -> dict[str, Floats]:
         rows, truth = plant.simulate(reference, DURATION, seed + 10 * k, outside)
         columns = dict(zip(plant.HEAD.split(","), rows.T))
-        if kind != "calibration":
+        if not with_reference:
             del columns["angle_deg"]
             columns["true_theta"] = np.deg2rad(truth[:, 1])
             columns["true_external_torque"] = truth[:, 2]
-        return _written(folder / f"{kind}_{k}.csv", columns)
+        return columns
 
-    calibration = [
-        plant.sine(38, 0.2, 0.0, 0.15),
-        plant.smooth(seed + 1, 40, 1.1, (-0.1, 0.35)),
-        plant.ramps(seed + 2, 40, 60.0, (-0.1, 0.3)),
-        plant.ramps(seed + 3, 35, 25.0, (0.0, 0.2)),
-    ]
-    free = [plant.steps(seed + 4, 32, 1.25), plant.smooth(seed + 5, 35, 1.2, (0.0, 0.3))]
     walls = [
         wall(np.deg2rad(rng.uniform(0, 22)), rng.uniform(0.7, 4.0), push, rng.uniform(3, 15))
         for push in rng.uniform(-0.07, 0.07, 4)
     ]
-    return Drawn(
+    return _drawn(
         Path(os.environ["DISTAL_DATA"]) / "newcomer" / "sheath_joint.toml",
-        tuple(write("calibration", k, motion, None) for k, motion in enumerate(calibration)),
-        tuple(write("free", 4 + k, motion, None) for k, motion in enumerate(free)),
-        tuple(
-            write("touched", 6 + k, plant.smooth(seed + 6 + k, 30, 1.4, (0.0, 0.2)), outside)
+        folder,
+        columns_of,
+        calibration=[
+            plant.sine(38, 0.2, 0.0, 0.15),
+            plant.smooth(seed + 1, 40, 1.1, (-0.1, 0.35)),
+            plant.ramps(seed + 2, 40, 60.0, (-0.1, 0.3)),
+            plant.ramps(seed + 3, 35, 25.0, (0.0, 0.2)),
+        ],
+        free=[plant.steps(seed + 4, 32, 1.25), plant.smooth(seed + 5, 35, 1.2, (0.0, 0.3))],
+        touched=[
+            (plant.smooth(seed + 6 + k, 30, 1.4, (0.0, 0.2)), outside)
             for k, outside in enumerate(walls)
-        ),
+        ],
     )
 
 
@@ -122,36 +137,68 @@ def three_tendons(seed: int, folder: Path) -> Drawn:
 
         return torques
 
-    def write(kind: str, k: int, reference: Any, outside: Any) -> Path:
+    def columns_of(k: int, with_reference: bool, reference: Any, outside: Any) -> dict[str, Floats]:
         rows, truth = plant.simulate(reference, DURATION, seed + 10 * k, outside)
-        names = plant.HEAD.split(",")
-        columns = dict(zip(names, rows.T))
-        if kind != "calibration":
+        columns = dict(zip(plant.HEAD.split(","), rows.T))
+        if not with_reference:
             for j, joint in enumerate(("mcp", "pip")):
                 del columns[f"{joint}_deg"]
                 columns[f"true_theta_{joint}"] = np.deg2rad(truth[:, 1 + j])
                 columns[f"true_external_torque_{joint}"] = truth[:, 3 + j]
-        return _written(folder / f"{kind}_{k}.csv", columns)
+        return columns
 
-    calibration = [
-        plant.lissajous(0.21, 0.33),
-        plant.smooth(seed + 1, 1.1),
-        plant.ramps(seed + 2, 110.0),
-        plant.ramps(seed + 3, 50.0),
-    ]
-    free = [plant.steps(seed + 4, 1.2), plant.smooth(seed + 5, 1.2)]
     balls = [
         ball(np.deg2rad(rng.uniform(60, 85)), rng.uniform(0.06, 0.6), push, rng.uniform(3, 15))
         for push in rng.uniform(-0.03, 0.03, 4)
     ]
-    return Drawn(
+    return _drawn(
         Path(os.environ["DISTAL_DATA"]) / "newcomer" / "three_tendons.toml",
-        tuple(write("calibration", k, motion, None) for k, motion in enumerate(calibration)),
-        tuple(write("free", 4 + k, motion, None) for k, motion in enumerate(free)),
-        tuple(
-            write("touched", 6 + k, plant.smooth(seed + 6 + k, 1.3), outside)
-            for k, outside in enumerate(balls)
-        ),
+        folder,
+        columns_of,
+        calibration=[
+            plant.lissajous(0.21, 0.33),
+            plant.smooth(seed + 1, 1.1),
+            plant.ramps(seed + 2, 110.0),
+            plant.ramps(seed + 3, 50.0),
+        ],
+        free=[plant.steps(seed + 4, 1.2), plant.smooth(seed + 5, 1.2)],
+        touched=[(plant.smooth(seed + 6 + k, 1.3), outside) for k, outside in enumerate(balls)],
+    )
+
+
+def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Drawn:
+    """Return the finger of three joints that two servos move: counts and currents only.
+
+    So many of its calibration logs have touches.
+    """
+    rng = np.random.default_rng(seed)
+
+    def touch() -> Touch:
+        pushes = np.zeros(3)
+        pushes[rng.integers(3)] = rng.uniform(-0.06, 0.06)
+        object_at, stiffness = rng.uniform(1.2, 2.2), rng.uniform(0.02, 0.2)
+        return Touch(stiffness, object_at, tuple(pushes), rng.uniform(3, 15))
+
+    def columns_of(k: int, with_reference: bool, goals: Any, met: Any) -> dict[str, Floats]:
+        if with_reference and k < touched_calibration:
+            met = touch()
+        columns, truth = finger_log(goals, DURATION, seed + 10 * k, met)
+        if not with_reference:
+            for joint in JOINTS:
+                del columns[f"{joint}_deg"]
+            columns |= {f"true_{name}": values for name, values in truth.items()}
+        return columns
+
+    return _drawn(
+        Path(__file__).parent / "strangers" / "coupled_finger.toml",
+        folder,
+        columns_of,
+        calibration=[
+            postures(seed + k, DURATION, hold, blend)
+            for k, (hold, blend) in enumerate(((1.1, 0.8), (2.5, 2.3), (0.9, 0.4), (1.6, 0.9)))
+        ],
+        free=[postures(seed + 4, DURATION, 1.25, 0.1), postures(seed + 5, DURATION, 1.3, 0.9)],
+        touched=[(postures(seed + 6 + k, DURATION, 1.4, 0.9), touch()) for k in range(4)],
     )
 
 
@@ -187,6 +234,8 @@ def chain(name: str, plant: str, seed: int, folder: Path) -> Drawn:
 CASES: dict[str, Callable[[int, Path], Drawn]] = {
     "sheath joint, currents": sheath_joint,
     "finger, three tendons": three_tendons,
+    "finger, two servos": coupled_finger,
+    "finger, two servos, two logs touched": lambda seed, folder: coupled_finger(seed, folder, 2),
     "finger-2n": lambda seed, folder: chain("finger-2n", "finger2N", seed, folder),
     "finger-n-plus-1": lambda seed, folder: chain("finger-n-plus-1", "finger_n1", seed, folder),
     "wrist-instrument": lambda seed, folder: chain(
@@ -404,7 +453,7 @@ def main() -> None:
     names = arguments.only or [
         name
         for name in CASES
-        if "DISTAL_DATA" in os.environ or not name.startswith(("sheath", "finger, "))
+        if "DISTAL_DATA" in os.environ or not name.startswith(("sheath", "finger, three"))
     ]
     rows = [judged(name, arguments.first_seed) for name in names]
     table(

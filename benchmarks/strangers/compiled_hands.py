@@ -75,24 +75,29 @@ void advance(long T, long J, long M, long steps, double step, const double* serv
 """
 
 
-@lru_cache(maxsize=1)
 def advance() -> Callable[..., None] | None:
     """Return the function of one hand, None without a compiler."""
-    compiler = shutil.which(os.environ.get("CC", "cc"))
-    if compiler is None:
+    if shutil.which(os.environ.get("CC", "cc")) is None:
         return None
-    key = hashlib.sha256(SOURCE.encode()).hexdigest()[:16]
-    folder = Path(tempfile.gettempdir()) / f"servo-hands-{os.getuid()}"
+    return compiled(SOURCE, "advance")
+
+
+@lru_cache(maxsize=8)
+def compiled(source: str, name: str) -> Callable[..., None]:
+    """Return a function of C source, compiled once and kept."""
+    key = hashlib.sha256(source.encode()).hexdigest()[:16]
+    folder = Path(tempfile.gettempdir()) / f"plants-{os.getuid()}"
     library = folder / f"{key}.so"
     if not library.exists():
         folder.mkdir(mode=0o700, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as built:
-            code, made = Path(built) / "hands.c", Path(built) / "hands.so"
-            code.write_text(SOURCE, encoding="utf-8")
+            code, made = Path(built) / "plant.c", Path(built) / "plant.so"
+            code.write_text(source, encoding="utf-8")
             flags = ["-O2", "-ffp-contract=off", "-fPIC", "-shared"]
+            compiler = os.environ.get("CC", "cc")
             subprocess.run([compiler, *flags, str(code), "-o", str(made), "-lm"], check=True)
             made.replace(library)
-    function: Callable[..., None] = ctypes.CDLL(str(library)).advance
+    function: Callable[..., None] = getattr(ctypes.CDLL(str(library)), name)
     return function
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import casadi as ca
@@ -117,12 +118,12 @@ class Sheath:
         Its `extension` [m] is counted from its length without tension; stretches are counted from
         the drive.
         """
-        elongation, slope = extension / self.shares[stretch], self.stiffness / self.shares[stretch]
+        share = self.shares[stretch]
         if self.stiffening is None:
-            return self.stiffness * elongation, slope
-        beyond = elongation - self.pretension / self.stiffness
-        tension = self.pretension + self.stiffness * stretched(beyond, self.stiffening)
-        return tension, slope * stretched_slope(beyond, self.stiffening)
+            return self.stiffness / share * extension, self.stiffness / share
+        return _stiffening_tension(
+            extension, share, self.stiffness, self.stiffening, self.pretension
+        )
 
     def bounds(self, point: int, before: Scalar, after: Scalar) -> Bounds:
         """Return the bounds of a point m between its neighbours.
@@ -144,15 +145,9 @@ class Sheath:
         place = (first * before + last * after) / (first + last)
         if self.stiffening is None:
             return place
-        farthest = ca.fabs(before - after) + self.pretension / self.stiffness
-        for _ in range(STIFFENING_STEPS):
-            (t1, k1), (t2, k2) = (
-                self.tension(point, before - place),
-                self.tension(point + 1, place - after),
-            )
-            step = (near * t1 - far * t2) / (near * k1 + far * k2 + SOFTEST)
-            place = place + ca.fmax(ca.fmin(step, farthest), -farthest)
-        return place
+        shares = self.shares[point : point + 2]
+        cable = (self.stiffness, self.stiffening, self.pretension)
+        return _equal_tensions()(place, before, after, near, far, *shares, *cable)
 
     def settled(self, points: list[Scalar], drive: Scalar, joint: Scalar) -> list[Scalar]:
         """Return where the points come to rest between the ends `drive` and `joint`, by sweeps to
@@ -186,6 +181,37 @@ class Sheath:
             self.tension(self.count, points[-1] - joint)[0],
         )
         return ca.fmax(near, 0), ca.fmax(far, 0)
+
+
+def _stiffening_tension(
+    extension: Scalar, share: Scalar, stiffness: Scalar, stiffening: Scalar, pretension: Scalar
+) -> tuple[Scalar, Scalar]:
+    """Return the tension of a share of a cable that stiffens [N] and its slope [N/m]."""
+    beyond = extension / share - pretension / stiffness
+    tension = pretension + stiffness * stretched(beyond, stiffening)
+    return tension, stiffness / share * stretched_slope(beyond, stiffening)
+
+
+@lru_cache(maxsize=1)
+def _equal_tensions() -> ca.Function:
+    """Return the function that finds m with a T₁(l − m) = b T₂(m − r) by Newton's steps.
+
+    It is never put in the place of its call: copies for each point, sweep and derivative are
+    millions of characters of C. Inputs are m to begin with, l, r, a, b, the shares of both
+    stretches, and stiffness, stiffening and pre-tension of the cable.
+    """
+    names = ("m", "l", "r", "a", "b", "share_1", "share_2", "stiffness", "stiffening", "pretension")
+    inputs = [ca.SX.sym(name) for name in names]
+    place, before, after, near, far, share, next_share, *cable = inputs
+    stiffness, _, pretension = cable
+    farthest = ca.fabs(before - after) + pretension / stiffness
+    for _ in range(STIFFENING_STEPS):
+        tension, slope = _stiffening_tension(before - place, share, *cable)
+        next_tension, next_slope = _stiffening_tension(place - after, next_share, *cable)
+        lacking = near * tension - far * next_tension
+        step = lacking / (near * slope + far * next_slope + SOFTEST)
+        place = place + ca.fmax(ca.fmin(step, farthest), -farthest)
+    return ca.Function("equal_tensions", inputs, [place], {"never_inline": True})
 
 
 def plays_of(rig: Rig) -> tuple[str, ...]:
