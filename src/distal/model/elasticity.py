@@ -32,11 +32,11 @@ def stretched(elongation: Scalar, stiffening: Scalar) -> Scalar:
     return ca.if_else(small, elongation * (1 + x / 2), curve / safe)
 
 
-def stretched_slope(elongation: Scalar, stiffening: Scalar) -> Scalar:
+def slope_of(stretch: Scalar, stiffening: Scalar) -> Scalar:
     """Return the slope of `stretched` by its elongation, e^{a δ} for a stiffening a, at most e² of
-    the first one.
+    the first one, where it is `stretch` [m].
     """
-    return ca.exp(ca.fmin(stiffening * elongation, STEEPEST))
+    return ca.fmin(1 + stiffening * stretch, exp(STEEPEST))
 
 
 def polynomial_torque(away: Scalar, stiffness: Scalar, quadratic: Scalar, cubic: Scalar) -> Scalar:
