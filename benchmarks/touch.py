@@ -166,10 +166,14 @@ def three_tendons(seed: int, folder: Path) -> Drawn:
     )
 
 
+PACES = ((1.1, 0.8), (2.5, 2.3), (0.9, 0.4), (1.6, 0.9))
+"""How long the postures of a calibration log are held, and how long the way to them takes [s]."""
+
+
 def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Drawn:
     """Return the finger of three joints that two servos move: counts and currents only.
 
-    So many of its calibration logs have touches.
+    So many more of its calibration logs have touches.
     """
     rng = np.random.default_rng(seed)
 
@@ -180,7 +184,7 @@ def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Dra
         return Touch(stiffness, object_at, tuple(pushes), rng.uniform(3, 15))
 
     def columns_of(k: int, with_reference: bool, goals: Any, met: Any) -> dict[str, Floats]:
-        if with_reference and k < touched_calibration:
+        if with_reference and k >= len(PACES):
             met = touch()
         columns, truth = finger_log(goals, DURATION, seed + 10 * k, met)
         if not with_reference:
@@ -195,10 +199,10 @@ def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Dra
         columns_of,
         calibration=[
             postures(seed + k, DURATION, hold, blend)
-            for k, (hold, blend) in enumerate(((1.1, 0.8), (2.5, 2.3), (0.9, 0.4), (1.6, 0.9)))
+            for k, (hold, blend) in enumerate(PACES + PACES[:touched_calibration])
         ],
-        free=[postures(seed + 4, DURATION, 1.25, 0.1), postures(seed + 5, DURATION, 1.3, 0.9)],
-        touched=[(postures(seed + 6 + k, DURATION, 1.4, 0.9), touch()) for k in range(4)],
+        free=[postures(seed + 14, DURATION, 1.25, 0.1), postures(seed + 15, DURATION, 1.3, 0.9)],
+        touched=[(postures(seed + 16 + k, DURATION, 1.4, 0.9), touch()) for k in range(4)],
     )
 
 
@@ -235,7 +239,9 @@ CASES: dict[str, Callable[[int, Path], Drawn]] = {
     "sheath joint, currents": sheath_joint,
     "finger, three tendons": three_tendons,
     "finger, two servos": coupled_finger,
-    "finger, two servos, two logs touched": lambda seed, folder: coupled_finger(seed, folder, 2),
+    "finger, two servos, two logs more, touched": lambda seed, folder: coupled_finger(
+        seed, folder, 2
+    ),
     "finger-2n": lambda seed, folder: chain("finger-2n", "finger2N", seed, folder),
     "finger-n-plus-1": lambda seed, folder: chain("finger-n-plus-1", "finger_n1", seed, folder),
     "wrist-instrument": lambda seed, folder: chain(

@@ -178,7 +178,7 @@ def postures(seed: int, duration: float, hold: float, blend: float) -> Callable[
         share = 0.5 - 0.5 * np.cos(np.pi * share)
         now = flexed[k] + share * (flexed[k + 1] - flexed[k])
         wound = stiff[k] + share * (stiff[k + 1] - stiff[k])
-        return np.column_stack([now + wound, -0.8 * now + wound])
+        return np.column_stack([now + wound, -0.75 * now + wound])
 
     return goals
 

@@ -151,10 +151,6 @@ def _constant(log: Log, name: str) -> bool:
     return len(finite) > 20 and float(np.ptp(finite)) == 0.0
 
 
-FULL_TURN = 2 * np.pi
-"""No tendon-driven joint turns further [rad]."""
-
-
 def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> None:
     """Refuse a truth that has too few values, is dead, or has a wrong sign or unit."""
     has_truth = np.isfinite(truth)
@@ -169,8 +165,6 @@ def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> N
     a, b = drives[has_truth] - drives[has_truth].mean(), truth[has_truth] - truth[has_truth].mean()
     if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
         return
-    if len(rig.drives) < len(rig.joints) and float(np.ptp(a)) > FULL_TURN:
-        return  # tendons that pull nearly alike do not tell the joints apart
     if float(np.ptp(truth[has_truth])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:
         raise FitError(f"{subject} is constant while the drives move; is the encoder connected?")
     if float(b @ b) == 0.0:
