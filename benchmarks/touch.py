@@ -180,7 +180,7 @@ def coupled_finger(seed: int, folder: Path, touched_calibration: int = 0) -> Dra
     def touch() -> Touch:
         pushes = np.zeros(3)
         pushes[rng.integers(3)] = rng.uniform(-0.06, 0.06)
-        object_at, stiffness = rng.uniform(1.2, 2.2), rng.uniform(0.02, 0.2)
+        object_at, stiffness = rng.uniform(1.2, 2.2), rng.uniform(0.01, 0.06)
         return Touch(stiffness, object_at, tuple(pushes), rng.uniform(3, 15))
 
     def columns_of(k: int, with_reference: bool, goals: Any, met: Any) -> dict[str, Floats]:

@@ -42,7 +42,7 @@ static double tension(double stretch, double stiffness, double harder) {
 void finger(long ticks, long every, double step, const double* goals, const double* touch,
             const double* made, double* out) {
   static const double length[3] = {0.044, 0.027, 0.021}, mass[3] = {0.021, 0.012, 0.008};
-  static const double inertia[3] = {7e-6, 3e-6, 2e-6}, spring[3] = {0.055, 0.05, 0.042};
+  static const double inertia[3] = {7e-6, 3e-6, 2e-6}, spring[3] = {0.13, 0.105, 0.085};
   static const double rest[3] = {-0.1, -0.05, 0.0}, viscous[3] = {8e-4, 6e-4, 5e-4};
   static const double arm[2][3] = {{9.1e-3, 7.2e-3, 5.1e-3}, {8.2e-3, 5.4e-3, 3.4e-3}};
   const double spool = 6.1e-3, k = 11e3 * made[0], harder = 8e5;

@@ -107,8 +107,8 @@ def _felt(runner: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, .
     """
     context, felt = runner.states.context, list[float]()
     for joint in range(context.n_joints):
-        names = [name for name in context.forces_by_torque(joint) if name in normal]
-        total = sum(context.force_by_torque(joint, name) ** 2 / normal[name] for name in names)
+        changes = context.by_touch(joint).items()
+        total = sum(change**2 / normal[name] for name, change in changes if name in normal)
         felt.append(float(total**-0.5) if joint in context.touchable and total > 0.0 else 0.0)
     return tuple(felt)
 

@@ -69,8 +69,13 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
-        for name, by_torque in context.forces_by_torque(i).items():
-            yield by_torque, context.force_by_torque(i, name)
+        for other in context.touchable:
+            shape = float(context.contact_shape[i, other])
+            yield f"{path}.touched_with.{rig.joints[other].name}", shape
+        for sensor in (*channels.forces, *channels.tensions):
+            yield context.change_of(sensor.name, "torque", i), context.by_torque(i, sensor)
+        for name, change in context.by_touch(i).items():
+            yield context.change_of(name, "touch", i), change
     for i, drive in enumerate(rig.drives):
         path = f"drives.{i}"
         yield f"{path}.spread", 1.0 if free is None else free.of_drive(drive.name)

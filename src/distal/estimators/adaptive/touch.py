@@ -51,11 +51,6 @@ UNEXPLAINED, UNUSUAL = 0.7, 4.0
 docs/results/chains.md, "Something happens".
 """
 
-TOGETHER = 0.5
-"""With the torque on one joint so much of its std opens on the others of a chain [1]:
-docs/results/touch.md.
-"""
-
 TOUCHING, STILL = 2.0, 0.06
 """A torque of so many times the smallest that is felt is a touch with a probability of one half;
 the touch ends where that falls below the second, at the smallest one [1]: docs/results/touch.md.
@@ -237,48 +232,60 @@ def open_torques(
     interval: Interval,
 ) -> None:
     """Change what is remembered of the torques after a sample, in place: (32), (33)."""
-    at_joints = {joint: at for at, joint in states.torque_states.items()}
+    context = states.context
+    torques = ca.vertcat(*(mean[at] for at in states.torque_states))
+    joints = list(states.torque_states.values())
     for joint, torque in kept.torques.items():
-        moved = states.context.forces_by_torque(joint)
-        names = [name for name in moved if name in evidence]
+        names = [name for name in context.by_touch(joint) if name in evidence]
         if not names:
             continue
+        by_touch = context.numbers(
+            interval.p, [context.change_of(name, "touch", joint) for name in names]
+        )
+        explained = [
+            ca.dot(
+                torques,
+                context.numbers(interval.p, [context.change_of(name, "torque", j) for j in joints]),
+            )
+            for name in names
+        ]
         weighed = ca.horzcat(
             *(ca.vertcat(*(getattr(evidence[name], part) for part in WEIGHED)) for name in names)
         )
-        by_torque = states.context.numbers(interval.p, [moved[name] for name in names])
         opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
-        after = opening(remembered, mean[at_joints[joint]], weighed, by_torque, interval.x[0])
+        own = torques[joints.index(joint)]
+        after = opening(remembered, own, ca.vertcat(*explained), weighed, by_touch, interval.x[0])
         torque.update(TORQUE.parts(after))
-    largest = reduce(ca.fmax, kept.opened.values(), ca.MX(0))
-    for torque in kept.torques.values():
-        # what touches a link loads all joints before it
-        torque["opened"] = ca.fmax(torque["opened"], TOGETHER**2 * largest)
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ_ext, weighed, a_τ, dt) → what is remembered of a torque by some forces: (32),
-    (33).
+    """Return (kept, τ_ext, explained, weighed, b, dt) → what is remembered of a torque by some
+    forces: (32), (33).
 
-    A force U that changes by a_τ for a unit of torque feels a torque beyond √(normal)/a_τ; all
-    together beyond τ₀, 1/τ₀² = Σ a_τ²/normal. The opened variance is the largest of what it was,
-    fading, of `OPENED`² Σ excess/a_τ², and of τ_ext² − τ₀²; that of a clear torque fades slowly.
-    No torque is larger than the forces that are read hold: Σ √most/|a_τ|.
+    A force U that changes by b for a unit of this torque, and those that touches make with it,
+    feels a torque beyond √(normal)/b; all together beyond τ₀, 1/τ₀² = Σ b²/normal. All torques
+    explain a change of Σ aⱼ τⱼ of each force, z² = Σ explained²/normal of them together. The opened
+    variance is the largest of what it was, fading, of `OPENED`² Σ excess/b², and of τ₀² (z² − 1);
+    that of a clear torque fades slowly. No torque is larger than the forces that are read hold: Σ
+    √most/b.
     """
-    kept, by_torque = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("a", count)
+    kept, by_touch = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("b", count)
     torque, dt, weighed = (
         ca.SX.sym("torque"),
         ca.SX.sym("dt"),
         ca.SX.sym("weighed", len(WEIGHED), count),
     )
-    was, square = TORQUE.parts(kept), by_torque**2
+    explained = ca.SX.sym("explained", count)
+    was, square = TORQUE.parts(kept), by_touch**2
     excess, normal, most, used = (weighed[k, :].T for k in range(len(WEIGHED)))
-    felt = ca.sum1(used * square / ca.fmax(normal, SMALLEST_TORQUE))
+    least = ca.fmax(normal, SMALLEST_TORQUE)
+    felt = ca.sum1(used * square / least)
     lost, smallest = felt <= 0, 1 / ca.fmax(felt, SMALLEST_TORQUE)
+    z_square = ca.sum1(used * explained**2 / least)
     pushed = (1 - was["share"]) * OPENED**2 * ca.sum1(excess / square)
-    held = ca.if_else(lost, 0, ca.fmax(torque**2 - smallest, 0))
-    clearly = ca.if_else(lost, 0, ca.fmax(torque**2 - CLEARLY**2 * smallest, 0))
-    largest = ca.sum1(ca.sqrt(most) / ca.fabs(by_torque)) ** 2
+    held = ca.if_else(lost, 0, smallest * ca.fmax(z_square - 1, 0))
+    clearly = ca.if_else(lost, 0, smallest * ca.fmax(z_square - CLEARLY**2, 0))
+    largest = ca.sum1(ca.sqrt(most / square)) ** 2
     clear = ca.fmax(ca.exp(-2 * dt / LASTING_TIME) * was["clear"], ca.fmin(clearly, largest))
     fade = ca.exp(-2 * dt / CLOSING_TIME)
     opened = ca.fmax(ca.fmax(fade * was["opened"], clear), ca.fmin(ca.fmax(pushed, held), largest))
@@ -290,7 +297,8 @@ def opening_function(count: int) -> ca.Function:
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
     )
-    return ca.Function("opening", [kept, torque, weighed, by_torque, dt], [after])
+    arguments = [kept, torque, explained, weighed, by_touch, dt]
+    return ca.Function("opening", arguments, [after])
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
