@@ -11,12 +11,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from distal.arrays import Floats
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Sensor, contact_shape, drive_travel, gain_of
+from distal.rig import Sensor, drive_travel, gain_of
 
 DERIVED = "filter."
 """Begins the names of the filter's inputs that are no parameters of the equations."""
@@ -116,33 +115,6 @@ class FilterContext:
                 found[i] = lever / arms[name], share
         return found
 
-    @cached_property
-    def contact_shape(self) -> Floats:
-        """The covariance of the torques that touches make on the joints that may be touched, zero
-        for others, (n_joints, n_joints) [1].
-        """
-        may = np.zeros(self.n_joints)
-        may[list(self.touchable)] = 1.0
-        return contact_shape(self.mechanism.rig) * np.outer(may, may)
-
-    def touched_with(self, joint: int, other: int) -> str:
-        """Return the name of an entry of `contact_shape`."""
-        return f"joints.{joint}.touched_with.{self.mechanism.rig.joints[other].name}"
-
-    def by_touch(self, joint: int) -> dict[str, float]:
-        """Return force or tension → by how much it changes for a torque on a joint and those that
-        touches make with it, √(aᵀ C a/C_jj), drives at rest [1/m, or 1]; where it changes at all.
-        """
-        shape, found = self.contact_shape, dict[str, float]()
-        if shape[joint, joint] <= 0.0:
-            shape = np.eye(self.n_joints)
-        for sensor in (*self.channels.forces, *self.channels.tensions):
-            alone = np.array([self.by_torque(i, sensor) for i in range(self.n_joints)])
-            if shape[joint] @ alone != 0.0:
-                square = alone @ shape @ alone / shape[joint, joint]
-                found[sensor.name] = float(np.sqrt(square))
-        return found
-
     def by_torque(self, joint: int, sensor: Sensor) -> float:
         """Return by how much a force or tension changes for a torque on one joint, drives at rest
         [1/m, or 1]: r_d/r_j times the joint's share of the drive's motion; of a tension 1/r_j.
@@ -162,12 +134,23 @@ class FilterContext:
         lever = drive.radius.value if drive.kind == "capstan" else 1.0
         return ratio * share / (lever if sensor.measures == "tension" else 1.0)
 
-    def change_of(self, sensor: str, by: str, joint: int) -> str:
-        """Return the name of the change of a force or tension by a "torque" on a joint, or by a
-        "touch".
+    def forces_by_torque(self, joint: int) -> dict[str, str]:
+        """Return force or tension → the name of its change by a torque on a joint that it moves
+        with.
         """
-        part = next(s for s in self.mechanism.rig.sensors if s.name == sensor)
-        return f"{self.path(part)}.by_{by}.{self.mechanism.rig.joints[joint].name}"
+        forces = (*self.channels.forces, *self.channels.tensions)
+        name = self.mechanism.rig.joints[joint].name
+        return {
+            sensor.name: f"{self.path(sensor)}.by_torque.{name}"
+            for sensor in forces
+            if self.by_torque(joint, sensor) != 0.0
+        }
+
+    def by_touch(self, sensor: Sensor) -> float:
+        """Return by how much a force or tension changes for torques of one size on all joints that
+        may be touched, √(Σ a²) of `by_torque`.
+        """
+        return float(np.linalg.norm([self.by_torque(j, sensor) for j in self.touchable]))
 
     @cached_property
     def frequency(self) -> float:

@@ -57,6 +57,7 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         at_rest, moving = (1.0, 0.0) if free is None else free.of_channel(sensor.name)
         yield f"{context.path(sensor)}.normal.at_rest", at_rest
         yield f"{context.path(sensor)}.normal.moving", moving
+        yield f"{context.path(sensor)}.by_touch", context.by_touch(sensor)
     for sensor in (*channels.proximal, *channels.others, *channels.angles):
         yield from _of_sensor(context, sensor)
     for i, joint in enumerate(rig.joints):
@@ -69,13 +70,10 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
-        for other in context.touchable:
-            shape = float(context.contact_shape[i, other])
-            yield f"{path}.touched_with.{rig.joints[other].name}", shape
         for sensor in (*channels.forces, *channels.tensions):
-            yield context.change_of(sensor.name, "torque", i), context.by_torque(i, sensor)
-        for name, change in context.by_touch(i).items():
-            yield context.change_of(name, "touch", i), change
+            names = context.forces_by_torque(i)
+            if sensor.name in names:
+                yield names[sensor.name], context.by_torque(i, sensor)
     for i, drive in enumerate(rig.drives):
         path = f"drives.{i}"
         yield f"{path}.spread", 1.0 if free is None else free.of_drive(drive.name)

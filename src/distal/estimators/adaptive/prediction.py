@@ -162,34 +162,6 @@ def revert(
             fade * covariance[:, at]
         )  # read once, so that the covariance is changed where it stands
         set_row(covariance, at, row, fade * row[at] + added)
-    _open_together(states, prediction, opened, interval)
-
-
-def _open_together(
-    states: StateVector,
-    prediction: Prediction,
-    opened: Mapping[int, ScalarNode],
-    interval: Interval,
-) -> None:
-    """Add what touches make together of the torques on two joints, in place:
-    (1 − f_i f_j) C_ij √(opened_i/C_ii opened_j/C_jj). Equation (13c).
-    """
-    context = states.context
-    torques = [(at, joint) for at, joint in states.torque_states.items() if joint in opened]
-    for k, (at, joint) in enumerate(torques):
-        for other_at, other in torques[:k]:
-            if context.contact_shape[joint, other] == 0.0:
-                continue
-            pairs = ((joint, other), (joint, joint), (other, other))
-            numbers = context.numbers(interval.p, [context.touched_with(*pair) for pair in pairs])
-            times = [f"joints.{j}.external_torque.correlation_time" for j in (joint, other)]
-            rates = 1 / context.numbers(interval.p, times)
-            fade = ca.exp(-interval.x[0] * (rates[0] + rates[1]))
-            size = ca.sqrt(opened[joint] * opened[other] / (numbers[1] * numbers[2]))
-            covariance = prediction.covariance
-            added = covariance[at, other_at] + (1 - fade) * numbers[0] * size
-            covariance[at, other_at] = added
-            covariance[other_at, at] = added
 
 
 def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:

@@ -83,7 +83,7 @@ has been [s].
 
 
 WEIGHED = ("excess", "normal", "most", "used")
-"""What of the evidence of a force weighs on a torque."""
+"""What of the evidence of a force weighs on a torque, behind what the torques explain of it."""
 
 
 @dataclass(frozen=True)
@@ -232,52 +232,48 @@ def open_torques(
     interval: Interval,
 ) -> None:
     """Change what is remembered of the torques after a sample, in place: (32), (33)."""
-    context = states.context
-    torques = ca.vertcat(*(mean[at] for at in states.torque_states))
-    joints = list(states.torque_states.values())
+    context, torques = states.context, states.torque_states
+    of_forces = {sensor.name: sensor for sensor in compared_forces(context)}
+    explained = {name: ca.MX(0) for name in evidence}
+    for at, joint in torques.items():
+        for name, change in context.forces_by_torque(joint).items():
+            if name in evidence:
+                explained[name] += context.numbers(interval.p, [change]) * mean[at]
+    at_joints = {joint: at for at, joint in torques.items()}
     for joint, torque in kept.torques.items():
-        names = [name for name in context.by_touch(joint) if name in evidence]
+        names = [name for name in context.forces_by_torque(joint) if name in evidence]
         if not names:
             continue
         by_touch = context.numbers(
-            interval.p, [context.change_of(name, "touch", joint) for name in names]
+            interval.p, [f"{context.path(of_forces[name])}.by_touch" for name in names]
         )
-        explained = [
-            ca.dot(
-                torques,
-                context.numbers(interval.p, [context.change_of(name, "torque", j) for j in joints]),
-            )
-            for name in names
-        ]
         weighed = ca.horzcat(
-            *(ca.vertcat(*(getattr(evidence[name], part) for part in WEIGHED)) for name in names)
+            *(
+                ca.vertcat(explained[name], *(getattr(evidence[name], part) for part in WEIGHED))
+                for name in names
+            )
         )
         opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
-        own = torques[joints.index(joint)]
-        after = opening(remembered, own, ca.vertcat(*explained), weighed, by_touch, interval.x[0])
+        after = opening(remembered, mean[at_joints[joint]], weighed, by_touch, interval.x[0])
         torque.update(TORQUE.parts(after))
 
 
 def opening_function(count: int) -> ca.Function:
-    """Return (kept, τ_ext, explained, weighed, b, dt) → what is remembered of a torque by some
-    forces: (32), (33).
+    """Return (kept, τ_ext, weighed, b, dt) → what is remembered of a torque by some forces: (32),
+    (33).
 
-    A force U that changes by b for a unit of this torque, and those that touches make with it,
-    feels a torque beyond √(normal)/b; all together beyond τ₀, 1/τ₀² = Σ b²/normal. All torques
-    explain a change of Σ aⱼ τⱼ of each force, z² = Σ explained²/normal of them together. The opened
-    variance is the largest of what it was, fading, of `OPENED`² Σ excess/b², and of τ₀² (z² − 1);
-    that of a clear torque fades slowly. No torque is larger than the forces that are read hold: Σ
-    √most/b.
+    A force U that changes by a_τ for a unit of torque on a joint changes by b = √(Σ a_τ²) for a
+    touch, torques of one size on all joints. It feels one beyond √(normal)/b; all together beyond
+    τ₀, 1/τ₀² = Σ b²/normal. The torques explain Σ a_τ τ_ext of each force, z² = Σ explained²/normal
+    of all. The opened variance is the largest of what it was, fading, of `OPENED`² Σ excess/b², and
+    of τ₀² (z² − 1); that of a clear torque fades slowly. No torque is larger than the forces that
+    are read hold: Σ √most/b.
     """
     kept, by_touch = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("b", count)
-    torque, dt, weighed = (
-        ca.SX.sym("torque"),
-        ca.SX.sym("dt"),
-        ca.SX.sym("weighed", len(WEIGHED), count),
-    )
-    explained = ca.SX.sym("explained", count)
+    torque, dt = ca.SX.sym("torque"), ca.SX.sym("dt")
+    weighed = ca.SX.sym("weighed", 1 + len(WEIGHED), count)
     was, square = TORQUE.parts(kept), by_touch**2
-    excess, normal, most, used = (weighed[k, :].T for k in range(len(WEIGHED)))
+    explained, excess, normal, most, used = (weighed[k, :].T for k in range(1 + len(WEIGHED)))
     least = ca.fmax(normal, SMALLEST_TORQUE)
     felt = ca.sum1(used * square / least)
     lost, smallest = felt <= 0, 1 / ca.fmax(felt, SMALLEST_TORQUE)
@@ -297,8 +293,7 @@ def opening_function(count: int) -> ca.Function:
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
     )
-    arguments = [kept, torque, explained, weighed, by_touch, dt]
-    return ca.Function("opening", arguments, [after])
+    return ca.Function("opening", [kept, torque, weighed, by_touch, dt], [after])
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
