@@ -123,6 +123,7 @@ results: $(STAMP)
 	$(BIN)/python -m benchmarks.csv_readers
 	$(BIN)/python -m benchmarks.events
 	$(BIN)/python -m benchmarks.touch
+	$(BIN)/python -m benchmarks.false_touches
 	$(BIN)/python -m benchmarks.exports
 	$(BIN)/python -m benchmarks.false_alarms
 	$(BIN)/python -m benchmarks.guards

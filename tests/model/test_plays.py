@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from benchmarks.cable import Cable
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import bisect
 
@@ -449,3 +449,49 @@ def test_nobody_who_forgets_is_in_the_middle() -> None:
 def test_what_cannot_be_is_refused(values: dict[str, Any], said: str) -> None:
     with pytest.raises(RigError, match=said):
         load_rig("pulley-antagonist").with_values(values)
+
+
+@given(
+    st.integers(1, 4),
+    st.floats(5e3, 1e5),
+    st.floats(1.0, 500.0),
+    st.floats(2.0, 30.0),
+    st.floats(0.01, 0.6),
+    st.tuples(st.floats(-1.0, 4.0), st.floats(-1.0, 4.0)),
+)
+def test_a_point_of_a_stiffening_cable_balances(
+    count: int,
+    stiffness: float,
+    stiffening: float,
+    pretension: float,
+    grip: float,
+    ends: tuple[float, float],
+) -> None:
+    """T₁(l − m) = e T₂(m − r) at m, and its derivatives by both ends against differences."""
+    cable = Sheath(stiffness, float(np.exp(grip)), 1.0, count, stiffening, pretension)
+    before, after = ca.SX.sym("before"), ca.SX.sym("after")
+    place = cable.bounds(0, before, after).high
+    slopes = ca.jacobian(place, ca.vertcat(before, after))
+    function = ca.Function("place", [before, after], [place, slopes])
+    near, far = (end * pretension / stiffness for end in ends)
+    found, derivatives = (np.array(part).ravel() for part in function(near, far))
+    pulls = [
+        [float(ca.DM(cable.tension(0, near - m)[0])), float(ca.DM(cable.tension(1, m - far)[0]))]
+        for m in found
+    ]
+    balances = [min(abs(a - np.exp(grip) * b), abs(a - b)) for a, b in pulls]
+    assert max(balances) < 1e-6 * pretension
+    step = 1e-6 * pretension / stiffness
+    # away from bends, where both sides of a difference are alike
+    sides = [
+        float(function(near + a, far + b)[0]) - float(function(near, far)[0])
+        for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+    ]
+    assume(abs(sides[0] + sides[1]) + abs(sides[2] + sides[3]) < 1e-3 * step)
+    assert derivatives == pytest.approx(
+        [
+            float(function(near + a, far + b)[0] - function(near - a, far - b)[0]) / (2 * step)
+            for a, b in ((step, 0.0), (0.0, step))
+        ],
+        abs=1e-4,
+    )

@@ -87,11 +87,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
         std = max(degrees(joint.std) for joint in description.affine.joints)
         say(f"  affine: learned from {source}, residual ±{rounded(std)}° (1σ)")
     if description.free_motion is not None:
-        free = description.free_motion
-        say(
-            f"  on {free.logs} logs left out it errs by {rounded(degrees(free.rms))}°, "
-            f"{100 * free.inside:.0f} % inside the 95 % band"
-        )
+        say(f"  {description.free_motion.in_words()}")
     for line in felt_in_words(description):
         say(f"  {line}")
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")

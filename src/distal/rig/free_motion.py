@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import degrees
 from typing import Self
 
 from pydantic import Field, model_validator
 
 from distal.rig.learned_map import Row
 from distal.rig.quantities import Description
+from distal.rounded import rounded
 
 
 class FreeMotion(Description):
@@ -52,6 +54,13 @@ class FreeMotion(Description):
         if 0.0 in (*self.at_rest, *self.squares, *self.spread):
             raise ValueError("at_rest, squares and spread must be positive")
         return self
+
+    def in_words(self) -> str:
+        """Return how the fit did on logs that it had not seen."""
+        return (
+            f"on {self.logs} logs left out of its fit the rig errs by "
+            f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the 95 % band"
+        )
 
     def of_channel(self, name: str) -> tuple[float, float]:
         """Return a [1] and b [s] of a sensor; of one that the logs lacked, the largest of each."""
