@@ -37,7 +37,7 @@ from distal.estimators.adaptive.touch import (
 )
 from distal.estimators.state_kinds import StateKind
 from distal.kernels.mask import MISSING, READ
-from distal.rig import FreeMotion
+from distal.rig import NOTHING_NORMAL, FreeMotion
 from distal.simulation import build_scenario
 
 CHAIN = Robustness.usual(3)
@@ -45,7 +45,7 @@ CHAIN = Robustness.usual(3)
 
 def said(function: ca.Function, kept: dict[str, float], **came: float) -> dict[str, float]:
     """Return what the evidence of a force says after one innovation, and keep what it remembers."""
-    normal = [came.pop("at_rest", 1.0), came.pop("moving", 0.0)]
+    normal = [came.pop(name, limit) for name, limit in NOTHING_NORMAL.items()]
     came = {"reading": 0.0, "noise": 0.0} | came
     outputs = function(kept=[kept[name] for name in FORCE.names], normal_by=normal, **came)
     found = {name: float(value) for name, value in outputs.items()}
@@ -82,10 +82,10 @@ def test_a_force_beyond_what_is_normal_is_evidence_of_a_touch() -> None:
     innovations[250] = 80.0
     innovations[300:360] += 4.0
     kept, mean, force, excesses = dict.fromkeys(FORCE.names, 0.0), 0.0, 0.0, []
-    variance, at_rest, moving, fade = 0.8, 0.6, 0.3, exp(-dt / 0.05)
+    variance, at_rest, moving, fastest, fade = 0.8, 0.6, 0.3, 0.22, exp(-dt / 0.05)
     for k, innovation in enumerate(innovations):
         pace, used = 0.04 * (k % 7), float(k % 11 != 0)
-        normal = sqrt(at_rest**2 + moving**2 * pace)
+        normal = sqrt((at_rest**2 + moving**2 * pace) * max(1.0, pace / fastest))
         most = normal * max(2.0, 1 / (1 - fade))
         shown = float(np.clip(innovation / sqrt(variance), -most, most))
         if used:
@@ -102,6 +102,7 @@ def test_a_force_beyond_what_is_normal_is_evidence_of_a_touch() -> None:
             dt=dt,
             at_rest=at_rest,
             moving=moving,
+            fastest=fastest,
         )
         assert found["mean"] == pytest.approx(mean, rel=1e-12)
         assert found["force"] == pytest.approx(force, rel=1e-12)

@@ -142,7 +142,11 @@ def test_free_motion_is_checked(rig: Rig) -> None:
         with pytest.raises(RigError, match=said):
             rig.with_values({"free_motion": {**raw, key: value}})
     free = FreeMotion(**raw)
-    assert free.of_channel("none") == (max(free.at_rest), max(free.moving))
+    assert free.of_channel("none") == {
+        "at_rest": max(free.at_rest),
+        "moving": max(free.moving),
+        "fastest": free.fastest,
+    }
     assert free.usual(("none",)) == ((1.0, 0.0),)
 
 

@@ -86,6 +86,7 @@ def free_motion_of(
         felt=_felt(
             runner, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))
         ),
+        fastest=float(np.max(pace)),
         drives=drives,
         spread=tuple(spread.tolist()),
         logs=len(held_out),

@@ -20,7 +20,7 @@ from distal.rig.files import (
     shipped_rigs,
     template_text,
 )
-from distal.rig.free_motion import FreeMotion
+from distal.rig.free_motion import NOTHING_NORMAL, FreeMotion
 from distal.rig.hand_tables import from_aero, from_orca, from_table, orca_order
 from distal.rig.imported import Imported
 from distal.rig.insertions import Linkage, Pinned, Polynomial, Pulley, Size
@@ -63,6 +63,7 @@ __all__ = [
     "ALL",
     "CONSTANT",
     "COUNTS",
+    "NOTHING_NORMAL",
     "REFERENCES",
     "Affine",
     "Capstan",

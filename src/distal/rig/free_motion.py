@@ -12,13 +12,20 @@ from distal.rig.learned_map import Row
 from distal.rig.quantities import Description
 from distal.rounded import rounded
 
+UNLIMITED = 1e300
+"""A squared speed that no drive reaches [1/s²]."""
+
+NOTHING_NORMAL = {"at_rest": 1.0, "moving": 0.0, "fastest": UNLIMITED}
+"""In place of what is normal of a sensor, for a rig without [free_motion]."""
+
 
 class FreeMotion(Description):
     """The innovations that are normal in free motion, on logs that the fit had not seen.
 
     A force's mean innovation stays below √(a² + b² v²) of its standard deviations in 99.7 % of the
     time, v² = Σ (ẋ_i/spread_i)² being the squared speed of all drives that move with it. More
-    than that is a touch, or a change of the rig.
+    than that is a touch, or a change of the rig. In motions that are faster than the logs' no one
+    knows: the limit grows with v there.
     """
 
     channels: tuple[str, ...] = Field(min_length=1, description="sensors of forces and tensions")
@@ -37,6 +44,7 @@ class FreeMotion(Description):
         description="torque of each joint from which on a touch is felt, in the median [N m]; 0 of "
         "one where none is"
     )
+    fastest: float = Field(UNLIMITED, gt=0.0, description="largest v² in the logs [1/s²]")
     drives: tuple[str, ...] = Field(min_length=1, description="the drives")
     spread: Row = Field(description="standard deviation of each drive's positions in the logs [SI]")
     logs: int = Field(gt=0, description="number of logs")
@@ -62,12 +70,16 @@ class FreeMotion(Description):
             f"{rounded(degrees(self.rms))}°, {100 * self.inside:.0f} % inside the 95 % band"
         )
 
-    def of_channel(self, name: str) -> tuple[float, float]:
-        """Return a [1] and b [s] of a sensor; of one that the logs lacked, the largest of each."""
+    def of_channel(self, name: str) -> dict[str, float]:
+        """Return what is normal of a sensor: `at_rest` a [1], `moving` b [s], up to which v² the
+        logs say so, `fastest` [1/s²]; of one that the logs lacked, the largest of each.
+        """
         if name not in self.channels:
-            return max(self.at_rest), max(self.moving)
-        at = self.channels.index(name)
-        return self.at_rest[at], self.moving[at]
+            at_rest, moving = max(self.at_rest), max(self.moving)
+        else:
+            at = self.channels.index(name)
+            at_rest, moving = self.at_rest[at], self.moving[at]
+        return {"at_rest": at_rest, "moving": moving, "fastest": self.fastest}
 
     def usual(self, names: Sequence[str]) -> tuple[tuple[float, float], ...]:
         """Return the normal mean of ν²/S over a second, and the correlation, of each of some

@@ -15,7 +15,7 @@ from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels
 from distal.model import Mechanism
 from distal.model.parameters import Derived
-from distal.rig import Rig, Sensor, drive_travel, gain_of, step_of
+from distal.rig import NOTHING_NORMAL, Rig, Sensor, drive_travel, gain_of, step_of
 from distal.sensor_errors import quantisation_variance
 
 
@@ -54,9 +54,9 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     free = rig.free_motion
     yield "interval", channels.interval
     for sensor in (*channels.forces, *channels.tensions):
-        at_rest, moving = (1.0, 0.0) if free is None else free.of_channel(sensor.name)
-        yield f"{context.path(sensor)}.normal.at_rest", at_rest
-        yield f"{context.path(sensor)}.normal.moving", moving
+        normal = NOTHING_NORMAL if free is None else free.of_channel(sensor.name)
+        for name, limit in normal.items():
+            yield f"{context.path(sensor)}.normal.{name}", limit
         yield f"{context.path(sensor)}.by_touch", context.by_touch(sensor)
     for sensor in (*channels.proximal, *channels.others, *channels.angles):
         yield from _of_sensor(context, sensor)

@@ -62,7 +62,7 @@ SURE = 3.0
 SMALLEST_TORQUE = 1e-30
 """Square of a torque that is none, so that nothing is divided by zero [(N m)²]."""
 
-NORMAL = ("at_rest", "moving")
+NORMAL = ("at_rest", "moving", "fastest")
 """Names of what is normal of a force in free motion, see `FreeMotion`."""
 
 DRIVE = Layout(friction=1, pace=1)
@@ -187,13 +187,14 @@ def evidence_function(context: FilterContext) -> ca.Function:
     """Return (kept, ν, S, used, pace, U, σ, normal, dt) → the parts of `Evidence` of a force: (30).
 
     The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29) of logs in free
-    motion, by `normal` = (z_a, z_b). One sample alone never exceeds it.
+    motion, by `normal` = (z_a, z_b, n_m). One sample alone never exceeds it.
     """
-    kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", 2)
+    kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", len(NORMAL))
     scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
     innovation, variance, used, speed, reading, noise, dt = scalars
     memory = FORCE.parts(kept)
-    threshold = ca.sqrt(normal[0] ** 2 + normal[1] ** 2 * speed)
+    beyond = ca.fmax(1, speed / normal[2])
+    threshold = ca.sqrt((normal[0] ** 2 + normal[1] ** 2 * speed) * beyond)
     if context.mechanism.rig.free_motion is None:
         threshold = ca.fmax(UNEXPLAINED, UNUSUAL * ca.sqrt(memory["usual"]))
     fade = ca.exp(-dt / EVIDENCE_TIME)
