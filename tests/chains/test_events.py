@@ -37,7 +37,7 @@ from distal.estimators.adaptive.touch import (
 )
 from distal.estimators.state_kinds import StateKind
 from distal.kernels.mask import MISSING, READ
-from distal.rig import NOTHING_NORMAL, FreeMotion
+from distal.rig import NOTHING_NORMAL, FreeMotion, contact_shape
 from distal.simulation import build_scenario
 
 CHAIN = Robustness.usual(3)
@@ -148,10 +148,11 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, most, 1)))}
     open_torques(states, evidence, remembered, ca.MX(ca.DM(mean)), interval)
     by_torque = lever / arms * arms**2 / np.sum(arms**2)
-    square = np.sum(by_torque**2)
-    smallest, largest = normal / square, most / square
+    shape = contact_shape(rig)
+    squares = by_torque @ shape @ by_torque / np.diag(shape)
     z_square = (by_torque[2] * mean[torques[2]]) ** 2 / normal
     for j, torque in remembered.torques.items():
+        smallest, largest = normal / squares[j], most / squares[j]
         clear = max(
             kept_open[j] * exp(-2 * dt / LASTING_TIME),
             min(smallest * max(z_square - 9, 0.0), largest),
@@ -161,7 +162,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
             clear,
             kept_open[j] * exp(-2 * dt / CLOSING_TIME),
             # half of what would open it, since it is half open
-            min(max(4.5 * excess / square, smallest * (z_square - 1)), largest),
+            min(max(4.5 * excess / squares[j], smallest * (z_square - 1)), largest),
         )
         assert float(ca.evalf(torque["opened"])) == pytest.approx(expected, rel=1e-9)
         assert float(ca.evalf(torque["share"])) == pytest.approx(
@@ -331,3 +332,15 @@ def test_a_joint_on_its_stop_stays_known_where_nothing_happens() -> None:
         guards = replace(Robustness.usual(3), opens_torques=opens)
         stds.append(estimate(log, rig, AdaptiveFilter(rig, robustness=guards)).angle_stds[-1, 0])
     assert stds[0] < 1.2 * stds[1]
+
+
+def test_contacts_of_a_finger_load_the_joints_before_them() -> None:
+    """Of three links of 45, 25 and 20 mm on one drive: forces at their ends, across the finger, against
+    levers written out; each joint alone where there are as many drives as joints.
+    """
+    one_drive = load_rig("finger-underactuated")
+    shape = contact_shape(one_drive)
+    ends = np.array([[45.0, 0.0, 0.0], [70.0, 25.0, 0.0], [90.0, 45.0, 20.0]])
+    levers = ends.T @ ends
+    assert shape == pytest.approx(levers / levers[0, 0] + 0.01 * np.eye(3))
+    assert contact_shape(load_rig("finger-2n")) == pytest.approx(np.eye(2))

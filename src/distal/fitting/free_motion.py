@@ -108,10 +108,12 @@ def _felt(runner: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, .
     """
     context, felt = runner.states.context, list[float]()
     for joint in range(context.n_joints):
-        moved = context.forces_by_torque(joint)
-        forces = (s for s in context.channels.compared if s.name in moved and s.name in normal)
-        total = sum(context.by_touch(sensor) ** 2 / normal[sensor.name] for sensor in forces)
-        felt.append(float(total**-0.5) if joint in context.touchable and total > 0.0 else 0.0)
+        if joint not in context.touchable:
+            felt.append(0.0)
+            continue
+        changes = context.by_contact(joint).items()
+        total = sum(change**2 / normal[name] for name, change in changes if name in normal)
+        felt.append(float(total**-0.5) if total > 0.0 else 0.0)
     return tuple(felt)
 
 

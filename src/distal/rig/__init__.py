@@ -1,6 +1,7 @@
 """The description of a rig: joints, drives, tendons and sensors, read from TOML and checked."""
 
 from distal.rig.columns import angle_names, speed_names, std_name, tendon_angle_name, torque_names
+from distal.rig.contact_shape import contact_shape
 from distal.rig.drives import (
     Capstan,
     Hysteresis,
@@ -96,6 +97,7 @@ __all__ = [
     "angle_names",
     "build_rig",
     "compare_lengths",
+    "contact_shape",
     "doubts",
     "drive_travel",
     "edited_text",

@@ -11,11 +11,12 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from distal.arrays import Floats
 from distal.estimators.adaptive.tuning import Robustness
 from distal.estimators.channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector, VectorNode
 from distal.model import RESOLUTION, Mechanism, joint_frequency
-from distal.rig import Sensor, drive_travel, gain_of
+from distal.rig import Sensor, contact_shape, drive_travel, gain_of
 
 DERIVED = "filter."
 """Begins the names of the filter's inputs that are no parameters of the equations."""
@@ -146,11 +147,39 @@ class FilterContext:
             if self.by_torque(joint, sensor) != 0.0
         }
 
-    def by_touch(self, sensor: Sensor) -> float:
-        """Return by how much a force or tension changes for torques of one size on all joints that
-        may be touched, √(Σ a²) of `by_torque`.
+    def by_contact(self, joint: int) -> dict[str, float]:
+        """Return force or tension → by how much it changes for a torque on a joint and those that
+        contacts make with it, √(a_τᵀ C_τ a_τ) over the joint's own √C_τ, with a_τ of `by_torque`;
+        where it changes at all.
         """
-        return float(np.linalg.norm([self.by_torque(j, sensor) for j in self.touchable]))
+        shape, changes = self.contact_shape, dict[str, float]()
+        for sensor in (*self.channels.forces, *self.channels.tensions):
+            alone = np.array([self.by_torque(i, sensor) for i in range(self.n_joints)])
+            if shape[joint] @ alone != 0.0:
+                square = alone @ shape @ alone / shape[joint, joint]
+                changes[sensor.name] = float(np.sqrt(square))
+            elif alone[joint] != 0.0:
+                changes[sensor.name] = float(np.linalg.norm(alone))
+        return changes
+
+    @cached_property
+    def contact_shape(self) -> Floats:
+        """The covariance of the torques that contacts make on the joints that may be touched, zero
+        for others, (n_joints, n_joints) [1].
+        """
+        may = np.zeros(self.n_joints)
+        may[list(self.touchable)] = 1.0
+        return contact_shape(self.mechanism.rig) * np.outer(may, may)
+
+    @property
+    def contact_structure(self) -> tuple[object, ...]:
+        """What a kernel depends on of what contacts do."""
+        loaded = (self.contact_shape != 0.0).tolist()
+        return self.touchable, loaded, [list(self.by_contact(joint)) for joint in self.touchable]
+
+    def loaded_with(self, joint: int, other: int) -> str:
+        """Return the name of an entry of `contact_shape`."""
+        return f"joints.{joint}.loaded_with.{self.mechanism.rig.joints[other].name}"
 
     @cached_property
     def frequency(self) -> float:

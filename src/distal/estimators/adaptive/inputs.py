@@ -57,7 +57,6 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         normal = NOTHING_NORMAL if free is None else free.of_channel(sensor.name)
         for name, limit in normal.items():
             yield f"{context.path(sensor)}.normal.{name}", limit
-        yield f"{context.path(sensor)}.by_touch", context.by_touch(sensor)
     for sensor in (*channels.proximal, *channels.others, *channels.angles):
         yield from _of_sensor(context, sensor)
     for i, joint in enumerate(rig.joints):
@@ -70,10 +69,15 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
         for moving, (ratio, share) in context.ratios(i).items():
             yield f"drives.{moving}.ratio.{joint.name}", ratio
             yield f"drives.{moving}.share.{joint.name}", share
+        for other in context.touchable:
+            yield context.loaded_with(i, other), float(context.contact_shape[i, other])
+        by_contact = context.by_contact(i) if i in context.touchable else {}
         for sensor in (*channels.forces, *channels.tensions):
-            names = context.forces_by_torque(i)
-            if sensor.name in names:
-                yield names[sensor.name], context.by_torque(i, sensor)
+            name = f"{context.path(sensor)}.by_torque.{joint.name}"
+            yield name, context.by_torque(i, sensor)
+            if sensor.name in by_contact:
+                name = f"{context.path(sensor)}.by_contact.{joint.name}"
+                yield name, by_contact[sensor.name]
     for i, drive in enumerate(rig.drives):
         path = f"drives.{i}"
         yield f"{path}.spread", 1.0 if free is None else free.of_drive(drive.name)

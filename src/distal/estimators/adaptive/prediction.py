@@ -162,6 +162,33 @@ def revert(
             fade * covariance[:, at]
         )  # read once, so that the covariance is changed where it stands
         set_row(covariance, at, row, fade * row[at] + added)
+    _open_together(states, prediction, opened, interval)
+
+
+def _open_together(
+    states: StateVector,
+    prediction: Prediction,
+    opened: Mapping[int, ScalarNode],
+    interval: Interval,
+) -> None:
+    """Add what contacts make together of the torques on two joints to their covariance, in place.
+    Equation (13b).
+    """
+    context, covariance = states.context, prediction.covariance
+    torques = [(at, joint) for at, joint in states.torque_states.items() if joint in opened]
+    for k, (at, joint) in enumerate(torques):
+        for other_at, other in torques[:k]:
+            if context.contact_shape[joint, other] == 0.0:
+                continue
+            pairs = ((joint, other), (joint, joint), (other, other))
+            shape = context.numbers(interval.p, [context.loaded_with(*pair) for pair in pairs])
+            times = [f"joints.{j}.external_torque.correlation_time" for j in (joint, other)]
+            rates = 1 / context.numbers(interval.p, times)
+            fade = ca.exp(-interval.x[0] * (rates[0] + rates[1]))
+            size = ca.sqrt(opened[joint] * opened[other] / (shape[1] * shape[2]))
+            added = covariance[at, other_at] + (1 - fade) * shape[0] * size
+            covariance[at, other_at] = added
+            covariance[other_at, at] = added
 
 
 def set_row(covariance: MatrixNode, at: int, row: VectorNode, variance: ScalarNode) -> None:

@@ -242,12 +242,12 @@ def open_torques(
                 explained[name] += context.numbers(interval.p, [change]) * mean[at]
     at_joints = {joint: at for at, joint in torques.items()}
     for joint, torque in kept.torques.items():
-        names = [name for name in context.forces_by_torque(joint) if name in evidence]
+        names = [name for name in context.by_contact(joint) if name in evidence]
         if not names:
             continue
-        by_touch = context.numbers(
-            interval.p, [f"{context.path(of_forces[name])}.by_touch" for name in names]
-        )
+        moved = context.mechanism.rig.joints[joint].name
+        changes = [f"{context.path(of_forces[name])}.by_contact.{moved}" for name in names]
+        by_contact = context.numbers(interval.p, changes)
         weighed = ca.horzcat(
             *(
                 ca.vertcat(explained[name], *(getattr(evidence[name], part) for part in WEIGHED))
@@ -255,7 +255,7 @@ def open_torques(
             )
         )
         opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
-        after = opening(remembered, mean[at_joints[joint]], weighed, by_touch, interval.x[0])
+        after = opening(remembered, mean[at_joints[joint]], weighed, by_contact, interval.x[0])
         torque.update(TORQUE.parts(after))
 
 
@@ -263,17 +263,17 @@ def opening_function(count: int) -> ca.Function:
     """Return (kept, τ_ext, weighed, b, dt) → what is remembered of a torque by some forces: (32),
     (33).
 
-    A force U that changes by a_τ for a unit of torque on a joint changes by b = √(Σ a_τ²) for a
-    touch, torques of one size on all joints. It feels one beyond √(normal)/b; all together beyond
-    τ₀, 1/τ₀² = Σ b²/normal. The torques explain Σ a_τ τ_ext of each force, z² = Σ explained²/normal
-    of all. The opened variance is the largest of what it was, fading, of `OPENED`² Σ excess/b², and
-    of τ₀² (z² − 1); that of a clear torque fades slowly. No torque is larger than the forces that
-    are read hold: Σ √most/b.
+    A force U that changes by a_τ for a unit of torque on a joint changes by b = √(a_τᵀ C_τ a_τ)
+    over the joint's own √C_τ for one with what contacts make beside it. It feels one beyond
+    √(normal)/b; all together beyond τ₀, 1/τ₀² = Σ b²/normal. The torques explain Σ a_τ τ_ext of
+    each force, z² = Σ explained²/normal of all. The opened variance is the largest of what it was,
+    fading, of `OPENED`² Σ excess/b², and of τ₀² (z² − 1); that of a clear torque fades slowly. No
+    torque is larger than the forces that are read hold: Σ √most/b.
     """
-    kept, by_touch = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("b", count)
+    kept, by_contact = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("b", count)
     torque, dt = ca.SX.sym("torque"), ca.SX.sym("dt")
     weighed = ca.SX.sym("weighed", 1 + len(WEIGHED), count)
-    was, square = TORQUE.parts(kept), by_touch**2
+    was, square = TORQUE.parts(kept), by_contact**2
     explained, excess, normal, most, used = (weighed[k, :].T for k in range(1 + len(WEIGHED)))
     least = ca.fmax(normal, SMALLEST_TORQUE)
     felt = ca.sum1(used * square / least)
@@ -294,7 +294,7 @@ def opening_function(count: int) -> ca.Function:
     after = TORQUE.joined(
         opened=opened, clear=clear, share=share, probability=probability, since=since
     )
-    return ca.Function("opening", [kept, torque, weighed, by_touch, dt], [after])
+    return ca.Function("opening", [kept, torque, weighed, by_contact, dt], [after])
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:

@@ -61,7 +61,7 @@ class StateVector:
         flags = tuple(zip(walks.tolist(), bounded.tolist()))
         blocks = tuple((type(block).__name__, block.structure) for block in self.blocks)
         shares = tuple(self._considered), tuple(self._untold)
-        return self.names, blocks, flags, *shares, self.context.touchable
+        return self.names, blocks, flags, *shares, self.context.contact_structure
 
     def __len__(self) -> int:
         return len(self.names)

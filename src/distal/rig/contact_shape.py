@@ -1,0 +1,52 @@
+"""Which torques a force on a link makes together at the joints of its chain."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.rig.rig import Rig
+
+ALONE = 0.1
+"""Std of a torque that acts on one joint alone, as a share of the largest that a force makes: a
+force near an axis, or along the chain. docs/results/touch.md
+"""
+
+
+def contact_shape(rig: Rig) -> Floats:
+    """Return the covariance of the torques on all joints that contacts make, (n_joints, n_joints),
+    the largest variance being 1.
+
+    With as many drives as joints the forces tell the torques apart, and each is as likely alone.
+    With fewer, a contact is a force of any direction at the end of a link, each as likely, on the
+    chain at θ = 0: Σ Jᵀ J of the links' ends.
+    """
+    n = len(rig.joints)
+    if len(rig.drives) >= n:
+        return np.eye(n)
+    axes = [np.array(joint.axis) for joint in rig.joints]
+    before = [rig.parent_of(j) for j in range(n)]
+    at = list[Floats]()
+    for joint, parent in zip(rig.joints, before):
+        at.append(np.array(joint.offset) + (0.0 if parent is None else at[parent]))
+    shape = np.zeros((n, n))
+    for j, joint in enumerate(rig.joints):
+        ends = [at[k] for k in range(n) if before[k] == j]
+        if not ends and joint.link is not None:
+            ends = [at[j] + 2 * np.array(joint.link.centre)]
+        for end in ends:
+            moves, k = np.zeros((3, n)), int(j)
+            chain = [k]
+            while (parent := before[k]) is not None:
+                k = parent
+                chain.append(k)
+            for k in chain:
+                moves[:, k] = np.cross(axes[k], end - at[k])
+            shape += moves.T @ moves
+    largest = float(np.max(np.diag(shape)))
+    if largest <= 0.0:
+        return np.eye(n)
+    reached = np.diag(shape) > 0.0
+    alone = np.where(reached, ALONE**2, 1.0)
+    covariance: Floats = shape / largest + np.diag(alone)
+    return covariance
