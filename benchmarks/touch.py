@@ -264,8 +264,9 @@ def _written(path: Path, columns: dict[str, Floats]) -> Path:
 
 @dataclass(frozen=True)
 class Judged:
-    """Squared errors and whether they are inside the band, (k, n_joints) each, and which samples
-    are touched or wrong, (k,).
+    """Squared errors and whether they are inside the band, (k, n_joints) each, which samples are
+    touched or wrong, (k,), and the sums of squares of the torques' errors while touched, and of the
+    torques [(N m)²].
     """
 
     squares: Floats
@@ -273,9 +274,10 @@ class Judged:
     touched: NDArray[np.bool_]
     wrong: NDArray[np.bool_]
     half: float
+    torque_squares: tuple[float, float]
 
     @classmethod
-    def of(cls, result: Estimate, log: Log) -> Judged:
+    def of(cls, result: Estimate, log: Log, with_torques: bool = True) -> Judged:
         """Return how an estimate did on a log that knows angles and torques."""
         errors = result.errors().reshape(len(log), -1)
         stds = result.angle_stds
@@ -286,7 +288,18 @@ class Judged:
             is_touched(result, log),
             wrong.any(axis=1),
             float(np.rad2deg(1.96 * np.median(stds))),
+            torque_squares(result) if with_torques else (0.0, 0.0),
         )
+
+
+def torque_squares(result: Estimate) -> tuple[float, float]:
+    """Return the sums of squares of the torques' errors while touched, and of the torques."""
+    if result.torque_truths is None:
+        return 0.0, 0.0
+    true = result.torque_truths.reshape(len(result.time), -1)
+    touched = np.abs(true) > TOUCHED
+    errors = (result.external_torques - true)[touched]
+    return float(np.sum(errors**2)), float(np.sum(true[touched] ** 2))
 
 
 def is_touched(result: Estimate, log: Log) -> NDArray[np.bool_]:
@@ -327,6 +340,24 @@ def best_line(calibration: Sequence[Samples], others: Sequence[Samples]) -> list
     return [float(np.rad2deg(yardstick_error(best, calibration, samples))) for samples in others]
 
 
+def told_squares(log: Log, closed: Rig) -> Floats:
+    """Return the squared errors [°²] of a filter that is told when something touches the rig, and
+    the RMS of its torques: with torques of that std while touched, and never touched else.
+    """
+    never = estimate(log, closed)
+    if never.torque_truths is None:
+        return np.rad2deg(never.errors().reshape(len(log), -1)) ** 2
+    true = never.torque_truths.reshape(len(log), -1)
+    touched = (np.abs(true) > TOUCHED).any(axis=1)
+    stds = np.sqrt(np.mean(true[touched] ** 2, axis=0))
+    paths = [f"joints.{joint.name}.external_torque.std" for joint in closed.joints]
+    opened = estimate(log, closed.with_values(dict(zip(paths, stds.tolist()))))
+    errors = np.where(
+        touched[:, None], *(r.errors().reshape(len(log), -1) for r in (opened, never))
+    )
+    return np.rad2deg(errors) ** 2
+
+
 def onsets(rig: Rig, log: Log) -> int:
     """Return how many touches begin, as a stream reports them."""
     monitor = Monitor(LiveEstimator(rig))
@@ -359,12 +390,14 @@ def judged(name: str, seed: int) -> list[str]:
             for kind, group in logs.items()
         }
         before = {
-            kind: [Judged.of(estimate(log, closed), log) for log in group]
+            kind: [Judged.of(estimate(log, closed), log, False) for log in group]
             for kind, group in logs.items()
         }
+        told = np.concatenate([told_squares(log, closed) for log in logs["touched"]])
         minutes = sum(float(np.ptp(log.time)) for log in logs["free"]) / 60
         false = sum(onsets(rig, log) for log in logs["free"])
     touched = [run.inside[run.touched] for run in runs["touched"]]
+    errors, torques = np.sum([run.torque_squares for run in runs["touched"]], axis=0)
     wrong = np.concatenate([run.wrong for run in runs["touched"]])
     return [
         name,
@@ -376,6 +409,7 @@ def judged(name: str, seed: int) -> list[str]:
                 _rms(runs["touched"]),
                 _rms(before["touched"]),
                 float(np.sqrt(np.mean(np.square(lines["touched"])))),
+                float(np.sqrt(np.mean(told))),
             )
         ),
         "/".join(
@@ -384,6 +418,7 @@ def judged(name: str, seed: int) -> list[str]:
         ),
         f"{100 * np.mean(np.concatenate(touched)):.0f} %",
         f"{100 * np.mean(wrong):.1f} %",
+        f"{100 * np.sqrt(errors / torques):.0f} %",
         f"{false} in {minutes:.1f} min",
     ]
 
@@ -438,10 +473,11 @@ COLUMNS = (
     "rig",
     "free, RMS now/never [°]",
     "half-width now/never",
-    "touched, RMS now/never/least squares [°]",
+    "touched, RMS now/never/least squares/told [°]",
     "inside now/never",
     "touched and 1 s after",
     "wrong",
+    "torque, RMS error / torque",
     "false touches",
 )
 
