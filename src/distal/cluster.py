@@ -91,13 +91,15 @@ def _check_versions(
     versions: Mapping[str, Mapping[str, Mapping[str, str]]], error: type[DistalError]
 ) -> None:
     """Refuse a scheduler with another version of Dask or Python than is here."""
-    client, scheduler = versions["client"], versions["scheduler"]
+    client = versions["client"]
+    scheduler = versions["scheduler"]
     local = ".".join(map(str, sys.version_info[:2]))
     remote = ".".join(str(scheduler["host"]["python"]).split(".")[:2])
     if remote != local:
         raise error(f"the scheduler runs Python {remote}, this is {local}; install the same on all")
     for package in ("distributed", "dask"):
-        local, remote = client["packages"][package], scheduler["packages"][package]
+        local = client["packages"][package]
+        remote = scheduler["packages"][package]
         if local != remote:
             raise error(
                 f"the scheduler has {package} {remote}, this is {local}; install the same on all"

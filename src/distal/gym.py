@@ -74,7 +74,8 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             if isinstance(rig, Rig)
             else load_rig(rig)
         )
-        self._rig, self._draws = described, draws_of(described) if drawn else ()
+        self._rig = described
+        self._draws = draws_of(described) if drawn else ()
         # as built it has the same equations, so that a reset compiles nothing
         self._plant = self._described = ControlledPlant(
             described, scenario, scenario.control.period

@@ -72,7 +72,9 @@ def _function(of: Callable[..., ca.SX]) -> ca.Function:
     """Return (true, numbers of `SENSOR`, draw) → `reading`, or (true, numbers) →
     `linearity_curve`.
     """
-    true, numbers, draw = ca.SX.sym("true"), ca.SX.sym("numbers", SENSOR.size), ca.SX.sym("draw")
+    true = ca.SX.sym("true")
+    numbers = ca.SX.sym("numbers", SENSOR.size)
+    draw = ca.SX.sym("draw")
     inputs = [true, numbers, draw][: 3 if of is reading else 2]
     return ca.Function(of.__name__, inputs, [of(true, SENSOR.parts(numbers), *inputs[2:])])
 
@@ -83,10 +85,8 @@ def drawn_curve(
     """Return weights and phases of a random linearity curve over a range with these `ends`,
     `largest` at its peak.
     """
-    weights, phases = (
-        rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1),
-        rng.uniform(0.0, 2.0 * np.pi, HARMONICS),
-    )
+    weights = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1)
+    phases = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
     numbers = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], weights, phases])
     peak = np.abs(
         np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], numbers))
@@ -121,7 +121,8 @@ class SensorErrors:
             )
         self.numbers = np.array(rows)
         """The numbers of `SENSOR` of each sensor, (n, 12)."""
-        self._columns, self._drawn = ca.DM(self.numbers.T), np.zeros((0, len(sensors)))
+        self._columns = ca.DM(self.numbers.T)
+        self._drawn = np.zeros((0, len(sensors)))
 
     def draws(self, count: int) -> Floats:
         """Return the random numbers that the next samples will have, (count, n)."""
@@ -136,7 +137,8 @@ class SensorErrors:
         """Return what the sensors read of the next true values in time [SI], (k, n); see
         `reading`.
         """
-        draws, function = self.draws(len(true)), _function(reading)
+        draws = self.draws(len(true))
+        function = _function(reading)
         self._drawn = self._drawn[len(true) :]
         if len(true) == 1:
             return np.array(function(true, self._columns, draws))

@@ -90,10 +90,8 @@ def _factor_by_pint(unit: str, si: str) -> float:
         # a temperature-like or logarithmic unit has no single factor; zero must map to zero
         quantity = registry.Quantity(1.0, text)
         target = registry.Unit(si or "dimensionless")
-        factor, zero = (
-            quantity.to(target).magnitude,
-            registry.Quantity(0.0, text).to(target).magnitude,
-        )
+        factor = quantity.to(target).magnitude
+        zero = registry.Quantity(0.0, text).to(target).magnitude
     except pint.DimensionalityError:
         raise UnitError(
             f"unit '{unit}' has the wrong dimension; {wanted} is allowed here"
@@ -154,7 +152,8 @@ def to_si(value: object, si: str) -> float:
     match = _QUANTITY.match(value)
     if match is None:
         raise UnitError(f"'{value}' does not start with a number; {example} is allowed")
-    number, unit = float(match[1]), match[2]
+    number = float(match[1])
+    unit = match[2]
     if not unit:
         if si:
             raise UnitError(f"'{value}' has no unit; {example} is allowed")

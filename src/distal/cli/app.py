@@ -109,7 +109,10 @@ def main() -> None:
 TRACEBACK = "DISTAL_TRACEBACK"
 """Environment variable that has Python print where a fault of distal came from."""
 
-WRONG, BUG, STOPPED, NO_READER = 2, 70, 130, 141
+WRONG = 2
+BUG = 70
+STOPPED = 130
+NO_READER = 141
 """Exit codes: a user can mend it, a fault of distal, stopped by the user, nobody reads the output.
 """
 
@@ -130,20 +133,25 @@ def ended_by(problem: BaseException) -> object:
         problem.show()  # type: ignore[attr-defined]
         return WRONG
     if isinstance(problem, DistalError):
-        text, code = f"{problem}{_kept(problem)}", WRONG
+        text = f"{problem}{_kept(problem)}"
+        code = WRONG
     elif isinstance(problem, _ClickError):
-        text, code = problem.format_message(), WRONG
+        text = problem.format_message()
+        code = WRONG
     elif isinstance(problem, OSError):
-        text, code = f"{problem.filename or 'output'}: {problem.strerror or problem}", WRONG
+        text = f"{problem.filename or 'output'}: {problem.strerror or problem}"
+        code = WRONG
         os.dup2(
             os.open(os.devnull, os.O_WRONLY), 1
         )  # what is left in a buffer cannot be written either
     elif isinstance(problem, MemoryError):
-        text, code = "there is not enough memory; estimate fewer or shorter logs at once", WRONG
+        text = "there is not enough memory; estimate fewer or shorter logs at once"
+        code = WRONG
     elif os.environ.get(TRACEBACK):
         raise problem
     else:
-        text, code = f"{type(problem).__name__}: {str(problem)[:200]}", BUG
+        text = f"{type(problem).__name__}: {str(problem)[:200]}"
+        code = BUG
         text += (
             f"; this is a fault of distal, please report it with what {TRACEBACK}=1 distal … prints"
         )

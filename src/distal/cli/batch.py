@@ -89,7 +89,8 @@ def estimate_many(
     def skip(source: str, problem: DistalError) -> None:
         failed[source] = str(problem)
 
-    rows, waiting = list[tuple[str, ...]](), iter(logs)
+    rows = list[tuple[str, ...]]()
+    waiting = iter(logs)
     with _few_warnings(), progress_bar("estimating", len(logs)) as advance:
         found = (
             estimate_batch(logs, rig, estimator, truth, homing, progress=advance, skip=skip)
@@ -109,12 +110,11 @@ def estimate_many(
                     failed[str(path)] = str(problem)
                     continue
             half = np.rad2deg(BAND * float(np.median(result.angle_stds)))
-            error, inside = "–", "–"
+            error = "–"
+            inside = "–"
             if result.truths is not None:
-                error, inside = (
-                    f"{np.rad2deg(result.rms_error()):.3f}",
-                    f"{100 * result.inside_band():.0f} %",
-                )
+                error = f"{np.rad2deg(result.rms_error()):.3f}"
+                inside = f"{100 * result.inside_band():.0f} %"
             headline = diagnose_estimate(result).headline
             rows.append((path.name, f"{len(result)}", f"±{half:.2f}", error, inside, headline))
     if rows:

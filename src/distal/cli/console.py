@@ -78,7 +78,8 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], tex
     out().print(grid)
 
 
-QUIET, LATER = 2.0, 10.0
+QUIET = 2.0
+LATER = 10.0
 """A command that is silent for longer says what it does, where the output is no terminal once more
 after so long [s].
 """
@@ -91,8 +92,12 @@ class _Activity(logging.Handler):
 
     def __init__(self, show: Callable[[str], None], *, silent: bool) -> None:
         super().__init__()
-        self._show, self._silent, self._doing, self._text = show, silent, "", ""
-        self._wait, self.timer = QUIET, Timer(0.0, self._print)
+        self._show = show
+        self._silent = silent
+        self._doing = ""
+        self._text = ""
+        self._wait = QUIET
+        self.timer = Timer(0.0, self._print)
 
     def now(self, doing: str) -> None:
         self._doing = doing
@@ -122,7 +127,8 @@ def working(doing: str) -> Iterator[Callable[[str], None]]:
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    shown, kernels = err(), logging.getLogger("distal.kernels")
+    shown = err()
+    kernels = logging.getLogger("distal.kernels")
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(
         *columns,

@@ -39,7 +39,8 @@ def control_command(
     usual = description.control.feedback
     estimator = usual if usual not in ("encoder", "ratio") else "adaptive"
     names = list(dict.fromkeys(feedback or ["encoder", estimator, "ratio"]))
-    picture, logs = out / "control.png", [out / f"{name}.csv" for name in names]
+    picture = out / "control.png"
+    logs = [out / f"{name}.csv" for name in names]
     outputs = to_folder("--out", out, [path.name for path in (picture, *logs)])
     check_outputs(outputs, rig=description.rig, scenario=scenario)
     runs = []

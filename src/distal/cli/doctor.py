@@ -77,7 +77,8 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
 
     rig = load_rig(name, changes or ())
     runner = AdaptiveFilter(rig, compiled=False)
-    states, context = runner.states, runner.states.context
+    states = runner.states
+    context = runner.states.context
     constants = [path for path, _ in context.mechanism.parameters.constants]
     declaring = [drive.name for i, drive in enumerate(rig.drives) if context.declares_friction(i)]
     lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]

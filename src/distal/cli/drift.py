@@ -31,7 +31,8 @@ def drift_command(
 
     description = load_scenario(scenario)
     rig = scenario_rig(description, set_ or ())
-    picture, rows_file = out / "drift.png", out / "drift.csv"
+    picture = out / "drift.png"
+    rows_file = out / "drift.csv"
     check_outputs(
         to_folder("--out", out, [picture.name, rows_file.name]),
         rig=description.rig,
@@ -52,7 +53,8 @@ def drift_command(
     rows = []
     for name, hours in hours_of.items():
         for hour in hours:
-            error, half_band = f"{degrees(hour.rms):.2f}", f"{degrees(hour.half_band):.2f}"
+            error = f"{degrees(hour.rms):.2f}"
+            half_band = f"{degrees(hour.half_band):.2f}"
             rows.append((name, str(hour.index + 1), error, f"{100 * hour.inside:.0f}", half_band))
     columns = ["way", "hour", "RMS error [°]", "inside 95 % band [%]", "half of the band [°]"]
     write_whole(rows_file, "\n".join(",".join(row) for row in [columns, *rows]) + "\n")

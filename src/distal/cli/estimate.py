@@ -166,7 +166,8 @@ def estimate_command(
         from distal.cli.batch import estimate_many, estimates_of
 
         check_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
-        description, name = load_rig(rig, settings(set_, repeated)), (estimator or [DEFAULT])[0]
+        description = load_rig(rig, settings(set_, repeated))
+        name = (estimator or [DEFAULT])[0]
         estimate_many(
             sources,
             description,
@@ -192,7 +193,8 @@ def estimate_command(
     log = read_log(logs[0], description, truth)
     _describe(log, description)
     is_known = true_angles(log, [joint.name for joint in description.joints]) is not None
-    names, origin = _names(estimator, description, is_known), log.truth_source
+    names = _names(estimator, description, is_known)
+    origin = log.truth_source
     if homing_angle:
         log, description = _at_home(log, description, homing_angle, home)
     if what_if and home is None and DEFAULT in names:
@@ -301,7 +303,8 @@ def _estimates(
 
     # in a comparison that nobody chose, what cannot run is a row that says what it needs
     missing = comparing and rig.affine is None and home is None and "affine" in names
-    results, failed = list["Estimate"](), {"affine": f"affine {NEEDS}"} if missing else {}
+    results = list["Estimate"]()
+    failed = {"affine": f"affine {NEEDS}"} if missing else {}
     lost: DistalError | None = None
     with working("estimating") as show:
         for name in (name for name in names if name not in failed):

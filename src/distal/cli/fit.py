@@ -44,7 +44,9 @@ PROVISIONAL = (
 )
 """What a file says of itself until the fit replaces it."""
 
-MOST_ROWS, MOST_NAMES, MOST_DOUBTS = 14, 4, 4
+MOST_ROWS = 14
+MOST_NAMES = 4
+MOST_DOUBTS = 4
 """So many numbers, names and doubts are printed; all are on the page."""
 
 
@@ -261,7 +263,8 @@ def _say_scores(result: Fit) -> None:
         if shown:
             cells.append(f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}")
         rows.append([*cells, "–" if isnan(inside) else f"{100 * inside:.0f} %"])
-    done, asked = len(result.folds), result.folds_asked
+    done = len(result.folds)
+    asked = result.folds_asked
     held_out = "each log held out once" if done == asked else f"{done} of {asked} logs held out"
     if not result.folds:
         held_out = "held-out logs, by candidate; the first is written"

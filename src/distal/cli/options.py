@@ -37,7 +37,9 @@ def _completing(package: str) -> Callable[[str], list[str]]:
     return complete
 
 
-rigs, scenarios, studies = _completing("rig"), _completing("simulation"), _completing("study")
+rigs = _completing("rig")
+scenarios = _completing("simulation")
+studies = _completing("study")
 
 RIG = "A shipped rig's name (see `distal rigs`) or a TOML file."
 RigOption = Annotated[str, Option("--rig", help=RIG, autocompletion=rigs)]

@@ -122,7 +122,8 @@ def _compare(rig: Rig, path: Path) -> None:
     units = {joint.name: "rad" for joint in rig.joints} | {
         tendon.name: "m" for tendon in rig.tendons
     }
-    cells, rows = open_table(path, list(units)), []
+    cells = open_table(path, list(units))
+    rows = []
     lengths = table_of(cells, [name for name in cells.names if name in units])
     for pair in compare_lengths(
         rig, {name: lengths.in_si(name, units[name]) for name in lengths.columns}

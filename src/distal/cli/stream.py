@@ -82,7 +82,8 @@ def stream_command(
     described = load_rig(rig, set_ or ())
     with working("preparing the filter"):
         live = LiveEstimator(described, estimator)
-    monitor, reader = Monitor(live), MessageReader(described, live.channels)
+    monitor = Monitor(live)
+    reader = MessageReader(described, live.channels)
     with ExitStack() as stack:
         source = stack.enter_context(_bound(udp)) if udp is not None else None
         target = (
@@ -124,8 +125,12 @@ class Session:
         as_json: bool,
         unit: str,
     ) -> None:
-        self._monitor, self._reader, self._recorder = monitor, reader, recorder
-        self._target, self._port, self._json = target, port, as_json
+        self._monitor = monitor
+        self._reader = reader
+        self._recorder = recorder
+        self._target = target
+        self._port = port
+        self._json = as_json
         from distal.rig import angle_names, std_name
 
         self._joints = [joint.name for joint in monitor.rig.joints]
@@ -141,11 +146,14 @@ class Session:
         self.no_header: LogError | None = None
         self.lost = False
         self._counts: Counter[str] = Counter()
-        self._started, self._busy, self._stopped = monotonic(), False, False
+        self._started = monotonic()
+        self._busy = False
+        self._stopped = False
 
     def stop(self, *_: object) -> None:
         """End, but not in the middle of a sample: what is recorded stays whole."""
-        first, self._stopped = not self._stopped, True
+        first = not self._stopped
+        self._stopped = True
         if not first or not self._busy:  # who asks twice does not wait
             raise KeyboardInterrupt
 
@@ -191,7 +199,8 @@ class Session:
                 raise LogError("the line is too long")
             time, sample = self._reader.csv(text) if self.csv else self._reader.json(text)
         except LogError as problem:
-            nothing, untouched = (nan,) * len(self._joints), (nan,) * len(self._torques)
+            nothing = (nan,) * len(self._joints)
+            untouched = (nan,) * len(self._torques)
             self._answer(
                 Reading(nan, nothing, nothing, "bad", str(problem), untouched, untouched), None
             )

@@ -71,7 +71,8 @@ def _answer(plan: Plan, space: Space, folder: Folder) -> None:
     from distal.reports import study_report
     from distal.study.answer import answer_of
 
-    rows, columns = folder.gather(), folder.read()
+    rows = folder.gather()
+    columns = folder.read()
     answer = answer_of(plan, space, columns)
     page = study_report(plan, space, columns, answer, folder.path)
     say(answer.sentence)

@@ -60,7 +60,8 @@ def view_command(
     check_plotly()
     check_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
-    samples, home = read_log(log, description, truth), homing_time(homing)
+    samples = read_log(log, description, truth)
+    home = homing_time(homing)
     with working(f"estimating with {estimator}") as show:
         result = estimate(samples, description, estimator, homing=home)
         show("testing what the log says of the rig")

@@ -82,7 +82,8 @@ class Plain:
         raise no_such_operation(operation)
 
 
-LARGEST_FLOAT, SMALLEST_FLOAT = 3.40282346e38, 1.17549435e-38
+LARGEST_FLOAT = 3.40282346e38
+SMALLEST_FLOAT = 1.17549435e-38
 
 
 @lru_cache(maxsize=4096)
@@ -147,7 +148,8 @@ class Lanes:
     """
 
     count: int
-    type, inline = "V", ALWAYS_INLINE
+    type = "V"
+    inline = ALWAYS_INLINE
     pairs_sines = True  # within a lane the library has one function for both
 
     def prelude(self, text: str) -> str:

@@ -27,7 +27,8 @@ def framed(
     Inputs become ``a0`` …, outputs ``r0`` …; in place, the first input and the first output are one
     array, ``state``.
     """
-    kind, skip = dialect.type, 1 if in_place else 0
+    kind = dialect.type
+    skip = 1 if in_place else 0
     inputs = [f"a{i}" for i in range(skip, function.n_in())]
     outputs = [f"r{i}" for i in range(skip, function.n_out())]
     arguments = [f"{kind}* restrict state"] if in_place else []

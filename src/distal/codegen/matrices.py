@@ -41,7 +41,8 @@ def write_matrices(
     function: ca.Function, name: str, in_place: bool, dialect: Dialect, written: WriteFunction
 ) -> Written:
     """Return a function of matrices (MX) as C, where `written` writes those that it calls."""
-    flow, memory = Dataflow(function, in_place), Memory(dialect)
+    flow = Dataflow(function, in_place)
+    memory = Memory(dialect)
     work = Workspace(flow, memory, Placement(flow, memory), written, in_place)
     lines = list[str]()
     state: list[tuple[Value, int]] = []
@@ -50,8 +51,10 @@ def write_matrices(
         if operation != ca.OP_OUTPUT:
             lines += WRITERS.get(operation, elementwise)(work, step)
         elif step.inputs:
-            output, (value,) = step.node.info(), step.inputs
-            home, offset = f"r{output['ind']}", int(output["offset"])
+            output = step.node.info()
+            (value,) = step.inputs
+            home = f"r{output['ind']}"
+            offset = int(output["offset"])
             if in_place and output["ind"] == 0:
                 state.append((value, offset))
             elif value.home != home:  # a call has not put it there
@@ -67,8 +70,10 @@ def _new_state(work: Workspace, state: list[tuple[Value, int]]) -> list[str]:
     """Write the new state: what is in its place stays, what lies elsewhere in the state goes by way
     of scratch.
     """
-    memory, end = work.memory, work.flow.end
-    lines, moved = list[str](), list[tuple[Value, int]]()
+    memory = work.memory
+    end = work.flow.end
+    lines = list[str]()
+    moved = list[tuple[Value, int]]()
     for value, offset in state:
         if value.home == "state":
             if value.offset == offset:

@@ -19,7 +19,8 @@ from distal.codegen.operations import CodeError
 UNROLLED = 3
 """Copies and element-wise operations of at most so many numbers are written one by one."""
 
-INDEX, LARGEST_INDEX = "unsigned short", 65_535
+INDEX = "unsigned short"
+LARGEST_INDEX = 65_535
 """Type of tables of indices, and the largest index that it holds."""
 
 _MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")

@@ -12,7 +12,8 @@ class Placement:
     """The values of a function that have been made so far, by number, with their places."""
 
     def __init__(self, flow: Dataflow, memory: Memory) -> None:
-        self._flow, self._memory = flow, memory
+        self._flow = flow
+        self._memory = memory
         self._values: dict[int, Value] = {}
         self._beside: dict[tuple[str | None, int], list[int]] = {}
 
@@ -54,7 +55,8 @@ class Placement:
 
         Instruction `k` may read any other input while it writes.
         """
-        number, (over, *factors) = self._flow.makes[k][0], self._flow.reads[k]
+        number = self._flow.makes[k][0]
+        (over, *factors) = self._flow.reads[k]
         base = self._values[over]
         if over not in factors and self._is_free(over, k):
             return self._replaced(k, number, over), []
@@ -70,10 +72,12 @@ class Placement:
         """Return whether a value's place may be written by instruction k: nothing reads it
         afterwards, or beside it.
         """
-        value, flow = self._values[number], self._flow
+        value = self._values[number]
+        flow = self._flow
         if value.home not in ("w", "state") or flow.last(number, -1) > k:
             return False
-        low, high = value.offset, value.offset + value.size
+        low = value.offset
+        high = value.offset + value.size
         for neighbour in self._beside[value.home, value.block]:
             beside = self._values[neighbour]
             for reader in flow.readers.get(neighbour, []) if neighbour != number else []:

@@ -34,7 +34,9 @@ def product(work: Workspace, step: Step) -> list[str]:
         raise CodeError("a sparse product has no C here")
     if not x.is_dense() and not y.is_dense():
         raise CodeError("the product of two sparse matrices has no C here")
-    rows, inner, columns = x.size1(), x.size2(), y.size2()
+    rows = x.size1()
+    inner = x.size2()
+    columns = y.size2()
     multiplications = min(int(x.nnz()) * columns, rows * int(y.nnz()))
     if multiplications > LARGEST_INLINE and work.flow.function.name() != PRODUCT:
         return _called(
@@ -79,7 +81,9 @@ def _called(work: Workspace, step: Step, function: ca.Function) -> list[str]:
 def rank_one(work: Workspace, step: Step) -> list[str]:
     """Write A + α x yᵀ."""
     _, alpha, x, y = step.inputs
-    rows, columns, at = step.node.size1(), step.node.size2(), work.memory.at
+    rows = step.node.size1()
+    columns = step.node.size2()
+    at = work.memory.at
     work.cost.operations += 2 * rows * columns
     to, lines = work.placement.over_the_first(step.k)
     sign = "-=" if alpha.home is None and alpha.numbers[0] == -1.0 else f"+= {at(alpha, 0)} *"
@@ -90,7 +94,8 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
 def dot(work: Workspace, step: Step) -> list[str]:
     """Write the sum of products of two values' numbers."""
     x, y = step.inputs
-    at, dialect = work.memory.at, work.memory.dialect
+    at = work.memory.at
+    dialect = work.memory.dialect
     work.cost.operations += 2 * x.size
     to = work.placement.new(step.k, step.makes[0], 1)
     total = f"s += {at(x, 'i')} * {at(y, 'i')};"
@@ -104,7 +109,8 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
     """
     (_, x, y), memory = step.inputs, work.memory
     to, lines, zero = _begun(work, step)
-    kind, at = memory.dialect.type, memory.at
+    kind = memory.dialect.type
+    at = memory.at
     for first, end in _ranges(columns):
         together = range(min(COLUMNS_TOGETHER, end - first))
         places = [at(to, _sum("i", rows * (first + c)) + f" + {rows} * j") for c in together]
@@ -140,7 +146,8 @@ def _sparse_left(
     a row of y.
     """
     (rows, inner, columns), (_, x, y) = sizes, step.inputs
-    at, tables = work.memory.at, work.memory.tables
+    at = work.memory.at
+    tables = work.memory.tables
     to, lines = work.placement.over_the_first(step.k)
     where = at(y, f"{tables.indices(column)}[k]" + (f" + {inner} * j" if columns > 1 else ""))
     below = f" + {rows} * j" if columns > 1 else ""
@@ -154,7 +161,8 @@ def _sparse_right(
 ) -> list[str]:
     """z + x y with a sparse y: each of its numbers goes with a column of x."""
     _, x, y = step.inputs
-    at, tables = work.memory.at, work.memory.tables
+    at = work.memory.at
+    tables = work.memory.tables
     to, lines = work.placement.over_the_first(step.k)
     target = at(to, f"i + {rows} * {tables.indices(column)}[k]" if columns > 1 else "i")
     where = at(x, f"i + {rows} * {tables.indices(row)}[k]")

@@ -21,11 +21,15 @@ def write_scalars(
     last.
     """
     arrays: dict[tuple[str, ...], str] = {}
-    lines, new_state, names, cost = list[str](), list[str](), dict[int, str](), Cost()
+    lines = list[str]()
+    new_state = list[str]()
+    names = dict[int, str]()
+    cost = Cost()
     pairs = _sines_and_cosines(function) if dialect.pairs_sines else {}
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        inputs = function.instruction_input(k)
+        outputs = function.instruction_output(k)
         if operation == ca.OP_INPUT and in_place and inputs[0] == 0:
             lines.append(f"  const {dialect.type} v{k} = state[{inputs[1]}];")
             names[outputs[0]] = f"v{k}"
@@ -92,7 +96,9 @@ def _call(
     """Write a call; operands are gathered in arrays, which stay for later calls with the same
     ones.
     """
-    lines, addresses, first = list[str](), list[str](), 0
+    lines = list[str]()
+    addresses = list[str]()
+    first = 0
     for i in range(called.n_in()):
         gathered = tuple(operands[first : first + called.nnz_in(i)])
         first += len(gathered)
@@ -115,7 +121,8 @@ def _sines_and_cosines(function: ca.Function) -> dict[int, tuple[int, int]]:
     slots: dict[int, tuple[int, int]] = {}
     by_angle: dict[tuple[int, int], dict[int, int]] = {}
     for k in range(function.n_instructions()):
-        operation, outputs = function.instruction_id(k), function.instruction_output(k)
+        operation = function.instruction_id(k)
+        outputs = function.instruction_output(k)
         if operation in (ca.OP_SIN, ca.OP_COS):
             by_angle.setdefault(slots[function.instruction_input(k)[0]], {})[operation] = k
         if operation != ca.OP_OUTPUT:

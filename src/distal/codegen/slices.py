@@ -37,7 +37,8 @@ def shape(work: Workspace, step: Step) -> list[str]:
 def transpose(work: Workspace, step: Step) -> list[str]:
     """Write the transpose of a dense matrix; a row is a column."""
     (value,), node = step.inputs, step.node
-    rows, columns = node.size1(), node.size2()
+    rows = node.size1()
+    columns = node.size2()
     if rows == 1 or columns == 1:
         return _seen(work, step, value)
     if not node.is_dense():
@@ -52,7 +53,9 @@ def transpose(work: Workspace, step: Step) -> list[str]:
 
 def get(work: Workspace, step: Step) -> list[str]:
     """Write a slice: neighbours are a view, others are gathered."""
-    value, at, memory = step.inputs[0], _mapping(step), work.memory
+    value = step.inputs[0]
+    at = _mapping(step)
+    memory = work.memory
     if len(at) <= 1 or _even(at) == 1:
         return _seen(work, step, value.part(at[0] if at else 0, len(at)))
     to = work.placement.new(step.k, step.makes[0], len(at))
@@ -62,7 +65,9 @@ def get(work: Workspace, step: Step) -> list[str]:
 
 def put(work: Workspace, step: Step) -> list[str]:
     """Write numbers, or add them, into a slice of a value."""
-    values, at, memory = step.inputs[1], _mapping(step), work.memory
+    values = step.inputs[1]
+    at = _mapping(step)
+    memory = work.memory
     adds = step.operation == ca.OP_ADDNONZEROS
     sign = "+=" if adds else "="
     work.cost.operations += len(at) if adds else 0
@@ -78,7 +83,8 @@ def join(work: Workspace, step: Step) -> list[str]:
     if step.node.size2() > 1 and step.operation == ca.OP_VERTCAT:
         raise CodeError("matrices on top of each other have no C here")
     to = work.placement.new(step.k, step.makes[0], int(step.node.nnz()))
-    lines, offset = list[str](), 0
+    lines = list[str]()
+    offset = 0
     for value in step.inputs:
         lines += work.memory.copy(to.part(offset, value.size), value)
         offset += value.size
@@ -89,7 +95,8 @@ def split(work: Workspace, step: Step) -> list[str]:
     """See pieces of a value, one after the other."""
     if step.operation == ca.OP_VERTSPLIT and step.node.dep(0).size2() > 1:
         raise CodeError("matrices on top of each other have no C here")
-    offset, node = 0, step.node
+    offset = 0
+    node = step.node
     for i, number in enumerate(step.makes):
         size = int(node.get_output(i).nnz())
         work.placement.view(step.k, number, step.inputs[0].part(offset, size))

@@ -45,7 +45,8 @@ class CommandedForces:
         )
         names = [sensor.name for sensor in rig.sensors]
         self._at = [names.index(channel) for channel in self._inverse.channels]
-        self._joints, self._drives = joints, [drive.name for drive in rig.drives]
+        self._joints = joints
+        self._drives = [drive.name for drive in rig.drives]
         self._forces: Floats = np.zeros(len(self._drives))
 
     def tell(self, stamp: float, values: Floats) -> Reading:

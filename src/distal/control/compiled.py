@@ -56,7 +56,9 @@ class LoopShape:
     @property
     def carry(self) -> Layout:
         """Layout of the carry."""
-        nj, nd, pid = len(self.rig.joints), len(self.rig.drives), memory_layout(self.rig).size
+        nj = len(self.rig.joints)
+        nd = len(self.rig.drives)
+        pid = memory_layout(self.rig).size
         plant = plant_function(self.plant, self.count).numel_in(0)
         belief = 1 if self.filter is None else int(self.filter.numel_in(0))
         assert self.plant.n_bodies == nj + nd
@@ -79,7 +81,8 @@ class LoopShape:
     @property
     def p(self) -> Layout:
         """Layout of the numbers."""
-        nd, ns = len(self.rig.drives), len(self.plant.rig.sensors)
+        nd = len(self.rig.drives)
+        ns = len(self.plant.rig.sensors)
         return Layout(
             plant=self.plant.parameters.values.size,
             filter=1 if self.filter is None else int(self.filter.numel_in(2)),
@@ -95,7 +98,9 @@ class LoopShape:
         """Layout of the output: the plant's, the readings, the commands that were asked for, the
         angles told after.
         """
-        n, nj, nd = self.plant.n_bodies, len(self.rig.joints), len(self.rig.drives)
+        n = self.plant.n_bodies
+        nj = len(self.rig.joints)
+        nd = len(self.rig.drives)
         of_plant = 3 * n + self.plant.n_tendons
         return Layout(
             plant=of_plant, read=len(self.plant.rig.sensors), asked=nd, angles=nj, stds=nj
@@ -105,13 +110,16 @@ class LoopShape:
 @lru_cache(maxsize=8)
 def loop_kernel(shape: LoopShape) -> Kernel:
     """Return the kernel of a loop, one sample for each period."""
-    carry_of, x_of, p_of, nj = shape.carry, shape.x, shape.p, len(shape.rig.joints)
-    carry, x, p = (
-        ca.MX.sym("carry", carry_of.size),
-        ca.MX.sym("x", x_of.size),
-        ca.MX.sym("p", p_of.size),
-    )
-    before, numbers, sample = carry_of.parts(carry), p_of.parts(p), x_of.parts(x)
+    carry_of = shape.carry
+    x_of = shape.x
+    p_of = shape.p
+    nj = len(shape.rig.joints)
+    carry = ca.MX.sym("carry", carry_of.size)
+    x = ca.MX.sym("x", x_of.size)
+    p = ca.MX.sym("p", p_of.size)
+    before = carry_of.parts(carry)
+    numbers = p_of.parts(p)
+    sample = x_of.parts(x)
     period, tension, encoder = (numbers["general"][i] for i in range(3))
     state = (before[name] for name in ("angles", "stds", "pid"))
     fixed = numbers["gains"], period, tension, numbers["rig"]
@@ -119,21 +127,27 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     asked = memory_layout(shape.rig).part(memory, "commands")
     share, low, high = (numbers["drives"][i, :].T for i in range(3))
     wanted = ca.fmin(ca.fmax(before["waiting"], low), high)
-    moving, efforts, rows = before["plant"], before["efforts"], sample["rows"]
-    step, y, bodies = plant_function(shape.plant, shape.count), ca.MX(0), shape.plant.n_bodies
+    moving = before["plant"]
+    efforts = before["efforts"]
+    rows = sample["rows"]
+    step = plant_function(shape.plant, shape.count)
+    y = ca.MX(0)
+    bodies = shape.plant.n_bodies
     for i in range(shape.intervals):
         efforts = efforts + share * (wanted - efforts)
         row = ca.vertcat(rows[:nj, i], rows[nj:bodies, i] + efforts, rows[bodies:, i])
         moving, y = step(moving, row, numbers["plant"])
     read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
     if shape.filter is None:
-        true, belief = y[:nj], before["filter"]
+        true = y[:nj]
+        belief = before["filter"]
         angles = quantised(true, encoder)
         stds = ca.MX.ones(nj) * encoder * quantisation_variance(1.0) ** 0.5
     else:
         row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))
         belief, _ = shape.filter(before["filter"], row, numbers["filter"])
-        angles, n = belief[:nj], shape.states
+        angles = belief[:nj]
+        n = shape.states
         stds = ca.sqrt(ca.fmax(belief[[n + j * (n + 1) for j in range(nj)]], 0))
     after = carry_of.joined(
         plant=moving,
@@ -177,13 +191,19 @@ def scan_loop(
     Raises:
         ScenarioError: the motion left all bounds.
     """
-    prepared, period, (carry, begin) = controlled.prepared, controlled.period, controlled.begin
-    rig, plant, control = prepared.rig, prepared.plant, prepared.scenario.control
+    prepared = controlled.prepared
+    period = controlled.period
+    (carry, begin) = controlled.begin
+    rig = prepared.rig
+    plant = prepared.plant
+    control = prepared.scenario.control
     assert control is not None
     encoder = control.encoder_resolution
-    joints, sensors = [joint.name for joint in rig.joints], [sensor.name for sensor in rig.sensors]
+    joints = [joint.name for joint in rig.joints]
+    sensors = [sensor.name for sensor in rig.sensors]
     intervals = round(period / prepared.dt)
-    count, nj = len(prepared.inputs.effort) // intervals, len(joints)
+    count = len(prepared.inputs.effort) // intervals
+    nj = len(joints)
     read = () if runner is None else tuple(sensors.index(name) for name in runner.channels)
     indices = tuple(joints.index(name) for name in control.joints)
     function, states = (
@@ -202,8 +222,10 @@ def scan_loop(
         belief = advance(
             runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)
         ).carries[0]
-        angles, stds = belief[:nj], np.sqrt(np.maximum(variances_of(belief, states)[:nj], 0.0))
-    efforts, memory = np.zeros(2 * len(rig.drives)), np.zeros(memory_layout(rig).size)
+        angles = belief[:nj]
+        stds = np.sqrt(np.maximum(variances_of(belief, states)[:nj], 0.0))
+    efforts = np.zeros(2 * len(rig.drives))
+    memory = np.zeros(memory_layout(rig).size)
     start = np.concatenate([carry, efforts, belief, angles, stds, memory])
     time: Floats = period * np.arange(count, dtype=np.float64)
     wanted = np.column_stack([joint.reference.at(time) for joint in control.joints.values()])
@@ -224,7 +246,8 @@ def scan_loop(
     out = {name: shape.y.view(ys, name) for name in ("plant", "read", "asked", "angles", "stds")}
     motion = Motion(plant, np.vstack([begin, out["plant"]]))
     motion.check()
-    estimates, stds = np.vstack([angles, out["angles"][:-1]]), np.vstack([stds, out["stds"][:-1]])
+    estimates = np.vstack([angles, out["angles"][:-1]])
+    stds = np.vstack([stds, out["stds"][:-1]])
     if not (np.isfinite(estimates).all() and np.all(stds <= LOST)):
         return None
     readings = np.vstack([first, out["read"][:-1]])

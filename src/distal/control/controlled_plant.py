@@ -98,14 +98,14 @@ class ControlledPlant:
                 f"period: {period:g} s is longer than the scenario, "
                 f"{prepared.scenario.duration:g} s"
             )
-        self.prepared, self.rig, self.period = prepared, prepared.rig, period
+        self.prepared = prepared
+        self.rig = prepared.rig
+        self.period = period
         self.plant, self._drives = prepared.plant, prepared.plant.rig.drives
         self._kernel = plant_kernel(prepared.plant, prepared.count)
         self.begin = at_rest(prepared.plant, prepared.inputs, prepared.start, self._kernel)
-        self._per_period, self._all_rows = (
-            round(period / prepared.dt),
-            rows_of(prepared.inputs, prepared.dt),
-        )
+        self._per_period = round(period / prepared.dt)
+        self._all_rows = rows_of(prepared.inputs, prepared.dt)
         self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
         self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
         self.reset()
@@ -122,15 +122,16 @@ class ControlledPlant:
         Raises:
             ScenarioError: a value does not exist or is wrong, or a drive has no equilibrium.
         """
-        other, scenario, alike = copy(self), self.prepared.scenario, self.prepared.plant
+        other = copy(self)
+        scenario = self.prepared.scenario
+        alike = self.prepared.plant
         described = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
         other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
-        inputs, numbers = self.prepared.inputs, plant.parameters.values
+        inputs = self.prepared.inputs
+        numbers = plant.parameters.values
         start = equilibrium(plant, initial_angles(scenario, plant), inputs)
-        other.prepared, other._drives = (
-            replace(self.prepared, plant=plant, start=start),
-            plant.rig.drives,
-        )
+        other.prepared = replace(self.prepared, plant=plant, start=start)
+        other._drives = plant.rig.drives
         other.begin = at_rest(alike, inputs, start, self._kernel, numbers)
         other._shares, other._lowest, other._highest = drive_numbers(plant.rig, self.prepared.dt)
         return other
@@ -139,10 +140,8 @@ class ControlledPlant:
         """Return the errors of all sensors in a run; None where they are not all read once a
         period, at once.
         """
-        fits, groups = (
-            len(self._all_rows) % self._per_period == 0,
-            errors_by_rate(self.plant.rig, seed),
-        )
+        fits = len(self._all_rows) % self._per_period == 0
+        groups = errors_by_rate(self.plant.rig, seed)
         once = len(groups) == 1 and abs(next(iter(groups)) * self.period - 1.0) < 1e-9
         at_once = all(sensor.delay == sensor.lag == 0.0 for sensor in self.plant.rig.sensors)
         return next(iter(groups.values()))[1] if fits and once and at_once else None
@@ -164,8 +163,10 @@ class ControlledPlant:
 
     def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
         """Go back to the start and return the samples at time zero; see `step`."""
-        rig, (self._carry, first) = self.plant.rig, self.begin
-        self._done, self._taken = 0, 0
+        rig = self.plant.rig
+        (self._carry, first) = self.begin
+        self._done = 0
+        self._taken = 0
         self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
         self._y[0], self._rows = first[0], self._all_rows.copy()
         self._efforts: Floats = np.zeros(len(self._drives))
@@ -195,7 +196,8 @@ class ControlledPlant:
             row[drives] += self._efforts
         feed = Feed(self._carry, self._rows[self._done : end], self.plant.parameters.values)
         carries, ys = advance(self._kernel, feed)
-        self._carry, self._y[self._done + 1 : end + 1] = carries[-1], ys
+        self._carry = carries[-1]
+        self._y[self._done + 1 : end + 1] = ys
         try:
             Motion(self.plant, ys).check()
         except ScenarioError as problem:
@@ -209,7 +211,8 @@ class ControlledPlant:
     def log(self) -> Log:
         """Return what the sensors have read so far, with the truth beside it."""
         grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
-        stamps, values = self._stamps[: self._taken], self._samples[: self._taken]
+        stamps = self._stamps[: self._taken]
+        values = self._samples[: self._taken]
         truth = true_motion(Motion(self.plant, self._y[: self._done + 1]), grid, stamps)
         channels = {sensor.name: values[:, k] for k, sensor in enumerate(self.plant.rig.sensors)}
         return Log(stamps, channels, truth, self.prepared.scenario.name or "simulation", SIMULATED)
@@ -256,7 +259,9 @@ class _Rate:
     def __init__(
         self, plant: Mechanism, rate: float, stamps: Floats, at: list[int], errors: SensorErrors
     ) -> None:
-        self.at, self.errors, sensors = at, errors, [plant.rig.sensors[k] for k in at]
+        self.at = at
+        self.errors = errors
+        sensors = [plant.rig.sensors[k] for k in at]
         self.due = np.isin(stamps, np.round(np.arange(0.0, stamps[-1] + 0.5 / rate, 1.0 / rate), 9))
         self._readings = Readings(plant, sensors)
         self._delays = np.array([sensor.delay for sensor in sensors])
@@ -265,7 +270,8 @@ class _Rate:
         """Return what there is to measure at a stamp; between two intervals it is a line."""
         place = np.maximum(stamp - self._delays, 0.0) / dt
         before = np.minimum((place + 1e-6).astype(np.intp), len(y) - 1)
-        after, share = np.minimum(before + 1, len(y) - 1), place - before
+        after = np.minimum(before + 1, len(y) - 1)
+        share = place - before
         share[share < 1e-6] = 0.0
         # each sensor has a row of its own, by its delay
         early, late = (np.diagonal(self._readings.at(y[rows])) for rows in (before, after))

@@ -41,7 +41,8 @@ def plot_control(
     first = runs[0]
     name = joint or next(iter(first.references))
     j = [part.name for part in first.rig.joints].index(name)
-    reference, time = np.rad2deg(first.references[name]), first.time
+    reference = np.rad2deg(first.references[name])
+    time = first.time
     with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
         axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
         worst = []

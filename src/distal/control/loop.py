@@ -34,7 +34,8 @@ Controller: TypeAlias = Callable[[float, Mapping[str, float], Reading], Mapping[
 Teller: TypeAlias = Callable[[float, Floats], Reading]
 """(stamp [s], sample of all sensors) → what is told of the angles."""
 
-ENCODER, RATIO = "encoder", "ratio"
+ENCODER = "encoder"
+RATIO = "ratio"
 """Feedback by an encoder in the joint, and by the displacements alone over the radii."""
 
 COMMAND = "command"
@@ -141,7 +142,8 @@ def closed_loop(
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    control, length = scenario.control, _period(period, scenario)
+    control = scenario.control
+    length = _period(period, scenario)
     feedback = feedback or (DEFAULT if control is None else control.feedback)
     if controller is not None:
         step = ENCODER_STEP if control is None else control.encoder_resolution
@@ -176,7 +178,9 @@ def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | N
     """Return the same from one scan; None where sensors are not all read once a period, or an angle
     was not known.
     """
-    rig, period, errors = plant.rig, plant.period, plant.errors(seed)
+    rig = plant.rig
+    period = plant.period
+    errors = plant.errors(seed)
     runner = None if feedback == ENCODER else make_estimator(_estimator_name(feedback), rig)
     if errors is None or not (
         runner is None or (isinstance(runner, KernelEstimator) and _is_plain(runner, period))
@@ -231,7 +235,9 @@ def _run(
 ) -> ClosedLoop:
     """Return the loop of a controller with what tells it the angles."""
     rows = list[tuple[float, Floats, Reading, Mapping[str, float]]]()
-    measured, reading, waiting = dict[str, float](), None, dict[str, float]()
+    measured = dict[str, float]()
+    reading = None
+    waiting = dict[str, float]()
     names = [sensor.name for sensor in plant.rig.sensors]
     samples = plant.reset(seed)
     while True:
@@ -248,10 +254,8 @@ def _run(
         if plant.finished:
             break
     times, angles, readings, requests = zip(*rows)
-    estimates, stds = (
-        [reading.angles for reading in readings],
-        [reading.angle_stds for reading in readings],
-    )
+    estimates = [reading.angles for reading in readings]
+    stds = [reading.angle_stds for reading in readings]
     arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
     drives = [drive.name for drive in plant.rig.drives]
     commands = {

@@ -59,7 +59,8 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Ve
     otherwise have to push: that of all tendons is `tension` [N] as far as it makes none. Joints are
     at `angles` [rad], (n_joints,), with `torques` τ [N m].
     """
-    rig, nj = mechanism.rig, mechanism.n_joints
+    rig = mechanism.rig
+    nj = mechanism.n_joints
     slopes = mechanism.length_jacobian(ca.vertcat(angles, ca.SX.zeros(mechanism.n_drives)))
     arms = -ca.mtimes(slopes[:, :nj], mechanism.spread).T
     square = ca.mtimes(arms, arms.T) + RIDGE * ca.sum1(ca.sum2(arms * arms)) * ca.SX.eye(
@@ -67,7 +68,8 @@ def allocated(mechanism: Mechanism, angles: Vector, torques: Vector, tension: Ve
     )
     inverse = ca.mtimes(arms.T, ca.inv(square))
     constant = tension * (1 - ca.mtimes(inverse, ca.sum2(arms)))
-    needed, share = ca.mtimes(inverse, ca.mtimes(mechanism.spread.T, torques)), ca.SX(1)
+    needed = ca.mtimes(inverse, ca.mtimes(mechanism.spread.T, torques))
+    share = ca.SX(1)
     sliders = {drive.name for drive in rig.drives if drive.kind == "slider"}
     for i, tendon in enumerate(rig.tendons):
         if tendon.drive in sliders:
@@ -93,21 +95,23 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
     `torque_limit`; the integral stands while it is cut. Nothing changes while an angle is not
     known.
     """
-    mechanism, nj, layout = Mechanism(rig), len(rig.joints), memory_layout(rig)
-    angles, stds, memory = (
-        ca.SX.sym("angles", nj),
-        ca.SX.sym("stds", nj),
-        ca.SX.sym("memory", layout.size),
-    )
-    reference, gains = (
-        ca.SX.sym("reference", len(controlled)),
-        ca.SX.sym("gains", len(GAINS), len(controlled)),
-    )
-    period, tension, p = ca.SX.sym("period"), ca.SX.sym("tension"), mechanism.parameters.symbols
+    mechanism = Mechanism(rig)
+    nj = len(rig.joints)
+    layout = memory_layout(rig)
+    angles = ca.SX.sym("angles", nj)
+    stds = ca.SX.sym("stds", nj)
+    memory = ca.SX.sym("memory", layout.size)
+    reference = ca.SX.sym("reference", len(controlled))
+    gains = ca.SX.sym("gains", len(GAINS), len(controlled))
+    period = ca.SX.sym("period")
+    tension = ca.SX.sym("tension")
+    p = mechanism.parameters.symbols
     before = layout.parts(memory)
     difference = (angles - before["last"]) / period
     speed = before["speed"] + before["begun"] * SMOOTHED * (difference - before["speed"])
-    torques, integral, rests = ca.SX.zeros(nj), ca.SX(before["integral"]), ca.SX(before["rests"])
+    torques = ca.SX.zeros(nj)
+    integral = ca.SX(before["integral"])
+    rests = ca.SX(before["rests"])
     for k, j in enumerate(controlled):
         kp, ki, kd, band, limit = (gains[i, k] for i in range(len(GAINS)))
         away = reference[k] - angles[j]
@@ -146,9 +150,11 @@ class PID:
         self, rig: Rig, joints: Mapping[str, JointControl], period: float, co_contraction: float
     ) -> None:
         names = [joint.name for joint in rig.joints]
-        self._drives, self._layout = [drive.name for drive in rig.drives], memory_layout(rig)
+        self._drives = [drive.name for drive in rig.drives]
+        self._layout = memory_layout(rig)
         self._law = Evaluation(pid_function(rig, tuple(names.index(name) for name in joints)))
-        self._references, self._period = [joint.reference for joint in joints.values()], period
+        self._references = [joint.reference for joint in joints.values()]
+        self._period = period
         numbers = Mechanism(rig).parameters.values
         self._fixed = (gains_of(joints).T.ravel(), period, co_contraction, numbers)
         self.memory = np.zeros(self._layout.size)

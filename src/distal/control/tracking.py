@@ -14,7 +14,8 @@ from distal.control.loop import ClosedLoop
 SETTLED = float(np.deg2rad(2.0))
 """A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""
 
-HUNTS, FOR = float(np.deg2rad(0.3)), 2.0
+HUNTS = float(np.deg2rad(0.3))
+FOR = 2.0
 """A joint that moves by more than this [rad] in the last seconds of a reference that is constant
 for so long [s] hunts.
 """
@@ -68,7 +69,8 @@ def track(run: ClosedLoop) -> tuple[Tracking, ...]:
     trackings = []
     for name, reference in run.references.items():
         j = names.index(name)
-        angle, errors = run.angles[:, j], run.estimates[:, j] - run.angles[:, j]
+        angle = run.angles[:, j]
+        errors = run.estimates[:, j] - run.angles[:, j]
         steps = [
             _step(run.time, reference, angle, *part) for part in constant_parts(run.time, reference)
         ]

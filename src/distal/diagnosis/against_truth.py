@@ -60,7 +60,8 @@ def against_truth(
     if result.truths is None:
         return []
     errors = np.abs(result.angles - result.truths)
-    held, known = errors <= BAND * result.angle_stds, np.isfinite(errors)
+    held = errors <= BAND * result.angle_stds
+    known = np.isfinite(errors)
     shares = held.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     shares[~known.any(axis=0)] = 1.0
     worst = int(np.argmin(shares))

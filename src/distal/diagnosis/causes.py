@@ -166,7 +166,8 @@ class DriveResidual:
         columns = [each.values for each in tried] + [values for values, _ in self.nuisances]
         stds = [np.inf if each in free else each.std for each in tried]
         stds += [std for _, std in self.nuisances]
-        matrix, residual = np.column_stack(columns), self.residual
+        matrix = np.column_stack(columns)
+        residual = self.residual
         scales = np.maximum(np.sqrt(np.mean(matrix**2, axis=0)), 1e-300)
         scaled = matrix / scales
         precision = 1.0 / (np.array(stds) * scales) ** 2
@@ -189,7 +190,8 @@ class DriveResidual:
 
     def causes(self) -> list[Cause]:
         """Return the cause that gains most, and one more where it gains beside it."""
-        free, found = list[Cause](), list[Cause]()
+        free = list[Cause]()
+        found = list[Cause]()
         before = self.fit()
         for _ in range(MOST):
             fits = {each: self.fit([*free, each]) for each in self.causes_tried if each not in free}

@@ -78,7 +78,8 @@ class Channels:
         return self._disagreeing() + self._untested()
 
     def _disagreeing(self) -> list[Finding]:
-        names, ratios = self.names, self.ratios
+        names = self.names
+        ratios = self.ratios
         large = [i for i, ratio in enumerate(ratios) if ratio > LARGE_RATIO]
         drifting = [
             names[i] for i, rho in enumerate(self.correlations) if rho > WHITE and ratios[i] > WHOLE
@@ -151,7 +152,8 @@ def _since(time: Floats, scaled: Floats) -> float:
     since then.
     """
     edges = np.arange(time[0], time[-1] + CHANNEL_WINDOW, CHANNEL_WINDOW)
-    starts, large = [], []
+    starts = []
+    large = []
     for start, end in itertools.pairwise(edges):
         inside = scaled[(time >= start) & (time < end)]
         inside = inside[np.isfinite(inside)]

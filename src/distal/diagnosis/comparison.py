@@ -83,7 +83,8 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
             (s for s in rig.sensors_of("force") if s.of == drive.name and s.name in log.channels),
             None,
         )
-        pull, limit = np.zeros(len(log)), 0.0
+        pull = np.zeros(len(log))
+        limit = 0.0
         if sensor is None:
             unknown = 2 * BAND * drive.nominal_force.total_std / lever
             tension = max(abs(drive.nominal_force.value) / lever, tendon.pretension.value)
@@ -111,5 +112,6 @@ def stretch(log: Log, rig: Rig, joint: str) -> Floats:
 
 def _high(parameter: object) -> float:
     """Return the upper end of a parameter's 95 % band."""
-    mean, std = getattr(parameter, "value", 0.0), getattr(parameter, "total_std", 0.0)
+    mean = getattr(parameter, "value", 0.0)
+    std = getattr(parameter, "total_std", 0.0)
     return float(mean + BAND * std)

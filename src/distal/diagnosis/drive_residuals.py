@@ -47,7 +47,8 @@ def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResi
     """
     if sensor.name not in log.channels:
         return None
-    mechanism, readings = Mechanism(rig), log.channels[sensor.name]
+    mechanism = Mechanism(rig)
+    readings = log.channels[sensor.name]
     drive = [drive.name for drive in rig.drives].index(sensor.of)
     asked, slopes, compliance, standing = _asked(mechanism, drive, angles)
     asked = np.where(slopes != 0.0, asked, 0.0)  # of another joint the truth may be missing
@@ -205,9 +206,13 @@ def _asked(mechanism: Mechanism, drive: int, angles: Floats) -> tuple[Floats, Fl
     """Return the place that each joint alone asks of a drive, (k, n_joints), its slopes at zero,
     1/K and F_0.
     """
-    nj, n, body = mechanism.n_joints, mechanism.n_bodies, mechanism.n_joints + drive
-    q, p = ca.SX.sym("q", n), mechanism.parameters
-    stretch, levers = mechanism.stretch(drive, q), mechanism.length_jacobian(q)[:, body]
+    nj = mechanism.n_joints
+    n = mechanism.n_bodies
+    body = mechanism.n_joints + drive
+    q = ca.SX.sym("q", n)
+    p = mechanism.parameters
+    stretch = mechanism.stretch(drive, q)
+    levers = mechanism.length_jacobian(q)[:, body]
     pulled = [i for i, of in enumerate(mechanism.drive_of) if of == body]
     stiffness = sum((levers[i] ** 2 * p[f"tendons.{i}.stiffness"] for i in pulled), ca.SX(0))
     standing = sum((levers[i] * p[f"tendons.{i}.pretension"] for i in pulled), ca.SX(0))

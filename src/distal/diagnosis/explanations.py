@@ -64,11 +64,13 @@ def explanations(rerun: Rerun) -> list[Finding]:
     Where a change of another sensor does so as well, both are named. A sign comes first that
     contradicts nothing: a reading that a unit makes small agrees with much.
     """
-    base, before = _likelihood(rerun.base), len(contradictions(rerun, rerun.base))
+    base = _likelihood(rerun.base)
+    before = len(contradictions(rerun, rerun.base))
     explain: list[tuple[bool, float, Finding]] = []
     tried = [*_signs_and_units(rerun), *_gears(rerun)]
     for (finding, change), outcome in zip(tried, rerun.each(change for _, change in tried)):
-        gain, is_sign = _likelihood(outcome) - base, set(change.channels.values()) == {-1.0}
+        gain = _likelihood(outcome) - base
+        is_sign = set(change.channels.values()) == {-1.0}
         near = max((earlier for _, earlier, _ in explain), default=GAIN) - ALIKE
         if (
             not outcome.bounded
@@ -104,7 +106,8 @@ def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
 
 def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
     """Yield for each capstan the ratio of a gear that fits best, on its angle and its torque."""
-    rig, channels = rerun.runner.rig, rerun.runner.channels
+    rig = rerun.runner.rig
+    channels = rerun.runner.channels
     for drive in rig.drives:
         sensors: dict[str, str] = {
             sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name

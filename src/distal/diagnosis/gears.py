@@ -34,15 +34,11 @@ def _expected(log: Log, rig: Rig) -> Iterator[tuple[Sensor, int, Floats]]:
     """Yield for each capstan of one joint the sensor of its angle, the joint, and how that turns
     without stretch [rad].
     """
-    joints, drives = (
-        [joint.name for joint in rig.joints],
-        {drive.name: drive for drive in rig.drives},
-    )
+    joints = [joint.name for joint in rig.joints]
+    drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
-        drive, pulled = (
-            drives[sensor.of],
-            [tendon for tendon in rig.tendons if tendon.drive == sensor.of],
-        )
+        drive = drives[sensor.of]
+        pulled = [tendon for tendon in rig.tendons if tendon.drive == sensor.of]
         alone = {name for tendon in pulled for name in tendon.joints}
         if drive.kind == "capstan" and sensor.name in log.channels and len(alone) == 1:
             arm = float(np.mean([tendon.total_arm for tendon in pulled]))

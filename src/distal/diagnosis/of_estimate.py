@@ -98,10 +98,8 @@ def diagnose_estimate(
 
 
 def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels: Channels) -> str:
-    tested, not_tested = (
-        channels.tested,
-        [finding for finding in silent if finding.kind == "not tested"],
-    )
+    tested = channels.tested
+    not_tested = [finding for finding in silent if finding.kind == "not tested"]
     hardly = [finding.text for finding in silent if finding.kind == "hardly compared"]
     if contradicting:
         return _joined([finding.text for finding in contradicting] + hardly)
@@ -138,7 +136,8 @@ def _joined(parts: Sequence[str], beyond: Sequence[str] = ()) -> str:
     """Return the parts as one line, and what cannot be tested; what does not fit is left out and
     counted, a list is cut.
     """
-    line, cannot = parts[0], f"cannot test: {'; '.join(beyond)}"
+    line = parts[0]
+    cannot = f"cannot test: {'; '.join(beyond)}"
     more = [*parts[1:], cannot] if beyond else parts[1:]
     for k, part in enumerate(more):
         if len(line) + len(part) + 2 > LONGEST:

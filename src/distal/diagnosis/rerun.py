@@ -82,7 +82,8 @@ class Outcome:
         the filter.
         """
         compared = np.isfinite(self.innovations)
-        squares, variances = self.squares[compared], self.innovation_variances[compared]
+        squares = self.squares[compared]
+        variances = self.innovation_variances[compared]
         inflation = np.maximum(1.0, squares / OUTLIER)
         return float(-0.5 * np.sum(squares / inflation + np.log(variances * inflation)))
 
@@ -107,7 +108,8 @@ class Rerun:
         if len(log) > MOST_RERUN:
             log = log.select(slice(MOST_RERUN))
             homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
-        self.log, self._run = log, prepared(log, runner, homing)
+        self.log = log
+        self._run = prepared(log, runner, homing)
         assert isinstance(self._run.runner, AdaptiveFilter)
         self.runner = self._run.runner  # a homing move may give it other maps
         self._begun = dict[str, list[tuple[int, float]]]()
@@ -135,7 +137,8 @@ class Rerun:
 
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         """Return what the filter gives in some runs, each of a belief, samples and parameters."""
-        runner, (beliefs, samples, numbers) = self.runner, zip(*inputs)
+        runner = self.runner
+        (beliefs, samples, numbers) = zip(*inputs)
         found = runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
         outcomes = []
         for (means, variances, ys), read in zip(found, samples):
@@ -156,8 +159,11 @@ class Rerun:
 
     def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:
         """Return belief, samples and parameters of a run with a change."""
-        runner, run = self.runner, self._run
-        samples, begin, p = run.samples, run.start, np.array(runner.numbers)
+        runner = self.runner
+        run = self._run
+        samples = run.samples
+        begin = run.start
+        p = np.array(runner.numbers)
         if change.reads_otherwise:
             samples = samples.copy()
             pair = [runner.channels.index(name) for name in change.exchanged]

@@ -33,7 +33,8 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
     """Return the states that end, or go on walking, where their priors, if the estimate has any,
     say that they are not.
     """
-    means, stds = estimate.prior_means, estimate.prior_stds
+    means = estimate.prior_means
+    stds = estimate.prior_stds
     if means is None or stds is None or len(estimate) < 4:
         return []
     worst: dict[str, tuple[float, Finding]] = {}
@@ -42,7 +43,9 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
     for i, (name, kind, part) in enumerate(states):
         if not stds[i] > 0.0:  # NaN: a state that is meant to move
             continue
-        prior, end, std = means[i], estimate.means[-1, i], float(np.sqrt(estimate.variances[-1, i]))
+        prior = means[i]
+        end = estimate.means[-1, i]
+        std = float(np.sqrt(estimate.variances[-1, i]))
         away = (end - prior) / stds[i]
         # what has been learned since the middle is how far it may have moved since
         learned = max(float(estimate.variances[middle, i]) - std * std, (0.01 * stds[i]) ** 2)
@@ -78,7 +81,8 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
     """Return the drives at which the filter found friction that the rig does not declare."""
     findings = []
     for i, (kind, drive) in enumerate(zip(estimate.state_kinds, estimate.state_parts)):
-        friction, std = estimate.means[-1, i], np.sqrt(estimate.variances[-1, i])
+        friction = estimate.means[-1, i]
+        std = np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
         if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
             findings.append(sentences.friction_undeclared(drive, float(friction)))

@@ -107,7 +107,8 @@ class _Score:
         joints = [joint.name for joint in rerun.runner.rig.joints]
         truths = true_angles(rerun.log, joints)
         assert truths is not None
-        self._rerun, self._truths = rerun, truths
+        self._rerun = rerun
+        self._truths = truths
         self._variances = np.mean(rerun.base.variances[:, : len(joints)], axis=0)
         self._count = max(float(np.ptp(rerun.log.time)) / INDEPENDENT, 2.0)
         self._base = self._cost(rerun.base)
@@ -125,7 +126,8 @@ class _Score:
                 continue
             gain = self._base - self._cost(outcome) - self._disagrees(outcome)
             gain -= 2.0 * float(np.log1p(trial.cause.unlikely**2))
-            errors, before = self._errors(outcome), self._errors(self._rerun.base)
+            errors = self._errors(outcome)
+            before = self._errors(self._rerun.base)
             scored.append(replace(trial, gain=gain, errors=errors, before=before))
         return scored
 
@@ -210,7 +212,8 @@ def _nearer(trial: Trial, share: float) -> list[Trial]:
     """Return the same cause, taken off in the same way, with a change that is smaller and one that
     is larger by a `share`; factors by that of the distance of two `FACTORS`.
     """
-    cause, change = trial.cause, trial.cause.change
+    cause = trial.cause
+    change = trial.cause.change
     if cause.kind == "swap" or change <= -1.0:
         return []
     if cause.kind in ("zero", "delay"):

@@ -95,8 +95,10 @@ def _listed(named: Sequence[str], drives: Sequence[str]) -> str:
 def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
     """Yield a group, the drives that a change concerns, one or all of them, and the change."""
     runner = rerun.runner
-    rig, channels = runner.rig, runner.channels
-    arms, springs = dict[str, list[str]](), dict[str, list[str]]()
+    rig = runner.rig
+    channels = runner.channels
+    arms = dict[str, list[str]]()
+    springs = dict[str, list[str]]()
     for i, tendon in enumerate(rig.tendons):
         paths = [f"tendons.{i}.{at}.radius" for at, _ in tendon.shapes()]
         arms.setdefault(tendon.drive, []).extend(
@@ -110,7 +112,8 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
         read = {
             s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels
         }
-        place, force = read.get("position"), read.get("force")
+        place = read.get("position")
+        force = read.get("force")
         for factor in (*FACTORS, *GROSS) if place is not None else ():
             yield sentences.SCALE, (drive.name,), Change(channels={str(place): factor})
         for factor in FACTORS:
@@ -141,7 +144,8 @@ def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind,
     """Return whether a change moved an angle by more than a share of its band, and contradicts
     nothing.
     """
-    base, joints = rerun.base, len(rerun.runner.rig.joints)
+    base = rerun.base
+    joints = len(rerun.runner.rig.joints)
     if not outcome.bounded:
         return False
     moved = np.abs(outcome.means - base.means)[:, :joints] > SHARE * BAND * np.sqrt(

@@ -59,11 +59,16 @@ def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
     """Return state → by how much another start of it moves the joints' angles, the mean square over
     that of the band, (n_joints,).
     """
-    runner, base = rerun.runner, rerun.base
-    states, joints, time = runner.states, len(runner.rig.joints), rerun.log.time
+    runner = rerun.runner
+    base = rerun.base
+    states = runner.states
+    joints = len(runner.rig.joints)
+    time = rerun.log.time
     settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
-    moved, shifts, angles = dict[str, Floats](), list[tuple[str, float]](), _angles(rerun)
+    moved = dict[str, Floats]()
+    shifts = list[tuple[str, float]]()
+    angles = _angles(rerun)
     for i, name in enumerate(runner.state_names):
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
@@ -91,7 +96,8 @@ def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
     alike, until it is learned. So far as it is within `WITHIN` standard deviations of what the rig
     says, that contradicts nothing.
     """
-    states, names = rerun.runner.states, rerun.runner.state_names
+    states = rerun.runner.states
+    names = rerun.runner.state_names
     shifts = np.clip(
         rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds
     )
@@ -102,8 +108,10 @@ def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
     if not outcome.bounded or not set(result.measured) <= set(measured):
         return result
     # a reference that is read while homing is not among what a result compares
-    count, columns = len(rerun.log), [measured.index(name) for name in result.measured]
-    innovations, variances = result.innovations.copy(), result.innovation_variances.copy()
+    count = len(rerun.log)
+    columns = [measured.index(name) for name in result.measured]
+    innovations = result.innovations.copy()
+    variances = result.innovation_variances.copy()
     innovations[:count], variances[:count] = (
         part[:, columns] for part in (outcome.innovations, outcome.innovation_variances)
     )

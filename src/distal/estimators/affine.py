@@ -55,7 +55,8 @@ NEEDS = (
 NOWHERE = 1e6
 """Variance of an angle at the start where the map does not give it [rad²]."""
 
-START_GROWTH, START_REACH = 10.0, 1.0
+START_GROWTH = 10.0
+START_REACH = 1.0
 """At the start: growth of the std outside the learned range, and where the map ends, in half
 ranges.
 """
@@ -89,9 +90,11 @@ def affine_samples(log: Log, rig: Rig) -> Samples:
     truth = true_angles(log, joints)
     angles = np.full((len(log), len(joints)), np.nan) if truth is None else truth
     started = np.isfinite(values).all(axis=1)
-    count, time = int(started.sum()), (log.time - log.time[0])[started]
+    count = int(started.sum())
+    time = (log.time - log.time[0])[started]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
-    no_angles, no_variances = np.zeros((count, 0)), np.zeros((count, len(joints)))
+    no_angles = np.zeros((count, 0))
+    no_variances = np.zeros((count, len(joints)))
     return Samples(
         log.source, time, values[started], no_angles, angles[started], no_variances, interval
     )
@@ -126,7 +129,9 @@ class AffineEstimator(KernelEstimator):
                 f"now has {', '.join(channels.names)}; learn it again (distal fit), or remove "
                 "[affine]"
             )
-        self._compiled, self.affine, self._notes = compiled, rig.affine, tuple[str, ...]()
+        self._compiled = compiled
+        self.affine = rig.affine
+        self._notes = tuple[str, ...]()
         names = (*angle_names([joint.name for joint in rig.joints]), OUTSIDE)
         super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
         if rig.affine is not None:
@@ -134,7 +139,9 @@ class AffineEstimator(KernelEstimator):
 
     def _learn(self, affine: Affine) -> None:
         """Take a map, with a new kernel where there is none yet."""
-        self.affine, self._p, self._begin = affine, frozen(numbers_of(affine)), None
+        self.affine = affine
+        self._p = frozen(numbers_of(affine))
+        self._begin = None
         if self._kernel is None:
             self._kernel = Kernel(affine_function(affine, len(self.channels)), self._compiled)
 
@@ -148,7 +155,8 @@ class AffineEstimator(KernelEstimator):
         Raises:
             EstimationError: the window has too few samples.
         """
-        samples, notes = affine_samples(log, self.rig), tuple[str, ...]()
+        samples = affine_samples(log, self.rig)
+        notes = tuple[str, ...]()
         early = samples.time < homing
         window = samples.part(early)
         if not np.isfinite(window.targets).any() or len(window.time) < 2:
@@ -186,7 +194,9 @@ class AffineEstimator(KernelEstimator):
                 f"affine: '{self.rig.name}' has no map before its homing move; it {NEEDS}"
             )
         m = len(self.affine.channels)
-        values, mask, p = ca.SX.sym("values", m), ca.SX.sym("mask", m), ca.SX.sym("p", len(self._p))
+        values = ca.SX.sym("values", m)
+        mask = ca.SX.sym("mask", m)
+        p = ca.SX.sym("p", len(self._p))
         joints = self.rig.joints
         mean = ca.SX(ca.DM([*(joint.initial.value for joint in joints), 0.0]))
         spread = ca.SX(ca.DM([*(joint.initial.std**2 for joint in joints), 0.0]))
@@ -201,7 +211,8 @@ class AffineEstimator(KernelEstimator):
         far = means[:, self.state_names.index(OUTSIDE)]
         if self.affine is None or not np.any(far > NOTICED):
             return self._notes
-        low, high = np.asarray(self.affine.low), np.asarray(self.affine.high)
+        low = np.asarray(self.affine.low)
+        high = np.asarray(self.affine.high)
         with np.errstate(invalid="ignore"):
             beyond = np.any((samples < low) | (samples > high), axis=0)
         left = [name for name, is_beyond in zip(self.channels, beyond) if is_beyond]
@@ -225,8 +236,10 @@ def affine_function(affine: Affine, width: int) -> ca.Function:
     """
     nj = len(affine.joints)
     layout = carry_layout(nj + 1, map=memory_size(affine))
-    carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
-    p, no = ca.SX.sym("p", len(numbers_of(affine))), ca.SX.zeros(nj)
+    carry = ca.SX.sym("carry", layout.size)
+    x = ca.SX.sym("x", 1 + 2 * width)
+    p = ca.SX.sym("p", len(numbers_of(affine)))
+    no = ca.SX.zeros(nj)
     function = map_function(affine, width, [False] * width)
     values, _, variances, far, memory = function.call(
         [layout.part(carry, "map"), x, ca.SX.zeros(width), no, p], True
@@ -249,7 +262,8 @@ def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
         EstimationError: the window has too few samples.
     """
     straight = kind.sets[0]
-    needed, count = len(straight.terms) + 2, int(np.isfinite(window.targets).all(axis=1).sum())
+    needed = len(straight.terms) + 2
+    count = int(np.isfinite(window.targets).all(axis=1).sum())
     if count < needed:
         raise EstimationError(
             f"{window.source}: the homing window has {count} samples with a reference, affine "
@@ -274,7 +288,10 @@ def start_of(
     no information. Of each channel `readings` have the first one and 1 where there is one,
     symbolic.
     """
-    learned, phi, complete, far = affine.joints[joint], dict[str, Scalar](), ca.SX(1), ca.SX(0)
+    learned = affine.joints[joint]
+    phi = dict[str, Scalar]()
+    complete = ca.SX(1)
+    far = ca.SX(0)
     for i, name in enumerate(affine.channels):
         reading, mask = readings[name]
         phi[name] = (reading - affine.centre[i]) / affine.scale[i]
@@ -291,10 +308,8 @@ def start_of(
     turns = [i for i in range(len(affine.terms)) if i not in plain]
     named = [plays.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
     column = ca.vertcat(*(1 if name == "1" else phi[name] for name, _ in named))
-    covariance, coefficients = (
-        np.asarray(learned.covariance)[np.ix_(plain, plain)],
-        np.asarray(learned.coefficients),
-    )
+    covariance = np.asarray(learned.covariance)[np.ix_(plain, plain)]
+    coefficients = np.asarray(learned.coefficients)
     angle = ca.dot(ca.DM(coefficients[plain]), column)
     variance_of = affine.band[joint] ** 2 * (
         ca.bilin(ca.DM(covariance), column, column) + learned.std**2

@@ -100,10 +100,14 @@ class KernelEstimator:
         state_names: tuple[str, ...],
         measured: tuple[str, ...] = (),
     ) -> None:
-        self.name, self.rig = name, rig
+        self.name = name
+        self.rig = rig
         self._kernel = kernel
-        self.channels, self.measured, self.state_names = channels.names, measured, state_names
-        self._p, self.interval = frozen(p), channels.interval  # nominal, between samples [s]
+        self.channels = channels.names
+        self.measured = measured
+        self.state_names = state_names
+        self._p = frozen(p)
+        self.interval = channels.interval  # nominal, between samples [s]
         self._begin: Evaluation | None = None
         self.report = NOTHING_REPORTED
 
@@ -173,7 +177,8 @@ class KernelEstimator:
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
         carries, ys = advance(self.kernel, Feed(belief.carry, rows, self._p))
-        carry, y = carries[-1].copy(), ys[-1].copy()
+        carry = carries[-1].copy()
+        y = ys[-1].copy()
         after = Belief(float(time), carry, belief.size, belief.samples + 1, y, self.report)
         if not (
             np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()
@@ -255,7 +260,8 @@ class KernelEstimator:
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
         """
-        times, samples = np.asarray(times, dtype=np.float64), np.asarray(samples, dtype=np.float64)
+        times = np.asarray(times, dtype=np.float64)
+        samples = np.asarray(samples, dtype=np.float64)
         if samples.shape != (len(times), len(self.channels)):
             raise EstimationError(
                 f"{self.name}: samples must have shape ({len(times)}, {len(self.channels)}) for "

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from distal.rig import Sensor
 
-DEAD, DEAD_INTERVALS = 0.5, 5.0
+DEAD = 0.5
+DEAD_INTERVALS = 5.0
 """A sensor without a value for so long, at least [s] and in intervals of its own, is dead: it may
 not come back.
 """

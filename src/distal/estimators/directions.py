@@ -69,7 +69,8 @@ def directions(rig: Rig) -> Directions:
     Coupled joints move with theirs.
     """
     mechanism = Mechanism(rig)
-    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
     look = ca.Function(
         "arms", [q, p.symbols], [mechanism.length_jacobian(q), mechanism.passive_springs(q)[:, 1]]
     )

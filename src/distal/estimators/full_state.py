@@ -45,20 +45,29 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     measurement variances). The pull over an interval is the straight line between its values at
     both ends; a missing one holds the last.
     """
-    nb, nd, nj = mechanism.n_bodies, mechanism.n_drives, mechanism.n_joints
-    n, n_p = 2 * nb, len(mechanism.parameters)
+    nb = mechanism.n_bodies
+    nd = mechanism.n_drives
+    nj = mechanism.n_joints
+    n = 2 * nb
+    n_p = len(mechanism.parameters)
     measured = [*channels.positions, *channels.tensions]
-    m, width = len(measured), len(channels.names)
+    m = len(measured)
+    width = len(channels.names)
     layout = carry_layout(n, pulls=nd)
-    carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", 1 + 2 * width)
+    carry = ca.MX.sym("carry", layout.size)
+    x = ca.MX.sym("x", 1 + 2 * width)
     p = ca.MX.sym("p", n_p + nd + nd + n + m)
     model, _, q_u, q_x, r = ca.vertsplit(p, [int(i) for i in np.cumsum([0, n_p, nd, nd, n, m])])
     mean, covariance, held = (layout.part(carry, name) for name in ("mean", "covariance", "pulls"))
-    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
+    dt = x[0]
+    values = x[1 : 1 + width]
+    mask = x[1 + width :]
 
-    pulls, drives = [held[i] for i in range(nd)], [drive.name for drive in mechanism.rig.drives]
+    pulls = [held[i] for i in range(nd)]
+    drives = [drive.name for drive in mechanism.rig.drives]
     for sensor in channels.forces:
-        i, k = drives.index(sensor.of), channels.names.index(sensor.name)
+        i = drives.index(sensor.of)
+        k = channels.names.index(sensor.name)
         pulls[i] = mask[k] * values[k] + (1 - mask[k]) * held[i]
     pull = ca.vertcat(*pulls)
     before, after = (ca.vertcat(ca.MX.zeros(nj), pulls) for pulls in (held, pull))
@@ -76,12 +85,21 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
 
 def _update_function(mechanism: Mechanism, measured: Sequence[Sensor]) -> ca.Function:
     """Return prediction of the covariance and update as one scalar function."""
-    nb, nd = mechanism.n_bodies, mechanism.n_drives
-    n, m, p = 2 * nb, len(measured), mechanism.parameters.symbols
-    q, v, slopes = ca.SX.sym("q", nb), ca.SX.sym("v", nb), ca.SX.sym("slopes", n, n + nd)
+    nb = mechanism.n_bodies
+    nd = mechanism.n_drives
+    n = 2 * nb
+    m = len(measured)
+    p = mechanism.parameters.symbols
+    q = ca.SX.sym("q", nb)
+    v = ca.SX.sym("v", nb)
+    slopes = ca.SX.sym("slopes", n, n + nd)
     covariance = ca.SX.sym("P", n, n)
-    dt, values, mask = ca.SX.sym("dt"), ca.SX.sym("z", m), ca.SX.sym("mask", m)
-    q_u, q_x, r = ca.SX.sym("q_u", nd), ca.SX.sym("q_x", n), ca.SX.sym("r", m)
+    dt = ca.SX.sym("dt")
+    values = ca.SX.sym("z", m)
+    mask = ca.SX.sym("mask", m)
+    q_u = ca.SX.sym("q_u", nd)
+    q_x = ca.SX.sym("q_x", n)
+    r = ca.SX.sym("r", m)
     state = ca.vertcat(q, v)
     predicted = predict_covariance(covariance, slopes[:, :n], slopes[:, n:], q_u, q_x * dt)
     expected = expected_measurements(mechanism, measured, q, v)
@@ -96,8 +114,10 @@ def expected_measurements(
     """Return h(x), what position and tension sensors should read at q and v: s + bias, and T +
     bias.
     """
-    rig, expected = mechanism.rig, []
-    drives, tendons = [drive.name for drive in rig.drives], [tendon.name for tendon in rig.tendons]
+    rig = mechanism.rig
+    expected = []
+    drives = [drive.name for drive in rig.drives]
+    tendons = [tendon.name for tendon in rig.tendons]
     for sensor in measured:
         if sensor.measures == "position":
             body = mechanism.n_joints + drives.index(sensor.of)
@@ -124,8 +144,11 @@ class FullStateFilter(KernelEstimator):
                 f"{name}: a coupled joint ({', '.join(coupled)}) has no state of its own here; "
                 "use adaptive or elastic"
             )
-        self._mechanism, self._channels, self._noise = Mechanism(rig), channels_of(rig, name), noise
-        self._count, channels = substeps(self._mechanism, self._channels.interval), self._channels
+        self._mechanism = Mechanism(rig)
+        self._channels = channels_of(rig, name)
+        self._noise = noise
+        self._count = substeps(self._mechanism, self._channels.interval)
+        channels = self._channels
         kernel = Kernel(full_state_function(self._mechanism, channels, self._count), compiled)
         nominal = [drive.nominal_force.value for drive in rig.drives]
         parameters = self._mechanism.parameters.values
@@ -151,7 +174,8 @@ class FullStateFilter(KernelEstimator):
 
 def state_names(rig: Rig) -> tuple[str, ...]:
     """Return the names of (q, v): angles, positions, their speeds, velocities."""
-    drives, joints = [drive.name for drive in rig.drives], [joint.name for joint in rig.joints]
+    drives = [drive.name for drive in rig.drives]
+    joints = [joint.name for joint in rig.joints]
     positions, velocities = (
         tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity")
     )
@@ -164,7 +188,8 @@ def rig_noise(rig: Rig) -> Noise:
     Measured forces are inputs with their noise; a nominal one has its std. Positions have their
     random error and their linearity, taken as if it were random from sample to sample.
     """
-    channels, mechanism = channels_of(rig, "ekf"), Mechanism(rig)
+    channels = channels_of(rig, "ekf")
+    mechanism = Mechanism(rig)
     forces = [(drive, sensor_for(channels.forces, drive.name)) for drive in rig.drives]
     inputs = [
         drive.nominal_force.std**2 if sensor is None else variance(sensor)
@@ -205,8 +230,10 @@ def paper_noise(rig: Rig, q: float = 1e-3, r: float = 1e-9, p0: float = 1.0) -> 
     mm, three times its travel, so R is read in mm², 1e-9 m²; docs/results/reproduction.md compares
     the readings.
     """
-    channels, mechanism = channels_of(rig, "ekf-2008"), Mechanism(rig)
-    n, m = 2 * mechanism.n_bodies, len(channels.positions) + len(channels.tensions)
+    channels = channels_of(rig, "ekf-2008")
+    mechanism = Mechanism(rig)
+    n = 2 * mechanism.n_bodies
+    m = len(channels.positions) + len(channels.tensions)
     return Noise(
         np.zeros(mechanism.n_drives),
         np.full(n, q / channels.interval),

@@ -80,7 +80,8 @@ def rows_of(
     Raises:
         EstimationError: too many predictions would be needed.
     """
-    width, is_finite = samples.shape[1], np.isfinite(samples)
+    width = samples.shape[1]
+    is_finite = np.isfinite(samples)
     filled = np.where(is_finite, samples, 0.0)
     if (
         len(steps) and predictions(float(steps.max()), interval) == 1
@@ -103,8 +104,10 @@ def rows_of(
     last = np.cumsum(counts) - 1
     rows = np.zeros((int(counts.sum()), 1 + 2 * width))
     rows[:, 0] = np.repeat(steps / parts, counts)
-    values, masks = rows[:, 1 : 1 + width], rows[:, 1 + width :]
-    values[last], masks[last] = filled, is_finite
+    values = rows[:, 1 : 1 + width]
+    masks = rows[:, 1 + width :]
+    values[last] = filled
+    masks[last] = is_finite
     for i in np.flatnonzero(counts > 1):
         for after in range(1, int(counts[i])):
             row = last[i] - after

@@ -122,7 +122,9 @@ def update(
     `mask` is READ or MISSING, see `distal.kernels.mask`, (m,); a value that is MISSING changes
     nothing.
     """
-    prior, innovations, spreads = mean, [], []
+    prior = mean
+    innovations = []
+    spreads = []
     for i in range(residuals.numel()):
         row = jacobian[i, :]
         across = ca.mtimes(covariance, row.T)

@@ -30,24 +30,31 @@ def kinematic_function(
     the length at the first sample, with the joints at their `initial` angles; F is a tendon's share
     of its drive's pull, low-passed, and F_0 that at the first sample.
     """
-    k, nd, nj = len(tendons), mechanism.n_drives, mechanism.n_joints
-    n, width = nj + k, len(channels.names)
+    k = len(tendons)
+    nd = mechanism.n_drives
+    nj = mechanism.n_joints
+    n = nj + k
+    width = len(channels.names)
     layout = carry_layout(n, lengths=k, places=nd, pulls=nd, first_pulls=nd)
-    carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
+    carry = ca.SX.sym("carry", layout.size)
+    x = ca.SX.sym("x", 1 + 2 * width)
     mean, covariance, lengths = (
         layout.part(carry, name) for name in ("mean", "covariance", "lengths")
     )
     drives, pulls, first = (layout.part(carry, name) for name in ("places", "pulls", "first_pulls"))
     positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
     q = ca.vertcat(mean[:nj], positions)
-    angles, levers = [], levers_of(mechanism)
+    angles = []
+    levers = levers_of(mechanism)
     for row, tendon in enumerate(tendons):
-        drive, length = mechanism.drive_of[tendon] - mechanism.n_joints, lengths[row]
+        drive = mechanism.drive_of[tendon] - mechanism.n_joints
+        length = lengths[row]
         if elastic:
             change = tension_share(mechanism, levers, tendon) * (filtered[drive] - first[drive])
             length += change / mechanism.parameters[f"tendons.{tendon}.stiffness"]
         angles.append(mechanism.angle_at(tendon, length, q))
-    mean, p = ca.vertcat(sum(angles) / len(angles), *angles), mechanism.parameters.symbols
+    mean = ca.vertcat(sum(angles) / len(angles), *angles)
+    p = mechanism.parameters.symbols
     following = layout.joined(
         mean=mean,
         covariance=covariance,
@@ -72,8 +79,10 @@ class KinematicEstimator(KernelEstimator):
     """
 
     def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
-        self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
-        self._tendons, p = measured_tendons(rig, self._channels), self._mechanism.parameters.values
+        self._mechanism = Mechanism(rig)
+        self._channels = channels_of(rig, name)
+        self._tendons = measured_tendons(rig, self._channels)
+        p = self._mechanism.parameters.values
         kernel = Kernel(
             kinematic_function(self._mechanism, self._channels, self._tendons, elastic), compiled
         )
@@ -83,12 +92,17 @@ class KinematicEstimator(KernelEstimator):
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, covariance, memory) before the first sample."""
-        rig, channels, mechanism = self.rig, self._channels, self._mechanism
+        rig = self.rig
+        channels = self._channels
+        mechanism = self._mechanism
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
-        initial, std = rig.joints[0].initial.value, rig.joints[0].initial.std
+        initial = rig.joints[0].initial.value
+        std = rig.joints[0].initial.std
         places, pulls = first_drives(rig, channels, values, mask)
-        q, p = ca.vertcat(initial, places), mechanism.parameters.symbols
-        lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
+        q = ca.vertcat(initial, places)
+        p = mechanism.parameters.symbols
+        lengths = mechanism.elongations(q)
+        jacobian = mechanism.length_jacobian(q)
         # one zero for all tendons: its error is shared; the sensors' errors count twice, then and
         # now
         variances = []

@@ -50,7 +50,9 @@ def stretches(mechanism: Mechanism, pulls: Vector, elastic: bool) -> list[Scalar
     A drive's pull F is shared so that it is balanced with the smallest changes: T = T_pre + h (F −
     Σ h T_pre)/Σ h². All `pulls` are (n_drives,) [N, N m].
     """
-    p, levers, drives = mechanism.parameters, levers_of(mechanism), mechanism.drive_of
+    p = mechanism.parameters
+    levers = levers_of(mechanism)
+    drives = mechanism.drive_of
     lengths = []
     for i, drive in enumerate(drives):
         tendons = [j for j in range(mechanism.n_tendons) if drives[j] == drive]
@@ -84,11 +86,17 @@ def chain_function(
     springs' energy, which then says which of the postures that fit it is. Zero is the rig's own: θ
     = 0 and s = 0 at pre-tension. The tendons are those whose drives have position sensors.
     """
-    nd, nj, free = mechanism.n_drives, mechanism.n_joints, mechanism.free
-    n, width, p = nj, len(channels.names), mechanism.parameters
+    nd = mechanism.n_drives
+    nj = mechanism.n_joints
+    free = mechanism.free
+    n = nj
+    width = len(channels.names)
+    p = mechanism.parameters
     layout = carry_layout(n, places=nd, pulls=nd)
-    carry, x = ca.SX.sym("carry", layout.size), ca.SX.sym("x", 1 + 2 * width)
-    places, pulls = layout.part(carry, "places"), layout.part(carry, "pulls")
+    carry = ca.SX.sym("carry", layout.size)
+    x = ca.SX.sym("x", 1 + 2 * width)
+    places = layout.part(carry, "places")
+    pulls = layout.part(carry, "pulls")
     positions, filtered = read_drives(mechanism.rig, channels, places, pulls, x)
     errors = [ca.SX(0)] * nd
     for sensor in channels.positions:
@@ -96,8 +104,10 @@ def chain_function(
         errors[drive] = ca.SX(variance(sensor) + systematic_variance(sensor))
     wanted = stretches(mechanism, filtered, elastic)
     q = ca.SX.sym("q", mechanism.n_bodies)
-    lengths, jacobian = mechanism.elongations(q), mechanism.length_jacobian(q)
-    few, rows = len(tendons) < len(free), list(tendons)
+    lengths = mechanism.elongations(q)
+    jacobian = mechanism.length_jacobian(q)
+    few = len(tendons) < len(free)
+    rows = list(tendons)
     look = ca.Function(
         "lengths", [q, p.symbols], [lengths[rows], jacobian[rows, :], mechanism.passive_springs(q)]
     )
@@ -112,7 +122,8 @@ def chain_function(
         matrix = ca.mtimes(along, arms)
         push = ca.mtimes(along, ca.vertcat(*(wanted[i] for i in rows)) - length)
         if few:
-            torque, stiffness = springs[:, 0], ca.diag(springs[:, 1])
+            torque = springs[:, 0]
+            stiffness = ca.diag(springs[:, 1])
             push += ca.mtimes(mechanism.spread.T, torque)
             matrix += ca.mtimes([mechanism.spread.T, stiffness, mechanism.spread])
         matrix += RIDGE * ca.trace(matrix) * ca.SX.eye(len(free))
@@ -146,15 +157,18 @@ class ChainKinematics(KernelEstimator):
     """
 
     def __init__(self, name: str, rig: Rig, elastic: bool, compiled: bool = True) -> None:
-        self._mechanism, self._channels = Mechanism(rig), channels_of(rig, name)
-        tendons, p = measured_tendons(rig, self._channels), self._mechanism.parameters.values
+        self._mechanism = Mechanism(rig)
+        self._channels = channels_of(rig, name)
+        tendons = measured_tendons(rig, self._channels)
+        p = self._mechanism.parameters.values
         kernel = Kernel(chain_function(self._mechanism, self._channels, tendons, elastic), compiled)
         names = angle_names([joint.name for joint in rig.joints])
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:
         """Return (values, mask, p) → (mean, variances, memory) before the first sample."""
-        rig, channels = self.rig, self._channels
+        rig = self.rig
+        channels = self._channels
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
         memory = ca.vertcat(*first_drives(rig, channels, values, mask))
         angles, stds = (

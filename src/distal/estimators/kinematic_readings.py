@@ -26,15 +26,21 @@ def read_drives(
 
     Those before are `places` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
     """
-    names, width = [drive.name for drive in rig.drives], len(channels.names)
-    dt, values, mask = x[0], x[1 : 1 + width], x[1 + width :]
+    names = [drive.name for drive in rig.drives]
+    width = len(channels.names)
+    dt = x[0]
+    values = x[1 : 1 + width]
+    mask = x[1 + width :]
     forget = ca.exp(-2 * ca.pi * CUT_OFF * dt)
-    held, filtered = ca.vertsplit(places), ca.vertsplit(pulls)
+    held = ca.vertsplit(places)
+    filtered = ca.vertsplit(pulls)
     for sensor in channels.positions:
-        i, j = names.index(sensor.of), channels.names.index(sensor.name)
+        i = names.index(sensor.of)
+        j = channels.names.index(sensor.name)
         held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, places[i])
     for sensor in channels.forces:
-        i, j = names.index(sensor.of), channels.names.index(sensor.name)
+        i = names.index(sensor.of)
+        j = channels.names.index(sensor.name)
         read = (values[j] - sensor.bias.value) / gain_of(sensor).value
         filtered[i] = ca.if_else(mask[j], read + forget * (pulls[i] - read), pulls[i])
     return ca.vertcat(*held), ca.vertcat(*filtered)
@@ -46,10 +52,8 @@ def first_drives(
     """Return places and pulls of the drives at the first `values`, (n_drives,) each; 0 and nominal
     where `mask` is 0.
     """
-    places, pulls = (
-        [ca.SX(0) for _ in rig.drives],
-        [ca.SX(drive.nominal_force.value) for drive in rig.drives],
-    )
+    places = [ca.SX(0) for _ in rig.drives]
+    pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]
     for first, sensors in ((places, channels.positions), (pulls, channels.forces)):
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(sensors, drive.name)

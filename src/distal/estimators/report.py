@@ -33,7 +33,8 @@ class Report:
 
         Values, gains and variances of one map after the other stand in y from `start` on.
         """
-        states, parts = list[int](), (list[int](), list[int](), list[int]())
+        states = list[int]()
+        parts = (list[int](), list[int](), list[int]())
         for group in groups:
             for columns in parts:
                 columns += range(start, start + len(group))

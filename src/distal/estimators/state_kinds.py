@@ -95,10 +95,8 @@ def state_units(runner: NamesStates) -> tuple[str, ...]:
     for drive in rig.drives:
         place = position_unit(drive)
         by_name |= {f"position_{drive.name}": place, f"velocity_{drive.name}": f"{place}/s"}
-    drives, sensors = (
-        {drive.name: drive for drive in rig.drives},
-        {sensor.name: sensor for sensor in rig.sensors},
-    )
+    drives = {drive.name: drive for drive in rig.drives}
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
 
     def unit(name: str, kind: StateKind, part: str) -> str:
         if kind is StateKind.PARAMETER:

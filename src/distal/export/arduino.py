@@ -98,13 +98,12 @@ def _sensors(rig: Rig, exported: Exported) -> str:
     """Return the lines of the sketch that read each sensor: a place by an encoder's counts, a force
     by an analog pin.
     """
-    sensors, lines, begin, values = (
-        {sensor.name: sensor for sensor in rig.sensors},
-        list[str](),
-        list[str](),
-        [],
-    )
-    pin, analog = 2, 0
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+    lines = list[str]()
+    begin = list[str]()
+    values = []
+    pin = 2
+    analog = 0
     for i, channel in enumerate(exported.channels):
         sensor = sensors[channel]
         meaning = f"{comment(channel)}: {sensor.measures} of {comment(sensor.of)}"

@@ -56,7 +56,8 @@ def binaries_of(sources: Mapping[str, str], everywhere: bool) -> tuple[dict[str,
         sources: texts by file.
         everywhere: for the platforms of `ZIG_TARGETS` too.
     """
-    compiler, here = find_compiler(), this_platform()
+    compiler = find_compiler()
+    here = this_platform()
     if compiler == SWITCHED_OFF:
         return {}, compiler
     commands: dict[str, Sequence[str]] = {}

@@ -51,8 +51,10 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         EstimationError: the filter cannot run on this rig.
     """
     checked_name(name)
-    runner, model = AdaptiveFilter(rig, False, folded=True), CommandModel(rig, folded=True)
-    layout, step = layouts(model, runner.states), live_function(model, runner.states)
+    runner = AdaptiveFilter(rig, False, folded=True)
+    model = CommandModel(rig, folded=True)
+    layout = layouts(model, runner.states)
+    step = live_function(model, runner.states)
     emitter = Emitter(real)
     try:
         advance = emitter.add(step, in_place=True)
@@ -113,7 +115,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         **{f"y_{part}": str(layout.y[part].start) for part in layout.y.names},
     }
     operations = emitter.functions[advance].cost.operations
-    header, source = filled(_HEADER, values), filled(_SOURCE, values)
+    header = filled(_HEADER, values)
+    source = filled(_SOURCE, values)
     return ExportedCommand(name, header, source, layout.carry.size, operations, tuple(model.free))
 
 

@@ -183,10 +183,8 @@ def _description(rig: Rig, exported: Exported, variables: list[_Variable], token
     ElementTree.SubElement(
         root, "DefaultExperiment", startTime="0", stepSize=repr(exported.interval)
     )
-    model, names = (
-        ElementTree.SubElement(root, "ModelVariables"),
-        {variable.name for variable in variables},
-    )
+    model = ElementTree.SubElement(root, "ModelVariables")
+    names = {variable.name for variable in variables}
     ElementTree.SubElement(
         model,
         "Float64",

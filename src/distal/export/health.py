@@ -33,7 +33,8 @@ def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[
     Raises:
         ExportError: the function has no C.
     """
-    watch, dialect = watch_of(runner), emitter.dialect
+    watch = watch_of(runner)
+    dialect = emitter.dialect
     assert isinstance(dialect, Plain)
     try:
         check = emitter.add(watch.function)

@@ -54,7 +54,8 @@ def members(runner: KernelEstimator, name: str) -> str:
     """Return the members of the output that are angles and torques from outside, with their
     standard deviations.
     """
-    lines, rig = [], runner.rig
+    lines = []
+    rig = runner.rig
     for (angle, std), joint in zip(angle_fields(rig), rig.joints):
         which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
         lines += [f"  {name}_real {angle}; /* of {which} [rad] */"]
@@ -73,15 +74,15 @@ def outputs(runner: KernelEstimator, n: int, stepped: bool = True) -> str:
     fields += [
         (runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)
     ]
-    lines, report = [], runner.report
+    lines = []
+    report = runner.report
     for at, field, std in fields:
-        estimate, variance = f"state->carry[{at}]", f"state->carry[{n + at * (n + 1)}]"
+        estimate = f"state->carry[{at}]"
+        variance = f"state->carry[{n + at * (n + 1)}]"
         if stepped and at in report.states:  # a learned map speaks of it
             k = report.states.index(at)
             gain = f"y[{report.gains[k]}]"
-            estimate, variance = (
-                f"y[{report.values[k]}]",
-                f"{gain} * {gain} * {variance} + y[{report.variances[k]}]",
-            )
+            estimate = f"y[{report.values[k]}]"
+            variance = f"{gain} * {gain} * {variance} + y[{report.variances[k]}]"
         lines += [f"    out->{field} = {estimate};", f"    out->{std} = root({variance});"]
     return "\n".join(lines)

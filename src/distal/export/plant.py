@@ -75,17 +75,21 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     plant = Mechanism(rig, remembers=True)
     interval = 1.0 / max(sensor.rate for sensor in rig.sensors)
     dt, count = intervals_of(plant, interval)
-    kernel, n = plant_function(plant, count), plant.n_bodies
+    kernel = plant_function(plant, count)
+    n = plant.n_bodies
     pull = resting_pull(plant)
     held = BodyInputs(pull[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     start = equilibrium(plant, np.array([joint.initial.value for joint in rig.joints]), held)
     carry, first = at_rest(plant, held, start, Kernel(kernel, False))
-    emitter, dialect = Emitter(Plain()), Plain()
+    emitter = Emitter(Plain())
+    dialect = Plain()
     try:
-        advance, reading = emitter.add(kernel, in_place=True), emitter.add(reading_function(plant))
+        advance = emitter.add(kernel, in_place=True)
+        reading = emitter.add(reading_function(plant))
     except CodeError as problem:
         raise ExportError(f"the plant of '{rig.name}' has no C: {problem}") from None
-    names, numbers = plant.parameters.names, plant.parameters.values
+    names = plant.parameters.names
+    numbers = plant.parameters.values
     parts = round(interval / dt)
 
     def table(numbers: Floats | list[float]) -> str:
@@ -127,7 +131,8 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "advance": advance,
         "reading": reading,
     }
-    header, source = filled(_HEADER, values), filled(_SOURCE, values)
+    header = filled(_HEADER, values)
+    source = filled(_SOURCE, values)
     sensors = tuple(sensor.name for sensor in rig.sensors)
     return ExportedPlant(
         name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count

@@ -49,7 +49,8 @@ def export_c(
         EstimationError: the estimator cannot run on this rig.
         OutputError: the folder cannot be written.
     """
-    folder, name = Path(out), name if name is not None else c_name(f"{rig.name}_{estimator}")
+    folder = Path(out)
+    name = name if name is not None else c_name(f"{rig.name}_{estimator}")
     if command and estimator != "adaptive":
         raise ExportError(
             f"commands are by the state of adaptive, {estimator} has another; leave command out"

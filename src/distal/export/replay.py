@@ -13,7 +13,8 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
     """Return a C program that reads a log and writes t, then angles and torques from outside with
     their stds.
     """
-    sensors, time = {sensor.name: sensor for sensor in runner.rig.sensors}, runner.rig.log.time
+    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
+    time = runner.rig.log.time
     read = [sensors[channel] for channel in runner.channels]
     columns = [time.column, *(sensor.log_column for sensor in read)]
     factors = [unit_factor(time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]

@@ -106,16 +106,16 @@ def c_filter(
     if isinstance(runner, AdaptiveFilter):
         runner = runner.folded()
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
-    prior, step = runner.prior_function(), runner.kernel.function
+    prior = runner.prior_function()
+    step = runner.kernel.function
     emitter = Emitter(Plain(single))
     try:
-        begin, advance = emitter.add(prior), emitter.add(step, in_place=True)
+        begin = emitter.add(prior)
+        advance = emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
-    cost, scratch = (
-        emitter.functions[advance].cost,
-        sum(written.scratch for written in emitter.functions.values()),
-    )
+    cost = emitter.functions[advance].cost
+    scratch = sum(written.scratch for written in emitter.functions.values())
     watching = health_source(runner, name, emitter)
     values = _values(runner, name, emitter, begin, advance) | watching
     values |= _beginning(len(runner.state_names), prior.numel_out(1))
@@ -143,7 +143,9 @@ def _values(
     runner: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str
 ) -> dict[str, str]:
     """Return what the templates are filled with."""
-    dialect, n, m = emitter.dialect, len(runner.state_names), len(runner.measured)
+    dialect = emitter.dialect
+    n = len(runner.state_names)
+    m = len(runner.measured)
     assert isinstance(dialect, Plain)
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
     read = [sensors[channel] for channel in runner.channels]

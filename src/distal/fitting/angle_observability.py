@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 LOST = np.deg2rad(10.0)
 """The angle is lost by this (1σ) at the start of each window [rad]."""
 
-SEEN, HARDLY = 0.2, 0.7
+SEEN = 0.2
+HARDLY = 0.7
 """It is seen where a window's forces find it again to within this share of `LOST`, hardly seen to
 within that one.
 """
@@ -93,10 +94,8 @@ class Observability:
         """
         with figure(2, 1, (6.5, 4.8), sharex=True) as (drawing, (angle, spread)):
             since = from_start(self.time)
-            theta, half = (
-                np.rad2deg(self.estimate.angles[:, self.joint]),
-                np.rad2deg(BAND * self.std),
-            )
+            theta = np.rad2deg(self.estimate.angles[:, self.joint])
+            half = np.rad2deg(BAND * self.std)
             angle.fill_between(
                 since,
                 theta - half,
@@ -162,7 +161,8 @@ def observability(
     references: tuple[Sensor, ...] = ()
     if homing is not None:
         rig, references = with_references(rig, log)
-        true, early = check_homing(homing, log, joints), log.time - log.time[0] < homing
+        true = check_homing(homing, log, joints)
+        early = log.time - log.time[0] < homing
         for sensor in references:
             log = with_channel(
                 log, sensor.name, np.where(early, true[:, joints.index(sensor.of)], np.nan)

@@ -167,12 +167,16 @@ def filter_candidate(
             replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
         )
     run = _surest(run, training, numbers)
-    homing, samples, ran = training.options.homing, list(run.data.values()), list(run.data)
-    rigs, groups = [run.rigs[i] for i in ran], [training.groups[i] for i in ran]
+    homing = training.options.homing
+    samples = list(run.data.values())
+    ran = list(run.data)
+    rigs = [run.rigs[i] for i in ran]
+    groups = [training.groups[i] for i in ran]
     half = partly_homed([training.logs[i] for i in ran], rigs, homing, training.options.compiled)
     kind = discrepancy_of(run.rig, samples)
     map_fit = map_of(samples, kind, run.rig, homing, groups, scored=False, partly=half)
-    map_fit, folds = _with_reference_error(map_fit, training), folds_of(groups)
+    map_fit = _with_reference_error(map_fit, training)
+    folds = folds_of(groups)
     error = _rms(samples, left_out_errors(samples, kind, map_fit.terms, folds, homing))
 
     def learned(logs: Sequence[int], parts: Sequence[Bools]) -> LearnedMap:
@@ -215,11 +219,13 @@ def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
     def described_by(source: Numbers) -> Rig:
         return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
 
-    rig, rigs = training.rig, [training.rig] * len(training.folds)
+    rig = training.rig
+    rigs = [training.rig] * len(training.folds)
     if numbers is not None:
         of_folds = numbers_without(numbers, training.logs, training.folds)
         fold_rigs = [described_by(of_fold) for of_fold in of_folds]
-        rig, rigs = described_by(numbers), [fold_rigs[fold] for fold in training.folds]
+        rig = described_by(numbers)
+        rigs = [fold_rigs[fold] for fold in training.folds]
     return _Run(
         rig,
         rigs,
@@ -234,7 +240,8 @@ def line_map(training: Training) -> MapFit:
     """
     data = [affine_samples(log, training.rig) for log in training.logs]
     data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
-    kind, homing = affine_of(training.rig), training.options.homing
+    kind = affine_of(training.rig)
+    homing = training.options.homing
     return _with_reference_error(
         map_of(data, kind, training.rig, homing, training.groups, scored=False), training
     )
@@ -253,7 +260,8 @@ def line_candidate(training: Training, line: MapFit, base: Candidate) -> Candida
         for i, samples in base.data.items()
     ]
     folds = folds_of([training.groups[i] for i in base.data])
-    kind, samples = affine_of(training.rig), list(base.data.values())
+    kind = affine_of(training.rig)
+    samples = list(base.data.values())
     error = _rms(among, left_out_errors(among, kind, line.terms, folds, None))
     ranges = discrepancy_of(training.rig, samples)
 

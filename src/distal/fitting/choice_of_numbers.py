@@ -190,9 +190,11 @@ def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
 
 
 def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
-    first, paths = numbers[0], tuple(parameter.path for parameter in numbers)
+    first = numbers[0]
+    paths = tuple(parameter.path for parameter in numbers)
     starts = tuple(parameter.value for parameter in numbers)
-    name, place = in_words(rig, *paths), named(rig, first.path)
+    name = in_words(rig, *paths)
+    place = named(rig, first.path)
     if not first.is_parameter:
         return _noise(rig, numbers)
     if first.value == 0.0 and first.std == 0.0:
@@ -213,7 +215,8 @@ def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
         )
     scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
     std = first.std if first.std > 0.0 else float("nan")
-    rough, si = first.is_rough, first.quantity.si
+    rough = first.is_rough
+    si = first.quantity.si
     low = SMALLEST_NUMBER * first.value if rough else low
     return Free(
         name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log
@@ -226,17 +229,14 @@ def _noise(rig: Rig, numbers: Sequence[Number], prior: bool = True) -> Free:
         raise FitError(
             f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
         )
-    start, paths = first.value, tuple(parameter.path for parameter in numbers)
-    starts, std = (
-        tuple(parameter.value for parameter in numbers),
-        NOISE_PRIOR * start if prior else float("nan"),
-    )
-    low, high, si, name = (
-        start / NOISE_RANGE,
-        start * NOISE_RANGE,
-        first.quantity.si,
-        in_words(rig, *paths),
-    )
+    start = first.value
+    paths = tuple(parameter.path for parameter in numbers)
+    starts = tuple(parameter.value for parameter in numbers)
+    std = NOISE_PRIOR * start if prior else float("nan")
+    low = start / NOISE_RANGE
+    high = start * NOISE_RANGE
+    si = first.quantity.si
+    name = in_words(rig, *paths)
     return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
 
 

@@ -125,9 +125,11 @@ def contradictions(problem: Problem, optimum: Optimum) -> list[str]:
 
     A log is fitted alone, begun at the optimum of all, its noise as it is.
     """
-    worst, sentences = CONTRADICTORY, list[str]()
+    worst = CONTRADICTORY
+    sentences = list[str]()
     for j, data in enumerate(problem.data):
-        alone, at = problem.among([j]), problem.columns(j)
+        alone = problem.among([j])
+        at = problem.columns(j)
         start = optimum.z[[at[problem.free.index(part)] for part, _ in alone.parts]]
         noise = np.array([part.noise for part, _ in alone.parts])
         alone_optimum = search(alone.assessed(start), start, most=FEW_ITERATIONS, fixed=noise)
@@ -143,10 +145,8 @@ def contradictions(problem: Problem, optimum: Optimum) -> list[str]:
             limits = np.where(np.isfinite(alone.prior_stds), alone.prior_stds, 1.0)
             k = int(np.argmax(np.abs(alone_optimum.z - start) / limits))
             part, _ = alone.parts[k]
-            worst, wanted = (
-                ratio,
-                f"{part.name} = {part.value(alone_optimum.z[k]):.4g} {part.si}".rstrip(),
-            )
+            worst = ratio
+            wanted = f"{part.name} = {part.value(alone_optimum.z[k]):.4g} {part.si}".rstrip()
             sentences = [
                 f"contradictory logs: {Path(data.log.source).name} fits {ratio:.1f} times better "
                 "with numbers of its own "

@@ -64,7 +64,9 @@ class FitFilter:
         steps: int = 1,
         compiled: bool = True,
     ) -> None:
-        self.rig, self.references, self.steps = rig, tuple(references), steps
+        self.rig = rig
+        self.references = tuple(references)
+        self.steps = steps
         self.runner = AdaptiveFilter(
             rig,
             "lanes" if compiled else False,
@@ -81,7 +83,8 @@ class FitFilter:
 
         Its truth is the reference, NaN or absent where it is not known.
         """
-        runner, joints = self.runner, [joint.name for joint in self.rig.joints]
+        runner = self.runner
+        joints = [joint.name for joint in self.rig.joints]
         names = runner.channels[: -len(self.references)]
         proximal = samples_of(log, names, "fit").copy()
         for sensor in runner.states.context.channels.positions:

@@ -111,7 +111,8 @@ def fit(
         workers=workers,
         compiled=compiled,
     )
-    read, start_rig = _read(logs, rig, truth, homing), rig
+    read = _read(logs, rig, truth, homing)
+    start_rig = rig
     touched = [] if homing is not None or units is not None else touched_logs(read, rig)
     aside = [read[i] for i in touched]
     read = [log for i, log in enumerate(read) if i not in touched]
@@ -129,9 +130,11 @@ def fit(
 
     # without homing an encoder's own offset is in errors on held-out logs, and would choose
     by_folds = homing is not None
-    done, asked = [], 0
+    done = []
+    asked = 0
     if enough and "discrepancy" in learned.maps and not learned.interrupted:
-        done, asked = leave_out(read, rig, folds, of_fold, homing), parts - 1
+        done = leave_out(read, rig, folds, of_fold, homing)
+        asked = parts - 1
         if by_folds and len(done) == asked:
             best = candidate_by_folds(done, judged.candidates, judged.chosen)
             learned = learned_by(judged, best) if best is not judged.chosen else learned

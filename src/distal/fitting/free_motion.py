@@ -67,7 +67,8 @@ def free_motion_of(
         both = np.maximum(np.mean(shown[begun] ** 2, axis=0), 1e-30)
         neighbours.append(np.mean(shown[begun][1:] * shown[begun][:-1], axis=0) / both)
         paces.append(_pace(np.array(readings) / spread[:, None], log)[begun])
-    square, pace = np.vstack(squares), np.concatenate(paces)
+    square = np.vstack(squares)
+    pace = np.concatenate(paces)
     names = runner.measured
     compared = [name for name in names if name in channels]
     expected = np.vstack(variances)
@@ -106,7 +107,8 @@ def _felt(runner: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, .
     """Return the torque on each joint from which on a touch is felt, 1/τ₀² = Σ a²/normal [N m]; 0
     of one where none is.
     """
-    context, felt = runner.states.context, list[float]()
+    context = runner.states.context
+    felt = list[float]()
     for joint in range(context.n_joints):
         if joint not in context.touchable:
             felt.append(0.0)
@@ -147,10 +149,12 @@ def _mean(values: Floats, log: Log, time: float) -> Floats:
 def _pace(places: Floats, log: Log) -> Floats:
     """Return v², the largest recent squared speed of all drives over their spreads, (k,) [1/s²]."""
     interval = float(np.median(np.diff(log.time)))
-    fade, slowly = exp(-interval / MOTION_TIME), exp(-2 * interval / PACE_TIME)
+    fade = exp(-interval / MOTION_TIME)
+    slowly = exp(-2 * interval / PACE_TIME)
     steps = np.nan_to_num(np.diff(places, axis=1, prepend=places[:, :1])) / interval
     speeds = lfilter([1 - fade], [1, -fade], steps, axis=1) ** 2
-    paces, kept = np.empty(speeds.shape[1]), np.zeros(len(places))
+    paces = np.empty(speeds.shape[1])
+    kept = np.zeros(len(places))
     for k, now in enumerate(speeds.T):
         kept = np.maximum(slowly * kept, now)
         paces[k] = kept.sum()

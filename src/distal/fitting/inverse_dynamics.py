@@ -72,7 +72,9 @@ class Equations:
 
     def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
         context = fit.runner.states.context
-        self.context, self.mechanism, self.fit = context, context.mechanism, fit
+        self.context = context
+        self.mechanism = context.mechanism
+        self.fit = fit
         drives = range(context.n_drives)
         self.places = [context.position_sensor(i) for i in drives]
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
@@ -96,14 +98,14 @@ class Equations:
 
         The carry is (directions, inside), x is (dt, turned, q, v, a, σ_q², read).
         """
-        mechanism, context, nb, nj = (
-            self.mechanism,
-            self.context,
-            self.mechanism.n_bodies,
-            self.mechanism.n_joints,
-        )
-        p, count = mechanism.parameters.symbols, len(mechanism.plays) + len(mechanism.strains)
-        carry, x = ca.SX.sym("carry", nb + count), ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
+        mechanism = self.mechanism
+        context = self.context
+        nb = self.mechanism.n_bodies
+        nj = self.mechanism.n_joints
+        p = mechanism.parameters.symbols
+        count = len(mechanism.plays) + len(mechanism.strains)
+        carry = ca.SX.sym("carry", nb + count)
+        x = ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
         ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
         dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
         places = [
@@ -111,7 +113,8 @@ class Equations:
         ]
         q = ca.vertcat(motion[:nj], *places)
         direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
-        inside, strains = carry[nb:], carry[nb + len(mechanism.plays) :]
+        inside = carry[nb:]
+        strains = carry[nb + len(mechanism.plays) :]
         if count:
             at = [
                 mechanism.parameters.names.index(name)
@@ -148,7 +151,8 @@ class Equations:
             for k, (i, s) in enumerate(self.tensions)
         ]
         rows += ca.vertsplit(-ca.mtimes(ca.densify(mechanism.spread).T, (balance + friction)[:nj]))
-        lacking, variances = ca.vertcat(*rows), [context.noise(s) for s in self.sensors]
+        lacking = ca.vertcat(*rows)
+        variances = [context.noise(s) for s in self.sensors]
         noise = ca.vertcat(*variances, *(LEAST_VARIANCE for _ in mechanism.free))
         noise += ca.mtimes(ca.jacobian(lacking, motion) ** 2, unsure)
         residuals = lacking / ca.sqrt(ca.fmax(noise, LEAST_VARIANCE))
@@ -161,7 +165,9 @@ class Equations:
         """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up
         and down.
         """
-        mechanism, nb, nj = self.mechanism, self.mechanism.n_bodies, self.mechanism.n_joints
+        mechanism = self.mechanism
+        nb = self.mechanism.n_bodies
+        nj = self.mechanism.n_joints
         q, v, a = (ca.SX.sym(name, nb) for name in "qva")
         tendons = mechanism.pulls(q, v, settled=True)
         passive = mechanism.passive_forces(q)
@@ -179,7 +185,8 @@ class Equations:
         creep settled.
         """
         still = Mechanism(self.mechanism.rig, self.mechanism.parameters.inputs)
-        q, p = ca.SX.sym("q", still.n_bodies), self.mechanism.parameters.symbols
+        q = ca.SX.sym("q", still.n_bodies)
+        p = self.mechanism.parameters.symbols
         symbols = still.parameters.symbols
         inside = list(still.place(q).inside)
         for name in still.strains:
@@ -187,10 +194,8 @@ class Equations:
             settled = getattr(still.rig.tendons[int(index)], kind).settled.value
             path = f"tendons.{index}"
             tension = still.pulls(q, ca.SX.zeros(still.n_bodies)).drive[int(index)]
-            share, stiffness = (
-                still.parameters[f"{path}.{kind}.share"],
-                still.parameters[f"{path}.stiffness"],
-            )
+            share = still.parameters[f"{path}.{kind}.share"]
+            stiffness = still.parameters[f"{path}.stiffness"]
             inside.append(settled * share * tension / stiffness)
         carry: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
         return ca.Function(
@@ -201,10 +206,8 @@ class Equations:
         """Return a log as the equations take it, None where angles and places are hardly known
         together.
         """
-        channels, joints = (
-            list(self.fit.runner.channels),
-            [joint.name for joint in self.mechanism.rig.joints],
-        )
+        channels = list(self.fit.runner.channels)
+        joints = [joint.name for joint in self.mechanism.rig.joints]
 
         def columns(sensors: Sequence[Sensor | None]) -> Floats:
             readings = [
@@ -215,10 +218,8 @@ class Equations:
             return np.column_stack([*readings, np.zeros((len(data.samples), 0))])
 
         of = {sensor.of: sensor for sensor in self.fit.references}
-        q, time = (
-            np.column_stack([columns([of[name] for name in joints]), columns(self.places)]),
-            data.log.time,
-        )
+        q = np.column_stack([columns([of[name] for name in joints]), columns(self.places)])
+        time = data.log.time
         complete = np.asarray(np.isfinite(q).all(axis=1))
         from scipy.signal import savgol_coeffs, savgol_filter  # takes as long to load as distal
 
@@ -244,7 +245,8 @@ class Equations:
         rows = np.column_stack(
             [np.diff(time[at], prepend=time[0]), turned, q[at], v[at], a[at], unsure, read]
         )
-        edge, inner = window // every + 1, np.arange(len(rows))
+        edge = window // every + 1
+        inner = np.arange(len(rows))
         compared = np.asarray(complete[at] & (inner >= edge) & (inner < len(rows) - edge))
         return KnownMotion(rows, time[at], compared)
 
@@ -298,7 +300,9 @@ class InverseProblem(Problem):
         return tuple(motion.rows for motion in self.motions)
 
     def _feed(self, log: int, z: Floats) -> Feed:
-        p, nb, rows = self.numbers(z), self.equations.mechanism.n_bodies, self._rows[log]
+        p = self.numbers(z)
+        nb = self.equations.mechanism.n_bodies
+        rows = self._rows[log]
         return Feed(
             np.asarray(self.equations.begin(rows[0, 1 + nb : 1 + 2 * nb], p)).ravel(), rows, p
         )

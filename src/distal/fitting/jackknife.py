@@ -36,7 +36,9 @@ def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay
     those of all logs.
     """
-    problem, optimum, uncertainty = numbers.problem, numbers.optimum, numbers.uncertainty
+    problem = numbers.problem
+    optimum = numbers.optimum
+    uncertainty = numbers.uncertainty
     out = [any(data.log is log for log in logs) for data in problem.data]
     remaining = problem.among([j for j, gone in enumerate(out) if not gone])
     columns = np.array(
@@ -52,10 +54,12 @@ def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
     if again.interrupted:
         raise KeyboardInterrupt  # a log that was not left out to its end judges nothing
     square = np.ix_(columns, columns)
-    determined, together = uncertainty.determined[columns], uncertainty.together[columns]
+    determined = uncertainty.determined[columns]
+    together = uncertainty.together[columns]
     covariance = uncertainty.covariance[square]
     errors = replace(uncertainty, covariance=covariance, determined=determined, together=together)
-    left, held = numbers.left[columns], numbers.held[columns]
+    left = numbers.left[columns]
+    held = numbers.held[columns]
     fitted = tuple(
         fitted_numbers(remaining, replace(again, converged=optimum.converged), errors, left, held)
     )

@@ -142,7 +142,8 @@ def judge(
 
 def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     """Return what a candidate teaches, with what was learned beside it from the same logs."""
-    options, line = judged.training.options, judged.line
+    options = judged.training.options
+    line = judged.line
     alone = judged.solutions[-1] if chosen.numbers is None else chosen.numbers
     numbers = among_models(alone, judged.models)
     bends = dict(curves(numbers.problem.of_filter, numbers.optimum.z)) if options.curves else {}

@@ -114,7 +114,8 @@ class MapFit:
             OutputError: it cannot be written.
         """
         values: dict[str, object] = {self.table: self.as_table()}
-        rig, head = self.rig, ""
+        rig = self.rig
+        head = ""
         if provisional:
             values["provisional"] = provisional
             rig = rig.model_copy(update={"provisional": provisional})
@@ -262,7 +263,8 @@ def map_of(
     """
     folds = folds_of(list(groups) if groups is not None else [str(i) for i in range(len(data))])
     learned, chosen = learn_map(data, kind, folds, homing, partly)
-    sentences, count = [*notes, f"{kind.name}: {chosen.name}"], len(set(folds))
+    sentences = [*notes, f"{kind.name}: {chosen.name}"]
+    count = len(set(folds))
     if count < ENOUGH_LOGS:
         sentences.append(
             f"{kind.name}: {count} log{'s' if count > 1 else ''} or groups of logs with a known "

@@ -77,7 +77,8 @@ def leave_out(
             learned = learned_from([logs[i] for i in remaining], count)
             if learned.interrupted:
                 break  # it says nothing of a fit that ends by itself
-            held_out, others = [logs[i] for i in out], [logs[i] for i in remaining]
+            held_out = [logs[i] for i in out]
+            others = [logs[i] for i in remaining]
             done.append(_scored(held_out, others, rig, learned, homing))
         except KeyboardInterrupt:
             break

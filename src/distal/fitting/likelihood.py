@@ -45,7 +45,8 @@ class Innovations:
     def bounded(self) -> bool:
         """Whether the filter stayed within all bounds."""
         compared = np.isfinite(self.values)
-        spread, sizes = self.variances[compared], np.abs(self.values[compared])
+        spread = self.variances[compared]
+        sizes = np.abs(self.values[compared])
         return bool(
             np.all(spread < UNBOUNDED) and np.all(spread > 0.0) and np.all(sizes < UNBOUNDED)
         )
@@ -148,7 +149,8 @@ def shares_of(runs: Sequence[Innovations], times: Sequence[Floats]) -> Floats:
     s by `times`, the samples' stamps [s], (k,).
     """
     m = runs[0].values.shape[1]
-    plain, together = np.zeros(m), np.zeros(m)
+    plain = np.zeros(m)
+    together = np.zeros(m)
     for run, stamps in zip(runs, times):
         spans = np.floor((stamps - stamps[0]) / CORRELATED).astype(int)
         for k in range(m):
@@ -167,8 +169,10 @@ def cost_of(run: Innovations, weighing: Weighing) -> float:
     """
     if not run.bounded:
         return float("inf")
-    compared, shape = np.isfinite(run.values), run.values.shape
-    nu, spread = run.values[compared], (run.variances * weighing.scale)[compared]
+    compared = np.isfinite(run.values)
+    shape = run.values.shape
+    nu = run.values[compared]
+    spread = (run.variances * weighing.scale)[compared]
     ratio = nu * nu / spread
     inflation = np.maximum(1.0, ratio / np.broadcast_to(weighing.tolerance, shape)[compared])
     weight = np.broadcast_to(weighing.share * evened(run, weighing), shape)[compared]
@@ -199,9 +203,12 @@ def derivatives_of(
     have an upper and a lower end and `widths` from one to the other, (n,); 0 for a coordinate that
     is not varied.
     """
-    compared, shape = np.isfinite(base.values), base.values.shape
-    nu, spread = base.values[compared], (base.variances * weighing.scale)[compared]
-    slopes, log_slopes = np.zeros((len(ends), len(nu))), np.zeros((len(ends), len(nu)))
+    compared = np.isfinite(base.values)
+    shape = base.values.shape
+    nu = base.values[compared]
+    spread = (base.variances * weighing.scale)[compared]
+    slopes = np.zeros((len(ends), len(nu)))
+    log_slopes = np.zeros((len(ends), len(nu)))
     for k, (up, down) in enumerate(ends):
         if widths[k] != 0.0:
             with np.errstate(all="ignore"):  # an end may have left all bounds

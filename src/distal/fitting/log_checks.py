@@ -162,7 +162,8 @@ def _check_truth(log: Log, rig: Rig, truth: Floats, joint: str, index: int) -> N
     # stretch removed where forces are measured: soft tendons let drives and joint go different ways
     baseline = "elastic" if rig.sensors_of("force") else "inextensible"
     drives = estimate(Log(log.time, log.channels, {}, log.source), rig, baseline).angles[:, index]
-    a, b = drives[has_truth] - drives[has_truth].mean(), truth[has_truth] - truth[has_truth].mean()
+    a = drives[has_truth] - drives[has_truth].mean()
+    b = truth[has_truth] - truth[has_truth].mean()
     if float(np.sqrt(np.mean(a**2))) < SMALLEST_TURN / 2:
         return
     if float(np.ptp(truth[has_truth])) == 0.0 and float(np.ptp(a)) > DEAD_TRUTH_TURN:

@@ -32,7 +32,8 @@ OFFSETS = 2.0
 deviations.
 """
 
-MOST_PARTLY, FEWEST_PARTLY = 12, 20
+MOST_PARTLY = 12
+FEWEST_PARTLY = 20
 """So many logs at most say what a homing move that covers half of the range costs, each with so
 many samples in it.
 """
@@ -49,7 +50,8 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
     readings = np.vstack([samples.readings for samples in data])
     moving = [sensor for sensor, column in zip(sensors, readings.T) if np.ptp(column) > 0.0]
     efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
-    names, joints = [sensor.name for sensor in sensors], [joint.name for joint in rig.joints]
+    names = [sensor.name for sensor in sensors]
+    joints = [joint.name for joint in rig.joints]
     noise = np.sqrt([variance(sensor) for sensor in sensors])
     return discrepancy_kind(names, [sensor.name for sensor in moving], efforts, joints, noise)
 
@@ -72,11 +74,9 @@ def filtered(
     homing move lasts `homing` s, None for none, and may use the samples that are `usable`, (k,) for
     each log, None for all.
     """
-    data, refused, runners = (
-        dict[int, Samples](),
-        list[str](),
-        dict[tuple[int, frozenset[str]], AdaptiveFilter](),
-    )
+    data = dict[int, Samples]()
+    refused = list[str]()
+    runners = dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
             key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
@@ -132,7 +132,8 @@ def partly_homed(
         if np.count_nonzero(usable & (logs[i].time - logs[i].time[0] < homing)) >= FEWEST_PARTLY:
             masks[i] = usable
     used = list(masks)
-    used_logs, used_rigs = [logs[i] for i in used], [rigs[i] for i in used]
+    used_logs = [logs[i] for i in used]
+    used_rigs = [rigs[i] for i in used]
     data, _ = filtered(used_logs, used_rigs, homing, compiled, list(masks.values()))
     return {used[k]: replace(samples, usable=masks[used[k]]) for k, samples in data.items()}
 

@@ -163,7 +163,9 @@ def among_models(numbers: Numbers, models: Sequence[Numbers]) -> Numbers:
     """
     if not numbers.by_equations or len(models) < 2:
         return numbers
-    problem, optimum, uncertainty = numbers.problem, numbers.optimum, numbers.uncertainty
+    problem = numbers.problem
+    optimum = numbers.optimum
+    uncertainty = numbers.uncertainty
     ends = np.array(
         [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
     )
@@ -207,22 +209,26 @@ def _searched(
     may_stay = np.array(
         [not part.noise and log is None and part.has_prior for part, log in problem.parts]
     )
-    left, held = np.zeros(problem.size, dtype=bool), np.zeros(problem.size, dtype=bool)
+    left = np.zeros(problem.size, dtype=bool)
+    held = np.zeros(problem.size, dtype=bool)
     while (
         not optimum.interrupted
         and (at := _next_held(problem, uncertainty, left, may_stay)) is not None
     ):
-        left[at], held[at] = True, bool(uncertainty.together[at])
+        left[at] = True
+        held[at] = bool(uncertainty.together[at])
     if left.any() and not left.all():
         # what the others become when these are moved, by the information of all
-        information, moved = hessian(problem, optimum.derivatives), np.where(left, -optimum.z, 0.0)
+        information = hessian(problem, optimum.derivatives)
+        moved = np.where(left, -optimum.z, 0.0)
         moved[~left] = -np.linalg.solve(
             information[np.ix_(~left, ~left)], (information @ moved)[~left]
         )
         again = search(problem, optimum.z + moved, progress, fixed=left, near=optimum.derivatives)
         optimum = replace(again, iterations=optimum.iterations + again.iterations)
     zero = np.zeros(problem.size)
-    before, after = nis_of(problem, zero), nis_of(problem, optimum.z)
+    before = nis_of(problem, zero)
+    after = nis_of(problem, optimum.z)
     doubts = list[str]()
     if not optimum.interrupted:
         doubts += doubts_of(problem, optimum.z, after)
@@ -247,12 +253,10 @@ def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     else:  # the filter of a fit always has a reference; here it has no value in any log
         with_reference, added = added_reference(rig, logs[0].rate)
         references = (added,)
-    asked, per_log, noise, homing = (
-        options.free,
-        options.per_log,
-        options.noise,
-        options.homing is not None,
-    )
+    asked = options.free
+    per_log = options.per_log
+    noise = options.noise
+    homing = options.homing is not None
     free = choose(
         with_reference,
         references,
@@ -320,7 +324,8 @@ def _next_held(
     """Return the coordinate that the logs tell least, those that stay already being known; None
     where all are told.
     """
-    errors, limit = uncertainty.errors_holding(left), problem.prior_stds
+    errors = uncertainty.errors_holding(left)
+    limit = problem.prior_stds
     share = np.where(may_stay & ~left & ~uncertainty.determined, errors / limit, 0.0)
     at = int(np.argmax(share))
     return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else TOLD) else None
@@ -337,10 +342,8 @@ def fitted_numbers(
     """
     logs = [data.log.source for data in problem.data]
     coordinates = [problem.columns(j) for j in range(len(logs))]
-    errors_holding, has_errors = (
-        uncertainty.errors_holding(held),
-        optimum.converged and not optimum.interrupted,
-    )
+    errors_holding = uncertainty.errors_holding(held)
+    has_errors = optimum.converged and not optimum.interrupted
     numbers = [_by_scale(problem, optimum.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):
         places = sorted({columns[k] for columns in coordinates})

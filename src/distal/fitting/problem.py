@@ -212,7 +212,8 @@ class Problem:
             return tuple(data.rows for data in self.data)
         masked = []
         for data in self.data:
-            rows, times = data.rows.copy(), data.log.time
+            rows = data.rows.copy()
+            times = data.log.time
             late = data.last[times - times[0] >= (0.0 if self.homing is None else self.homing)]
             rows[late, -len(self.filter.references) :] *= COMPARED_ONLY
             masked.append(rows)
@@ -295,13 +296,16 @@ class Problem:
             varied = np.eye(len(places), dtype=bool)[widths[places] != 0.0]
             tasks += [(j, np.where(is_varied, ends[places], z[places])) for is_varied in varied]
         runs = iter(self.run(tasks))
-        bases, sides = list[Innovations](), list[list[Innovations]]()
+        bases = list[Innovations]()
+        sides = list[list[Innovations]]()
         for j in range(len(self.data)):
             bases.append(next(runs))
             sides.append([next(runs) if width else bases[j] for width in widths[self.columns(j)]])
-        scale, derivatives = self.scales(bases), []
+        scale = self.scales(bases)
+        derivatives = []
         for j, (base, side) in enumerate(zip(bases, sides)):
-            pairs, steps = [(end, base) for end in side], (ends - z)[self.columns(j)]
+            pairs = [(end, base) for end in side]
+            steps = (ends - z)[self.columns(j)]
             derivatives.append(derivatives_of(base, pairs, steps, self._weighing(j, scale)))
         return derivatives
 
@@ -320,7 +324,8 @@ class Problem:
         bends = np.zeros((len(steps), self.size))
         for j, of_log in enumerate(of_logs):
             for k, step in enumerate(steps):
-                places, run = self.columns(j), next(runs)
+                places = self.columns(j)
+                run = next(runs)
                 if of_log.slopes is not None:
                     bends[k, places] += of_log.slopes.bend(run, step[places], PROBED)
         return bends
@@ -328,16 +333,16 @@ class Problem:
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
         """Return the derivatives of all logs and the prior, from those of each log at z."""
         n = self.size
-        gradient, information, meat = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+        gradient = np.zeros(n)
+        information = np.zeros((n, n))
+        meat = np.zeros((n, n))
         for j, part in enumerate(of_logs):
             square = np.ix_(self.columns(j), self.columns(j))
             gradient[self.columns(j)] += part.gradient
             information[square] += part.information
             meat[square] += part.meat
-        cost, spans = (
-            sum(part.cost for part in of_logs) + self._prior(z),
-            sum(part.spans for part in of_logs),
-        )
+        cost = sum(part.cost for part in of_logs) + self._prior(z)
+        spans = sum(part.spans for part in of_logs)
         return Derivatives(
             cost, gradient + z / self.prior_stds**2, information, meat, spans, tuple(of_logs)
         )
@@ -346,6 +351,7 @@ class Problem:
         """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log, at all
         coordinates z.
         """
-        runner, n = self.filter.runner, len(self.filter.runner.state_names)
+        runner = self.filter.runner
+        n = len(self.filter.runner.state_names)
         end = advance(runner.kernel, self._feed(log, z[self.columns(log)])).carries[-1]
         return mean_of(end, n), covariance_of(end, n)

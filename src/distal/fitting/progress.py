@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 TYPICAL_ITERATIONS = 8.0
 """A search takes about so many iterations: only a bar goes by it."""
 
-BEFORE_SEARCH, AFTER_SEARCH = 0.05, 0.35
+BEFORE_SEARCH = 0.05
+AFTER_SEARCH = 0.35
 """Shares of the time that what comes before a search takes, and what has passed after it;
 candidates take the rest.
 """

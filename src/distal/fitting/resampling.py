@@ -52,10 +52,13 @@ def refined(
     rows = np.arange(k) * steps
     fine_times = np.empty((k - 1) * steps + 1)
     fine = np.full((len(fine_times), samples.shape[1]), np.nan)
-    fine_times[rows], fine[rows] = times, samples
+    fine_times[rows] = times
+    fine[rows] = samples
     x = samples[:, :places]
-    before, after = np.vstack([x[:1], x[:-2]]), np.vstack([x[2:], x[-1:]])
-    first, last = x[:-1], x[1:]
+    before = np.vstack([x[:1], x[:-2]])
+    after = np.vstack([x[2:], x[-1:]])
+    first = x[:-1]
+    last = x[1:]
     smooth = np.isfinite(before + after) & even[:, None]
     smooth &= (np.r_[True, even[:-1]] & np.r_[even[1:], True])[:, None]
     left = np.where(smooth, (last - before) / 2, last - first)

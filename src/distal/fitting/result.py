@@ -117,7 +117,9 @@ class Fit:
         """
         part = {} if learned.part is None else learned.part.values
         servos = {} if servos is None else servos
-        numbers, optimum, n_sensors = learned.numbers, learned.numbers.optimum, len(start.sensors)
+        numbers = learned.numbers
+        optimum = learned.numbers.optimum
+        n_sensors = len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
             kind, index, *_ = part.paths[0].split(".")
@@ -231,10 +233,8 @@ class Fit:
                 "(bias.std); the band contains that",
             )
         if self.part:
-            before, after = (
-                np.rad2deg(errors.get(BY_EQUATIONS, np.inf)),
-                np.rad2deg(self.candidates[0].error),
-            )
+            before = np.rad2deg(errors.get(BY_EQUATIONS, np.inf))
+            after = np.rad2deg(self.candidates[0].error)
             lines.insert(
                 0,
                 f"your rig lacks {self.part} ({rounded(before)}° → {rounded(after)}°): it is in "
@@ -311,7 +311,8 @@ class Fit:
         for part in self.fitted:
             error = f"{part.error:.2g}" if np.isfinite(part.error) else "–"
             prior = "" if np.isnan(part.prior_std) else f" ± {part.prior_std:.3g}"
-            fitted, start = f"{part.value:.5g} {part.si}".strip(), f"{part.start:.5g}{prior}"
+            fitted = f"{part.value:.5g} {part.si}".strip()
+            start = f"{part.start:.5g}{prior}"
             rows.append((part.name, fitted, error, start, part.origin))
         widths = [max(len(row[i]) for row in rows) for i in range(4)]
         lines += [

@@ -18,12 +18,14 @@ SETTLED = 5e-3
 standard error.
 """
 
-ENOUGH, ENOUGH_OF_EQUATIONS = 0.3, 0.02
+ENOUGH = 0.3
+ENOUGH_OF_EQUATIONS = 0.02
 """It ends too where two steps after each other gain less than this: a filter's −ln p has kinks of
 this size.
 """
 
-MOST_ITERATIONS, MOST_OF_EQUATIONS = 30, 50
+MOST_ITERATIONS = 30
+MOST_OF_EQUATIONS = 50
 """So many iterations at most: one with a filter takes as long as a hundred with a rig's equations.
 """
 
@@ -35,7 +37,9 @@ DAMPINGS = (1 / 8, 1.0, 8.0, 64.0)
 one.
 """
 
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 100.0
+FIRST_DAMPING = 1e-2
+LEAST_DAMPING = 1e-6
+MOST_DAMPING = 100.0
 """Damping of the first iteration, and the range of all: shares of the information's diagonal that
 are added to it.
 """
@@ -57,12 +61,15 @@ SLOPE_WIDTH = 0.3
 kinks of friction look like information (docs/explanation/learning.md).
 """
 
-SMALLEST_WIDTH, SMALLEST_NOISE_WIDTH = 1e-3, 0.05
+SMALLEST_WIDTH = 1e-3
+SMALLEST_NOISE_WIDTH = 0.05
 """Least such shares: of a number, and of a noise, which changes where a joint slips and so what it
 seems to tell.
 """
 
-COARSE_SHARE, COARSE_LEAST, COARSE_ITERATIONS = 0.25, 400, 8
+COARSE_SHARE = 0.25
+COARSE_LEAST = 400
+COARSE_ITERATIONS = 8
 """The start is searched with the first quarter of each log, at least so many samples, in so many
 iterations.
 """
@@ -168,13 +175,16 @@ def search(
         at_start: derivatives at the start, where they are known already.
     """
     free = np.ones(problem.size, dtype=bool) if fixed is None else ~fixed
-    z, near_by = _inside(problem, start), near if at_start is None else at_start
+    z = _inside(problem, start)
+    near_by = near if at_start is None else at_start
     widths = first_widths(problem) if near_by is None else widths_at(problem, z, near_by)
     n = problem.size  # an interruption may come before anything is known
     optimum = Optimum(
         z, np.inf, Derivatives(np.inf, np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), 0)
     )
-    wider, damping, bent = 1.0, FIRST_DAMPING, False
+    wider = 1.0
+    damping = FIRST_DAMPING
+    bent = False
     try:
         derivatives = (
             problem.derivatives(z, np.where(free, widths, 0.0)) if at_start is None else at_start
@@ -190,7 +200,8 @@ def search(
             steps = [
                 damped_step(problem, optimum.z, derivatives, free, share) for share in dampings
             ]
-            optimum, predicted = replace(optimum, iterations=iteration), steps[0][1]
+            optimum = replace(optimum, iterations=iteration)
+            predicted = steps[0][1]
             if predicted < SETTLED:
                 return replace(optimum, converged=True)
             tried = [
@@ -234,16 +245,15 @@ def _bent(
     tried: Sequence[tuple[float, Floats]],
 ) -> list[tuple[float, Floats]]:
     """Return each tried damped step, (n,), with its bend, and its damping."""
-    scale, bent_steps = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12)), []
+    scale = np.sqrt(np.maximum(np.diag(hessian(problem, derivatives)), 1e-12))
+    bent_steps = []
     bends = problem.bends(z, derivatives.of_logs, [step for _, step in tried])
     for (damping, step), bend in zip(tried, bends):
         correction = damped_step(
             problem, z + step, replace(derivatives, gradient=bend), free, damping
         )[0]
-        length, along = (
-            float(np.linalg.norm(correction * scale)),
-            float(np.linalg.norm(step * scale)),
-        )
+        length = float(np.linalg.norm(correction * scale))
+        along = float(np.linalg.norm(step * scale))
         bent_steps.append(
             (damping, step + 0.5 * min(1.0, MOST_BENT * along / max(length, 1e-300)) * correction)
         )
@@ -294,10 +304,8 @@ def damped_step(
 
     It leads from z, (n,), along the `free` coordinates, (n,), with `damping` λ.
     """
-    information, gradient = (
-        hessian(problem, derivatives)[np.ix_(free, free)],
-        derivatives.gradient[free],
-    )
+    information = hessian(problem, derivatives)[np.ix_(free, free)]
+    gradient = derivatives.gradient[free]
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     scaled = information / np.outer(scale, scale) + (damping + 1e-9) * np.eye(len(scale))
     factor = np.linalg.cholesky((scaled + scaled.T) / 2)

@@ -68,9 +68,12 @@ def _of_sensor(
     at = np.flatnonzero(
         [kind is StateKind.LINEARITY and part == sensor.name for kind, part in states]
     )
-    block, start, spread = np.ix_(at, at), runner.states.means[at], runner.states.stds[at]
+    block = np.ix_(at, at)
+    start = runner.states.means[at]
+    spread = runner.states.stds[at]
     prior = np.diag(1.0 / spread**2)
-    precision, weighted = prior.copy(), prior @ start
+    precision = prior.copy()
+    weighted = prior @ start
     for _, means, covariances in ends:
         information = np.linalg.inv(covariances[block])
         precision += information - prior

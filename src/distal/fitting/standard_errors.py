@@ -21,7 +21,8 @@ TOLD = 0.9
 VAGUE = 0.5
 """What stands for the prior's std of a number without one, as a share of its value."""
 
-CONFOUNDED, SEEN_ALONE = 0.5, 0.2
+CONFOUNDED = 0.5
+SEEN_ALONE = 0.2
 """A number is told only together with others if its error is above the first share of its prior's
 std, and would be below the second share of that if they were known.
 """
@@ -70,7 +71,8 @@ class Uncertainty:
         """Return standard errors where the `held` coordinates are taken as known, 0 for those,
         (n,).
         """
-        errors, free = np.zeros(len(held)), ~held
+        errors = np.zeros(len(held))
+        free = ~held
         across = self.covariance[np.ix_(free, held)]
         # some may go with others exactly: then their covariance has no inverse
         of_held = np.linalg.pinv(self.covariance[np.ix_(held, held)], hermitian=True)
@@ -131,20 +133,24 @@ def _combinations(problem: Problem, derivatives: Derivatives, z: Floats) -> tupl
         yardstick, yardstick
     )
     amounts, directions = np.linalg.eigh((relative + relative.T) / 2)
-    weak, lines = directions.T[amounts < WEAK], []
+    weak = directions.T[amounts < WEAK]
+    lines = []
     groups: list[
         tuple[set[int], list[int]]
     ] = []  # numbers that weak directions have in common, and which directions
     for k, direction in enumerate(weak):
-        members, of = set(np.flatnonzero(np.abs(direction) >= PART).tolist()), [k]
+        members = set(np.flatnonzero(np.abs(direction) >= PART).tolist())
+        of = [k]
         if len(members) > 1:
             for group in [group for group in groups if group[0] & members]:
                 groups.remove(group)
-                members, of = members | group[0], [*group[1], *of]
+                members = members | group[0]
+                of = [*group[1], *of]
             groups.append((members, of))
     for members, of in groups:
         at = sorted(members, key=lambda i: -abs(weak[of[0]][i]))
-        parts, z_of = [problem.parts[parameters[i]][0] for i in at], [z[parameters[i]] for i in at]
+        parts = [problem.parts[parameters[i]][0] for i in at]
+        z_of = [z[parameters[i]] for i in at]
         lines.append(_line(parts, z_of, weak[of[0]][at], len(of)))
     return tuple(lines)
 

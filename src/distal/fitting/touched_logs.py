@@ -53,7 +53,8 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
 
     if len(with_angles) <= FEWEST:
         return []
-    kept, aside = list(with_angles), list[int]()
+    kept = list(with_angles)
+    aside = list[int]()
     while len(kept) > max(FEWEST, len(with_angles) // 2):
         by_others = errors(kept, kept)
         worst = max(kept, key=lambda i: by_others[i])

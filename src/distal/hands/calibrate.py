@@ -106,7 +106,9 @@ def calibrate(
             for fault in faults_of(rig, drive.name, sweeps[drive.name])
         ),
     )
-    faulty, values, notes = {fault.drive for fault in faults}, dict[str, object](), list[str]()
+    faulty = {fault.drive for fault in faults}
+    values = dict[str, object]()
+    notes = list[str]()
     parts = [part for part in independent_parts(rig) if part.rig.drives]
     sound = [part for part in parts if not faulty & {drive.name for drive in part.rig.drives}]
     for part in parts:
@@ -163,7 +165,8 @@ def _sweeps(
     Raises:
         LogError: no motor sweeps from end to end.
     """
-    sweeps, without = dict[str, tuple[Sweep, ...]](), dict(stopped)
+    sweeps = dict[str, tuple[Sweep, ...]]()
+    without = dict(stopped)
     for drive in rig.drives:
         sweeps[drive.name] = ()
         if drive.name in stopped:

@@ -19,7 +19,8 @@ FaultKind = Literal["side", "slack", "broken", "slipped", "travel", "stopped"]
 JAMMED = 0.55
 """A joint is jammed where its motor turns less than this share of what its range needs."""
 
-LOOSE, TRAVELS = 14.5, 22.0
+LOOSE = 14.5
+TRAVELS = 22.0
 """A pair is slack with more play than the first at the joint, by the fit and by its travel, or
 with more than the second by its travel alone, which radii and ranges make unsure [deg]."""
 
@@ -33,7 +34,8 @@ UNLIKE = 4.0
 TURNS_MOST = 5.0
 """No hand's motors all turn so many times as far as their joints' ranges ask for."""
 
-LEAST_PULL, MOST_PULL = 5e-4, 5.0
+LEAST_PULL = 5e-4
+MOST_PULL = 5.0
 """Between these is the largest torque that moves a motor of a hand [N m]."""
 
 FREE = "turns freely both ways: its spool slips on its shaft, or all its tendons are off"
@@ -54,7 +56,8 @@ def faults_of(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Fault, ...
     motor = next(part for part in rig.drives if part.name == drive)
     assert isinstance(motor, Capstan)
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive]
-    arms, joints = tendons[0].arms(), {joint.name: joint for joint in rig.joints}
+    arms = tendons[0].arms()
+    joints = {joint.name: joint for joint in rig.joints}
     names = ", ".join(arms)
     need = (
         sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
@@ -121,7 +124,8 @@ def check_units(rig: Rig, sweeps: Mapping[str, Sequence[Sweep]], source: str) ->
     """Raise a `FitError` where all motors turn, or pull, so much more or less than a hand's can
     that a unit is wrong.
     """
-    turned, pulls = list[float](), list[float]()
+    turned = list[float]()
+    pulls = list[float]()
     for drive in (drive for drive in rig.drives if sweeps[drive.name]):
         assert isinstance(drive, Capstan)
         tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
@@ -165,7 +169,8 @@ def slack_of(found: Rig, rig: Rig, sweeps: Mapping[str, Sequence[Sweep]]) -> tup
     """
     faults = []
     for before, after in zip(rig.drives, found.drives):
-        name, tendons = before.name, [t for t in found.tendons if t.drive == before.name]
+        name = before.name
+        tendons = [t for t in found.tendons if t.drive == before.name]
         if not is_pair(rig, name) or len(sweeps[name]) < FEWEST:
             continue
         joint, arm = next(iter(tendons[0].arms().items()))
@@ -198,7 +203,8 @@ def travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
         assert isinstance(after, Capstan)
         if not _unlike(before, after):
             continue
-        was, now = before.radius, after.radius
+        was = before.radius
+        now = after.radius
         ratio = now.value / was.value
         joints = next(tendon.joints for tendon in rig.tendons if tendon.drive == before.name)
         why = "stops before its end" if ratio > 1.0 else "has slack tendons"

@@ -99,20 +99,21 @@ class Hand:
         self, hand: object, rig: Rig | str | Path, compensated: bool = False, compiled: bool = True
     ) -> None:
         self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        self._motors, self._compiled, self._compensated = (
-            motors_of(hand, self._rig),
-            compiled,
-            compensated,
-        )
+        self._motors = motors_of(hand, self._rig)
+        self._compiled = compiled
+        self._compensated = compensated
         self._joints = tuple(joint.name for joint in self._rig.joints)
         self._live = LiveEstimator(self._rig, compiled=compiled)
-        self._monitor, self._units = Monitor(self._live), LogUnits(self._rig, self._live.channels)
+        self._monitor = Monitor(self._live)
+        self._units = LogUnits(self._rig, self._live.channels)
         self._gate = GoalGate(self._rig)
         self._inverse: LiveInverse | None = None
         self._wanted: dict[str, float] = {}
         self._reading: Reading | None = None
         self._temperatures: Mapping[str, float] = {}
-        self._looked, self._lost, self._silent = -np.inf, 0, tuple[str, ...]()
+        self._looked = -np.inf
+        self._lost = 0
+        self._silent = tuple[str, ...]()
         self._limits: Mapping[str, float] = {}
         self._held_back = ""
         self._sent = dict[str, float]()
@@ -139,7 +140,8 @@ class Hand:
             self._limit({})
         else:
             command = self._inverse.step(time, self._wanted, believed)
-            self._reading, self._held_back = command.reading, command.note
+            self._reading = command.reading
+            self._held_back = command.note
             names = [drive.name for drive in self._rig.drives]
             self._inverse.confirm(self._write(dict(zip(names, command.places.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
@@ -157,7 +159,8 @@ class Hand:
 
     def _sample(self, time: float) -> tuple[Floats, str]:
         """Return a sample in SI, and what the SDK failed at, in words."""
-        problem, values = "", dict[str, float]()
+        problem = ""
+        values = dict[str, float]()
         # the clock may have been set back, or be another one
         if not self._looked <= time < self._looked + LOOKS:
             self._look(time)
@@ -289,7 +292,8 @@ class Hand:
 
     def relax(self) -> None:
         """Want no angles any more: `update` sends nothing."""
-        self._inverse, self._wanted = None, {}
+        self._inverse = None
+        self._wanted = {}
         self._gate.release()
 
     def _write(self, goals: Mapping[str, float]) -> bool:
@@ -362,7 +366,8 @@ class Hand:
         """
         if record is not None:
             check_writable(Path(record))
-        routine, shown = Routine(self._rig, options), tuple[str, ...]()
+        routine = Routine(self._rig, options)
+        shown = tuple[str, ...]()
         # the motors' travel is what the routine finds out: nothing is put into it
         self._units = LogUnits(self._rig, self._live.channels, ranged=False)
         begin = now()
@@ -386,7 +391,8 @@ class Hand:
             if not isinstance(ended, KeyboardInterrupt):
                 raise
         finally:
-            units, self._units = self._units, self._units.followed_by(self._rig)
+            units = self._units
+            self._units = self._units.followed_by(self._rig)
         if routine.aborted:
             self._write(routine.goals)  # before anything that may fail
         problem = self._recorded(routine, record)
@@ -419,8 +425,11 @@ class Hand:
         self._live = LiveEstimator(rig, compiled=self._compiled)
         self._monitor = Monitor(self._live)
         # its ranges are those of the rig that was found, by which a motor's turn is known
-        self._units, self._gate = units.followed_by(rig), GoalGate(rig)
-        self._inverse, self._wanted, self._reading = None, {}, None
+        self._units = units.followed_by(rig)
+        self._gate = GoalGate(rig)
+        self._inverse = None
+        self._wanted = {}
+        self._reading = None
 
 
 def _without_zero(rig: Rig) -> list[str]:

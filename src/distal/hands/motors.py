@@ -98,7 +98,8 @@ class OrcaMotors:
     """The motors of an ORCA hand, as columns of a rig made by `from_orca`."""
 
     def __init__(self, hand: OrcaLike, rig: Rig) -> None:
-        self._hand, self._ids = hand, [int(number) for number in hand.config.motor_ids]
+        self._hand = hand
+        self._ids = [int(number) for number in hand.config.motor_ids]
         self._names = _known(rig, [f"motor_{number}" for number in self._ids])
         self._torque_of = {s.of: abs(log_factor(s)) for s in rig.sensors_of("force")}
 

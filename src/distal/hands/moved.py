@@ -55,7 +55,8 @@ def moved(before: Rig, after: Rig) -> tuple[str, ...]:
 def _changed(before: Rig, after: Rig, path: str) -> str:
     """Return what a number was and is, if that is clearly different."""
     try:
-        was, now = number(before, path), number(after, path)
+        was = number(before, path)
+        now = number(after, path)
     except RigError:
         return ""  # one of them has no such part
     error = hypot(was.std, now.std)

@@ -25,7 +25,8 @@ SCATTER = 0.25
 the same everywhere.
 """
 
-FASTER, SPRUNG = 1.5, 4.0
+FASTER = 1.5
+SPRUNG = 4.0
 """In usual motion it leaves this many times what it does in the slow routine, the second of joints
 that share a tendon: docs/results/hands.md.
 """
@@ -39,7 +40,8 @@ STIFFNESS_SPREAD = 0.3
 PRETENSION = {"value": 2.0, "std": 2.0}
 """Prior of the tension of a pair that is not slack [N]."""
 
-SPRINGS_SPREAD, SPRINGS_APART = 0.6, 0.35
+SPRINGS_SPREAD = 0.6
+SPRINGS_APART = 0.35
 """Prior of what the springs of a finger have in common, and how far each may be from it, as shares:
 one motor hardly tells which of them is stiffer (docs/results/hands.md).
 """
@@ -72,11 +74,10 @@ def part_values(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> 
     """Return path by names → value of a part's numbers, in the likeliest of its forms: pairs slack,
     stretched, or on spools of another radius than the rig has.
     """
-    rig, drives = part.rig, [drive.name for drive in part.rig.drives]
-    first, last = (
-        min(sweeps[name][0].end for name in drives),
-        max(sweeps[name][-1].end for name in drives),
-    )
+    rig = part.rig
+    drives = [drive.name for drive in part.rig.drives]
+    first = min(sweeps[name][0].end for name in drives)
+    last = max(sweeps[name][-1].end for name in drives)
     cut = Log(
         log.time[first : last + 1] - log.time[first],
         {
@@ -197,7 +198,8 @@ def _prior(
     """Return the rig of the fit: zeros and stiffness by contacts and slopes, noise by friction,
     angles by the first end.
     """
-    values, middle = dict[str, object](), starts[len(starts) // 2]
+    values = dict[str, object]()
+    middle = starts[len(starts) // 2]
     # one number for all motors of a hand: a noise is a constant of the kernel, which parts of one
     # kind then share
     levels = [abs(sweep.level) for of_drive in sweeps.values() for sweep in of_drive]
@@ -278,13 +280,12 @@ def _with_ranges(
         if drive.kind != "capstan":
             continue
         tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
-        arms, joints = tendon.arms(), {joint.name: joint for joint in rig.joints}
+        arms = tendon.arms()
+        joints = {joint.name: joint for joint in rig.joints}
         off = [abs(arm) * joints[name].stops_std for name, arm in arms.items()]
         travel = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
-        of_radius, of_zero = (
-            np.sqrt(2) * np.hypot.reduce(off) / travel,
-            np.hypot.reduce(off) / np.sqrt(2),
-        )
+        of_radius = np.sqrt(2) * np.hypot.reduce(off) / travel
+        of_zero = np.hypot.reduce(off) / np.sqrt(2)
         place = channels_of(rig, drive.name)[0]
         for path, size in (
             (f"drives.{drive.name}.radius", of_radius * drive.radius.value),

@@ -18,7 +18,8 @@ from distal.logs import Log
 from distal.rig import Capstan, Rig, independent_parts
 from distal.suggestions import did_you_mean
 
-OF_PAIR, OF_SINGLE = 0.15, 0.35
+OF_PAIR = 0.15
+OF_SINGLE = 0.35
 """Torques at which a sweep turns back, of a motor with two tendons and of one that pulls against
 springs [N m].
 """
@@ -26,7 +27,8 @@ springs [N m].
 HELD = 0.03
 """A sweep turns back where the torque stays above that for so long [s]."""
 
-BEYOND, MARGIN = 1.3, 0.5
+BEYOND = 1.3
+MARGIN = 0.5
 """A sweep that nothing ends turns back after this many times the travel that the ranges need, and
 so many radians.
 """
@@ -34,7 +36,8 @@ so many radians.
 LOOSENED = 0.6
 """A motor that lets its one tendon out goes so far beyond where it should be loose [rad]."""
 
-SLOWS, SLOWEST = 1.2, 0.25
+SLOWS = 1.2
+SLOWEST = 0.25
 """A motor slows down as its torque comes near the limit: its share of the speed is so much less
 torque/limit.
 """
@@ -42,7 +45,8 @@ torque/limit.
 LEAD = 0.35
 """A goal is never further ahead of its motor than this [rad]."""
 
-NEAR, WAITED = 0.03, 1.0
+NEAR = 0.03
+WAITED = 1.0
 """A motor is back where it rests when it is so near [rad], or after so long [s]; the next one moves
 then.
 """
@@ -53,7 +57,8 @@ SILENT = 0.5
 STRONGEST = 5.0
 """No motor of a hand is asked for more torque than this [N m]."""
 
-STILL, CREEPS = 0.2, 0.01
+STILL = 0.2
+CREEPS = 0.01
 """A motor's routine ends where it is driven as far as it may be, no torque says why it stands, and
 it moves by less than so many radians in so many seconds: it may push, and nothing tells how hard.
 """
@@ -94,18 +99,29 @@ class _Motor:
         tendon = next(part for part in rig.tendons if part.drive == name)
         joints = {joint.name: joint for joint in rig.joints}
         radius = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        self.name, self.limit, self.pair = name, limit, is_pair(rig, name)
+        self.name = name
+        self.limit = limit
+        self.pair = is_pair(rig, name)
         need = (
             sum(abs(arm) * float(np.ptp(joints[j].travel)) for j, arm in tendon.arms().items())
             / radius
         )
-        self.most, self.loose = BEYOND * need + MARGIN, need + LOOSENED
-        self.way, self.done, self.over = 1, 0, 0.0
-        self.goal, self.begin, self.place, self.started = nan, nan, nan, nan
+        self.most = BEYOND * need + MARGIN
+        self.loose = need + LOOSENED
+        self.way = 1
+        self.done = 0
+        self.over = 0.0
+        self.goal = nan
+        self.begin = nan
+        self.place = nan
+        self.started = nan
         self.ends: dict[int, float] = {}
-        self.beyond, self.rested = 0.0, False
-        self.still, self.stood_at = 0.0, nan
-        self.felt, self.first = False, nan
+        self.beyond = 0.0
+        self.rested = False
+        self.still = 0.0
+        self.stood_at = nan
+        self.felt = False
+        self.first = nan
 
     def step(
         self, time: float, dt: float, place: float, torque: float, options: RoutineOptions
@@ -142,7 +158,10 @@ class _Motor:
             # back over what it went without meeting anything
             self.beyond = 0.0 if met else gone
             self.ends[self.way] = self.goal = self.begin = place
-            self.way, self.done, self.started, self.over = -self.way, self.done + 1, time, 0.0
+            self.way = -self.way
+            self.done = self.done + 1
+            self.started = time
+            self.over = 0.0
         speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
         ahead = self.goal + self.way * speed * dt
         self.goal = float(np.clip(ahead, place - LEAD, place + LEAD))
@@ -155,7 +174,8 @@ class _Motor:
             return "its current reads 0 while it moves"
         driven = self.way * (self.goal - place) >= LEAD - CREEPS
         if not driven or not abs(place - self.stood_at) < CREEPS:
-            self.still, self.stood_at = 0.0, place
+            self.still = 0.0
+            self.stood_at = place
             return ""
         self.still += dt
         if self.still < STILL or self.way * torque > self.limit:
@@ -206,15 +226,16 @@ class Routine:
             for drive in rig.drives
         }
         self._groups = _groups(rig, options.order)
-        self._gate, self._together = GoalGate(rig, calibrated=False), _parts_of(rig)
-        self._time, self._aborted, self._silent = nan, "", dict.fromkeys(self._motors, 0.0)
+        self._gate = GoalGate(rig, calibrated=False)
+        self._together = _parts_of(rig)
+        self._time = nan
+        self._aborted = ""
+        self._silent = dict.fromkeys(self._motors, 0.0)
         self._failed = dict[str, str]()
         self._sent = dict.fromkeys(self._motors, nan)
         self._rows = list[list[float]]()
-        self._goals, self._places = (
-            dict.fromkeys(self._motors, nan),
-            dict.fromkeys(self._motors, nan),
-        )
+        self._goals = dict.fromkeys(self._motors, nan)
+        self._places = dict.fromkeys(self._motors, nan)
 
     @property
     def done(self) -> bool:
@@ -385,7 +406,8 @@ def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, 
     for tendon in rig.tendons:
         for joint in tendon.joints:
             of_joint.setdefault(joint, tendon.drive)
-    groups, left = list[tuple[str, ...]](), list(motors)
+    groups = list[tuple[str, ...]]()
+    left = list(motors)
     for group in order:
         names = tuple(
             dict.fromkeys(name if name in motors else of_joint.get(name, "") for name in group)

@@ -26,13 +26,16 @@ from distal.rig import Capstan, Rig
 PLACES = 120
 """Places along the travel at which both ways are compared."""
 
-TENSIONS, MOST = 300, 2.0
+TENSIONS = 300
+MOST = 2.0
 """Points of the model's curve, up to a tension of so many times what is measured."""
 
 MISSED = 0.006
 """Std of what the model misses of a mean torque, as a share of the largest."""
 
-APART, TOGETHER, TENDON = 0.4, 0.8, 0.5
+APART = 0.4
+TOGETHER = 0.8
+TENDON = 0.5
 """Logarithmic stds of what is not known of a spring beside the others, of all of them, and of the
 tendon's stiffness.
 """
@@ -84,10 +87,12 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
     if len(places) < PLACES // 2 or torques.max() <= 0.0:
         return None
     paths = [*(f"joints.{i}.spring.stiffness" for i in crossed), f"tendons.{tendons[0]}.stiffness"]
-    mechanism, position = Mechanism(rig, paths), channels_of(rig, drive)[0]
+    mechanism = Mechanism(rig, paths)
+    position = channels_of(rig, drive)[0]
     place = [sensor.name for sensor in rig.sensors].index(position)
     at = [mechanism.parameters.names.index(path) for path in paths]
-    curve, grown = _curve(mechanism, tendons[0], crossed), np.gradient(torques, places)
+    curve = _curve(mechanism, tendons[0], crossed)
+    grown = np.gradient(torques, places)
     stds = np.hypot(MISSED * torques.max(), grown * np.ptp(places) / PLACES)
     guess = np.log(mechanism.parameters.values[at])
 
@@ -96,7 +101,8 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
         numbers[at] = np.exp(z[:-1])
         reached, pulls = (np.array(part).ravel() for part in curve(largest, numbers))
         away = z[:-1] - guess
-        apart, together = away[:-1] - away[:-1].mean(), away[:-1].mean()
+        apart = away[:-1] - away[:-1].mean()
+        together = away[:-1].mean()
         fits = (np.interp(places - z[-1], reached, pulls, left=0.0) - torques) / stds
         return np.concatenate([fits, apart / APART, [together / TOGETHER, away[-1] / TENDON]])
 
@@ -132,8 +138,10 @@ def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) 
     """Return the likeliest end of a search, and how far from its springs the other likely ones
     are.
     """
-    costs, springs = np.array([end.cost for end in ends]), np.array([end.x[:-2] for end in ends])
-    best, worth = ends[int(np.argmin(costs))].x, np.exp(-(costs - costs.min()) / LIKELY)
+    costs = np.array([end.cost for end in ends])
+    springs = np.array([end.x[:-2] for end in ends])
+    best = ends[int(np.argmin(costs))].x
+    worth = np.exp(-(costs - costs.min()) / LIKELY)
     spreads = np.maximum(np.sqrt(worth @ (springs - best[:-2]) ** 2 / worth.sum()), LEAST_SPREAD)
     values = dict(zip([*paths, zero], [*np.exp(best[:-1]).tolist(), float(best[-1])]))
     return Springs(
@@ -156,7 +164,8 @@ def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple
         rows = rows[np.argsort(place[rows])]
         parts = np.split(torque[rows], np.searchsorted(place[rows], edges))[1:-1]
         means.append([float(np.median(part)) if part.size else np.nan for part in parts])
-    both, middles = np.mean(means, axis=0), (edges[1:] + edges[:-1]) / 2
+    both = np.mean(means, axis=0)
+    middles = (edges[1:] + edges[:-1]) / 2
     known = np.isfinite(both)
     return middles[known], both[known]
 
@@ -168,14 +177,15 @@ def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Func
     With the joints' springs linear: T J_j + k_j (θ_j − θ_j0) = τ_j(θ_j0), and the drive turns by
     what the joints and the stretch take, all others at the middle of their ranges.
     """
-    rig, nj, p = mechanism.rig, mechanism.n_joints, mechanism.parameters.symbols
-    largest, tension = ca.SX.sym("largest"), ca.SX.sym("T")
+    rig = mechanism.rig
+    nj = mechanism.n_joints
+    p = mechanism.parameters.symbols
+    largest = ca.SX.sym("largest")
+    tension = ca.SX.sym("T")
     travels = [joint.travel for joint in rig.joints]
     middle = ca.DM([sum(travel) / 2 for travel in travels] + [0.0] * mechanism.n_drives)
-    jacobian, springs = (
-        mechanism.length_jacobian(middle)[tendon, :],
-        mechanism.passive_springs(middle),
-    )
+    jacobian = mechanism.length_jacobian(middle)[tendon, :]
+    springs = mechanism.passive_springs(middle)
     q = ca.SX(middle)
     for j in crossed:
         free = middle[j] + (springs[j, 0] - tension * jacobian[j]) / springs[j, 1]
@@ -196,7 +206,8 @@ def _reach(rig: Rig, tendon: int, joint: int) -> float:
     """Return by how much more tension than stiffness a spring's joint comes to its stop, (θ −
     rest)/arm [rad/m].
     """
-    part, arm = rig.joints[joint], rig.tendons[tendon].arms()[rig.joints[joint].name]
+    part = rig.joints[joint]
+    arm = rig.tendons[tendon].arms()[rig.joints[joint].name]
     assert part.spring is not None
     return max(
         abs(part.travel[1 if arm > 0 else 0] - part.spring.rest_angle.value) / abs(arm), 1e-3

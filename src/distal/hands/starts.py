@@ -56,9 +56,11 @@ def pair_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep], stretched: bool) 
     Travel between contacts · radius = arm · range + slack. With `stretched` they are of a pair
     under tension.
     """
-    at, tendons = _index(rig, drive), _tendons(rig, drive)
+    at = _index(rig, drive)
+    tendons = _tendons(rig, drive)
     joint = next(j for j in rig.joints if j.name == tendons[0][1].joints[0])
-    arm, (low, high) = abs(tendons[0][1].arms()[joint.name]), joint.travel
+    arm = abs(tendons[0][1].arms()[joint.name])
+    (low, high) = joint.travel
     up, down = (float(np.mean(contacts(sweeps, way))) for way in (1, -1))
     level = float(np.mean([sweep.level for sweep in sweeps]))
     starts = list[Start]()
@@ -88,16 +90,16 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
     At the top radius · (place − zero) = Σ arm · high + stretch, and the torque holds each spring, k
     (high − rest) = arm T.
     """
-    at, ((k, tendon),) = _index(rig, drive), _tendons(rig, drive)
-    motor, arms = rig.drives[at], tendon.arms()
+    at = _index(rig, drive)
+    ((k, tendon),) = _tendons(rig, drive)
+    motor = rig.drives[at]
+    arms = tendon.arms()
     radius = motor.radius.value if isinstance(motor, Capstan) else 1.0
     up = float(np.mean(contacts(sweeps, 1)))
     ups, downs = ([sweep.level for sweep in sweeps if sweep.way == way] for way in (1, -1))
     # friction adds to the torque on the way up and takes from it on the way down
-    pull, rub = (
-        (float(np.mean(ups)) - float(np.mean(downs))) / 2,
-        (float(np.mean(ups)) + float(np.mean(downs))) / 2,
-    )
+    pull = (float(np.mean(ups)) - float(np.mean(downs))) / 2
+    rub = (float(np.mean(ups)) + float(np.mean(downs))) / 2
     tension = max(pull, 0.0) / radius
     stiffness = tendon_stiffness(tendon, radius, sweeps)
     joints = [

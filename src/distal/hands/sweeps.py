@@ -70,7 +70,8 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
             times.
     """
     place, torque = channels_of(rig, drive)
-    places, torques = log.channels[place], log.channels[torque]
+    places = log.channels[place]
+    torques = log.channels[torque]
     known = np.isfinite(places) & np.isfinite(torques)
     if not known.any():
         raise LogError(f"{log.source}: '{place}' and '{torque}' are never there together")
@@ -124,28 +125,33 @@ def _turning(places: Floats) -> list[int]:
     if not len(moved):
         return []
     way = 1.0 if places[moved[0]] > places[0] else -1.0
-    ends, best = [int(np.argmin(way * places[: moved[0]]))], 0
+    ends = [int(np.argmin(way * places[: moved[0]]))]
+    best = 0
     for k, place in enumerate(places):
         if way * (place - places[best]) > 0.0:
             best = k
         elif way * (places[best] - place) > least:
             ends.append(best)
-            way, best = -way, k
+            way = -way
+            best = k
     return [*ends, best]
 
 
 def _sweep(places: Floats, torques: Floats, begin: int) -> Sweep:
     way = 1 if places[-1] > places[0] else -1
     known = np.isfinite(places) & np.isfinite(torques)
-    going, pull = way * places, way * torques
-    low, high = float(np.nanmin(going)), float(np.nanmax(going))
+    going = way * places
+    pull = way * torques
+    low = float(np.nanmin(going))
+    high = float(np.nanmax(going))
     first, last = (low + share * (high - low) for share in MIDDLE)
     free = pull[known & (going > first) & (going < last)]
     level = float(np.median(free)) if free.size else 0.0
     noise = float(1.48 * np.median(np.abs(free - level))) if free.size else 0.0
     end = float(np.nanmedian(pull[known][-3:]))
     resisted = end > RISEN * abs(level) + 6.0 * noise
-    contact, slope = high, 0.0
+    contact = high
+    slope = 0.0
     if resisted:
         rise = end - level
         late = known & (np.arange(len(pull)) > len(pull) // 2)

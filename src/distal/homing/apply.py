@@ -43,8 +43,10 @@ def plain_samples(
     are the true angles [rad], NaN where not known, (k, n_joints).
     """
     carries = runner.advanced(start, log.time, samples).carries
-    nj, n = truths.shape[1], start.size
-    angles, variances = mean_of(carries, n)[:, :nj].copy(), variances_of(carries, n)[:, :nj].copy()
+    nj = truths.shape[1]
+    n = start.size
+    angles = mean_of(carries, n)[:, :nj].copy()
+    variances = variances_of(carries, n)[:, :nj].copy()
     tracked = runner.discrepancy is None or runner.discrepancy.tracked
     columns = zip(samples.T, runner.places)
     readings = [
@@ -103,9 +105,12 @@ def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
     numbers found, so that it linearises at them; their covariance is that after the last. The angle
     must then stay in its band without reference.
     """
-    runner, start = window.runner, window.start
-    lasting, n = np.flatnonzero(runner.states.lasting), start.size
-    carry, after = start.carry.copy(), start.carry
+    runner = window.runner
+    start = window.start
+    lasting = np.flatnonzero(runner.states.lasting)
+    n = start.size
+    carry = start.carry.copy()
+    after = start.carry
     for _ in range(passes):
         done = window.scan(carry, window.samples)
         if done is None:

@@ -58,10 +58,12 @@ def led_astray(
     """
     since = log.time - log.time[0]
     until = int(np.searchsorted(since, homing))
-    late, half = since[:until] >= FIRST * homing, samples[:until].copy()
+    late = since[:until] >= FIRST * homing
+    half = samples[:until].copy()
     half[late, len(runner.places) :] = np.nan
     try:
-        line, straight = _line(runner.rig, log, FIRST * homing), affine_samples(log, runner.rig)
+        line = _line(runner.rig, log, FIRST * homing)
+        straight = affine_samples(log, runner.rig)
     except EstimationError:
         return None  # too few samples, of a sensor or of a joint's truth, for a straight line
     begun = homing_prior(Window.of(runner, start, log, half, truths, FIRST * homing))
@@ -72,10 +74,8 @@ def led_astray(
     errors, variances = window.errors(done[0])
     sizes, of_line, surprise = (np.full(errors.shape[1], np.nan) for _ in range(3))
     for j, error in enumerate(errors.T):
-        compared, reference = (
-            late & np.isfinite(error),
-            truths[:until, j][np.isfinite(truths[:until, j])],
-        )
+        compared = late & np.isfinite(error)
+        reference = truths[:until, j][np.isfinite(truths[:until, j])]
         if not compared.any() or np.ptp(reference) < STILL:
             continue
         predicted = np.interp(since[:until], straight.time, predict(line, straight, j).values)

@@ -36,7 +36,9 @@ EVALUATIONS = 30
 STEP = 0.02
 """Change of a number by which its slope is found, in stds of its prior."""
 
-INDEPENDENT, INDEPENDENT_CORRECTED, SHARE_CORRECTED = 0.1, 1.0, 1 / 3
+INDEPENDENT = 0.1
+INDEPENDENT_CORRECTED = 1.0
+SHARE_CORRECTED = 1 / 3
 """Errors are taken to last at least so long [s]; with a learned map longer, 1 s but at most this
 share of the window: what is wrong with the model is left to the map, instead of bending the numbers
 (docs/explanation/discrepancy.md).
@@ -64,7 +66,8 @@ def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
     from scipy.optimize import least_squares  # not needed before
 
     search = _Search(window, independent)
-    z, weights = np.zeros(len(search.at)), search.first_weights
+    z = np.zeros(len(search.at))
+    weights = search.first_weights
     if not len(z) or not search.begins():
         return window.start
     bounds = search.low, np.full(len(z), np.inf)
@@ -73,10 +76,12 @@ def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
         answer = least_squares(
             search.residuals, z, search.slopes, bounds, args=(weights,), **limits
         )
-        z, weights = answer.x, search.weights(answer.x)
+        z = answer.x
+        weights = search.weights(answer.x)
     slopes = search.slopes(z, weights)
     covariance = KEPT * np.linalg.inv(slopes.T @ slopes) * np.outer(search.stds, search.stds)
-    carry, n = search.carry(z), window.start.size
+    carry = search.carry(z)
+    n = window.start.size
     covariance_of(carry, n)[np.ix_(search.at, search.at)] = covariance
     return Belief(window.start.time, frozen(carry), n)
 
@@ -85,12 +90,16 @@ class _Search:
     """The criterion as a function of the numbers, in stds of their prior."""
 
     def __init__(self, window: Window, independent: float) -> None:
-        self._window, self._unaided = window, window.unaided
-        runner, start, n = window.runner, window.start, window.start.size
+        self._window = window
+        self._unaided = window.unaided
+        runner = window.runner
+        start = window.start
+        n = window.start.size
         spread = np.sqrt(variances_of(start.carry, n))
         lasting = np.flatnonzero(runner.states.lasting)
         self.at = lasting[spread[lasting] > 0.0]
-        self.means, self.stds = start.carry[self.at], spread[self.at]
+        self.means = start.carry[self.at]
+        self.stds = spread[self.at]
         self.low = np.minimum((runner.states.lowest[self.at] - self.means) / self.stds, -1e-6)
         # before the first sample numbers are certain, and the first angles those of the reference
         self._begin = window.anchored(start.carry)
@@ -120,7 +129,8 @@ class _Search:
         if done is None:
             ratios = tuple(np.full_like(base, LARGEST_RESIDUAL) for base in self._bases)
         else:
-            errors, innovations = self._window.errors(done[0])[0], self._innovations(done[1])[0]
+            errors = self._window.errors(done[0])[0]
+            innovations = self._innovations(done[1])[0]
             ratios = tuple(
                 np.clip(
                     np.nan_to_num(part / np.sqrt(base), nan=0.0),

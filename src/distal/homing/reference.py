@@ -57,7 +57,8 @@ def added_reference(rig: Rig, rate: float, joint: str | None = None) -> tuple[Ri
     """
     joint = rig.joints[0].name if joint is None else joint
     sensors = [sensor for sensor in rig.sensors_of("angle") if sensor.of == joint]
-    raw, added = rig.model_dump(), _angle_sensor(rig, "reference", joint, rate)
+    raw = rig.model_dump()
+    added = _angle_sensor(rig, "reference", joint, rate)
     if sensors:
         added["bias"] = sensors[
             0
@@ -103,7 +104,8 @@ def at_known_angle(
             f"a homing angle is at most {LARGEST_ANGLE:g} rad, {angle:g} ± {std:g} rad came"
         )
     described, _ = _with_home(rig, which, std, log.rate if len(log) > 1 else 100.0)
-    columns, early = dict(zip(joints, angle_names(joints))), log.time - log.time[0] < homing
+    columns = dict(zip(joints, angle_names(joints)))
+    early = log.time - log.time[0] < homing
     homed_before = log.truth_kind is TruthKind.HOME
     truth = dict(log.truth)
     if not homed_before:

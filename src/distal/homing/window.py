@@ -73,7 +73,8 @@ class Window:
         """Return carries and outputs after each of the `samples`, begun at a `carry`; None where
         the filter diverges.
         """
-        runner, size = self.runner, self.start.size
+        runner = self.runner
+        size = self.start.size
         run = runner.advanced(Belief(self.start.time, frozen(carry), size), self.time, samples)
         bounded = (
             np.isfinite(mean_of(run.carries, size)).all()
@@ -85,8 +86,11 @@ class Window:
         """Return the errors of the angles, less their references' offsets, and the variances of
         these, (k, n_joints).
         """
-        n, nj, biases = self.start.size, self.truths.shape[1], self._biases
-        errors, variances = self.truths - carries[:, :nj], variances_of(carries, n)[:, :nj].copy()
+        n = self.start.size
+        nj = self.truths.shape[1]
+        biases = self._biases
+        errors = self.truths - carries[:, :nj]
+        variances = variances_of(carries, n)[:, :nj].copy()
         sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
         for channel, joint in self.references.items():
             name = self.runner.channels[channel]
@@ -97,8 +101,10 @@ class Window:
 
     def anchored(self, carry: Floats) -> Floats:
         """Return a carry before the first sample whose first angles are those of the reference."""
-        n, states = self.start.size, self.runner.states
-        names, biases = self.runner.channels, self._biases
+        n = self.start.size
+        states = self.runner.states
+        names = self.runner.channels
+        biases = self._biases
         offsets = {
             j: float(states.stds[biases[names[c]]])
             for c, j in self.references.items()

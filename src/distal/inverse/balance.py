@@ -40,13 +40,12 @@ class Balance:
         derived = Derived(command_inputs(rig), folded)
         mechanism = Mechanism(rig, remembers=True, derived=derived)
         self.mechanism = mechanism
-        self.rig, self.free = rig, list(mechanism.free)
-        self.nj, self.nd, self.nt, self.nf = (
-            mechanism.n_joints,
-            mechanism.n_drives,
-            mechanism.n_tendons,
-            len(self.free),
-        )
+        self.rig = rig
+        self.free = list(mechanism.free)
+        self.nj = mechanism.n_joints
+        self.nd = mechanism.n_drives
+        self.nt = mechanism.n_tendons
+        self.nf = len(self.free)
         self.tendons_of = [
             [i for i in range(self.nt) if mechanism.drive_of[i] == self.nj + d]
             for d in range(self.nd)
@@ -59,15 +58,18 @@ class Balance:
             ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
         )
         moved = {(int(r), int(c)) for r, c in zip(*ca.sparsify(pattern).sparsity().get_triplet())}
-        left, parts = set(range(self.nf)), []
+        left = set(range(self.nf))
+        parts = []
         while left:
-            joints, drives = {min(left)}, set[int]()
+            joints = {min(left)}
+            drives = set[int]()
             while True:
                 drives_now = {d for j, d in moved if j in joints}
                 joints_now = joints | {j for j, d in moved if d in drives_now}
                 if drives_now == drives and joints_now == joints:
                     break
-                joints, drives = joints_now, drives_now
+                joints = joints_now
+                drives = drives_now
             left -= joints
             parts.append(Part(tuple(sorted(joints)), tuple(sorted(drives))))
         return tuple(parts)
@@ -114,11 +116,9 @@ class Balance:
         places, (n_drives,).
         """
         mechanism = self.mechanism
-        angles, places, shares = (
-            ca.SX.sym("angles", self.nj),
-            ca.SX.sym("places", self.nd),
-            ca.SX.sym("c", self.nt),
-        )
+        angles = ca.SX.sym("angles", self.nj)
+        places = ca.SX.sym("places", self.nd)
+        shares = ca.SX.sym("c", self.nt)
         tensions = mechanism.pulls(
             ca.vertcat(angles, places), ca.SX.zeros(mechanism.n_bodies)
         ).joint
@@ -134,12 +134,11 @@ class Balance:
         """(θ, s, p) → arms (n_free, n_drives), shares (n_tendons,), steepest slopes of the pulls
         (n_drives,).
         """
-        angles, places, p = (
-            ca.SX.sym("angles", self.nj),
-            ca.SX.sym("places", self.nd),
-            self.mechanism.parameters.symbols,
-        )
-        levers, steepest = self._levers(angles, places), []
+        angles = ca.SX.sym("angles", self.nj)
+        places = ca.SX.sym("places", self.nd)
+        p = self.mechanism.parameters.symbols
+        levers = self._levers(angles, places)
+        steepest = []
         shares = self._shares(angles, places)
         for d, tendons in enumerate(self.tendons_of):
             stiff = (
@@ -155,11 +154,13 @@ class Balance:
         """(θ_free, ω_free, α_free, s, d, τ_ext, p) → torques that tendons have to make, friction
         limits, (n_free,) each.
         """
-        mechanism, nf = self.mechanism, self.nf
+        mechanism = self.mechanism
+        nf = self.nf
         free, speeds, accelerations, turned = (
             ca.SX.sym(name, nf) for name in ("free", "omega", "alpha", "turned")
         )
-        places, external = ca.SX.sym("places", self.nd), ca.SX.sym("tau", self.nj)
+        places = ca.SX.sym("places", self.nd)
+        external = ca.SX.sym("tau", self.nj)
         q = ca.vertcat(self.all_joints(free), places)
         v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
@@ -188,7 +189,8 @@ class Balance:
         places, within, rates, turned = (
             ca.SX.sym(name, self.nd) for name in ("s", "within", "r", "d")
         )
-        q, v = ca.vertcat(angles, places), ca.vertcat(ca.SX.zeros(self.nj), rates)
+        q = ca.vertcat(angles, places)
+        v = ca.vertcat(ca.SX.zeros(self.nj), rates)
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
         friction = [
@@ -206,8 +208,10 @@ class Balance:
     @cached_property
     def moved(self) -> ca.Function:
         """(θ, s, dt, p) → what has moved inside."""
-        mechanism, q = self.mechanism, ca.SX.sym("q", self.mechanism.n_bodies)
-        dt, p = ca.SX.sym("dt"), self.mechanism.parameters.symbols
+        mechanism = self.mechanism
+        q = ca.SX.sym("q", self.mechanism.n_bodies)
+        dt = ca.SX.sym("dt")
+        p = self.mechanism.parameters.symbols
         inside = [*mechanism.place(q).inside, *mechanism.crept(q, dt)]
         return ca.Function("moved", [q, dt, p], [ca.densify(ca.vertcat(*inside))])
 
@@ -216,17 +220,14 @@ class Balance:
         """(θ_free, f, s, d, τ_ext, p) → what the joints lack, A f − τ, and its slopes by θ_free at
         pulls that stay.
         """
-        nf, p = self.nf, self.mechanism.parameters.symbols
-        free, pulls, places = (
-            ca.SX.sym("free", nf),
-            ca.SX.sym("pulls", self.nd),
-            ca.SX.sym("places", self.nd),
-        )
-        turned, external, zeros = (
-            ca.SX.sym("turned", nf),
-            ca.SX.sym("tau", self.nj),
-            ca.SX.zeros(nf),
-        )
+        nf = self.nf
+        p = self.mechanism.parameters.symbols
+        free = ca.SX.sym("free", nf)
+        pulls = ca.SX.sym("pulls", self.nd)
+        places = ca.SX.sym("places", self.nd)
+        turned = ca.SX.sym("turned", nf)
+        external = ca.SX.sym("tau", self.nj)
+        zeros = ca.SX.zeros(nf)
         arms = self.arms(self.all_joints(free), places, p)
         lacking = (
             ca.mtimes(arms, pulls) - self.needed(free, zeros, zeros, places, turned, external, p)[0]

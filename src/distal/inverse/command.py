@@ -81,10 +81,12 @@ class CommandModel(Balance):
         """Return (carry, x, p) → (carry⁺, y): the next command; p are the rig's numbers without
         what moves inside.
         """
-        carry, x = ca.MX.sym("carry", self.carry.size), ca.MX.sym("x", self.x.size)
+        carry = ca.MX.sym("carry", self.carry.size)
+        x = ca.MX.sym("x", self.x.size)
         inside_count = self.carry["inside"].stop - self.carry["inside"].start
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel() - inside_count)
-        was, wanted = self.carry.parts(carry), self.x.parts(x)
+        was = self.carry.parts(carry)
+        wanted = self.x.parts(x)
         numbers = ca.vertcat(p, was["inside"]) if inside_count else p
         step = self._sample()
         out = step(
@@ -110,23 +112,25 @@ class CommandModel(Balance):
         """Return one sample as a function of the carry's parts, the wanted sample's, and all
         numbers.
         """
-        nf, nd = self.nf, self.nd
+        nf = self.nf
+        nd = self.nd
         places, pulls, drives_turned, rubbed = (
             ca.MX.sym(n, nd) for n in ("places", "pulls", "drives_turned", "rubbed")
         )
-        turned, begun, dt, lowest = (
-            ca.MX.sym("turned", nf),
-            ca.MX.sym("begun"),
-            ca.MX.sym("dt"),
-            ca.MX.sym("lowest"),
-        )
+        turned = ca.MX.sym("turned", nf)
+        begun = ca.MX.sym("begun")
+        dt = ca.MX.sym("dt")
+        lowest = ca.MX.sym("lowest")
         angles, speeds, accelerations = (
             ca.MX.sym(n, nf) for n in ("angles", "speeds", "accelerations")
         )
         external = ca.MX.sym("external", self.nj)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         turning = ca.fmin(ca.fmax(turned + speeds * dt / TURNS, -1), 1)
-        held, s, f, most = angles, places, pulls, self.of_drives(p, "most_pull")
+        held = angles
+        s = places
+        f = pulls
+        most = self.of_drives(p, "most_pull")
         for _ in range(ROUNDS):
             if any(len(part.drives) < len(part.joints) for part in self.parts):
                 held, f = self._reached()(angles, held, f, s, turning, external, lowest, p)
@@ -135,7 +139,8 @@ class CommandModel(Balance):
             arms, shares, steepest = self.geometry(joints, s, p)
             asked = self._pulls()(arms, torques, lowest * self.of_drives(p, "margin"), f)
             f = ca.fmin(ca.fmax(asked, -most), most)
-            sprung, rubbing = f, rubbed
+            sprung = f
+            rubbing = rubbed
             if self.rubbing:
                 sprung, rubbing = self._internal()(joints, s, f, pulls, rubbed, p)
             s = self._places()(joints, s, sprung, shares, steepest, p)
@@ -172,11 +177,15 @@ class CommandModel(Balance):
         """Return (arms, τ, least, f) → pulls, no less than the `least` of each drive where there
         are enough of them; those of fewer stay.
         """
-        arms, torques = ca.SX.sym("arms", self.nf, self.nd), ca.SX.sym("torques", self.nf)
-        least, before = ca.SX.sym("least", self.nd), ca.SX.sym("before", self.nd)
-        pulls, one_sided = ca.SX(before), self.one_sided
+        arms = ca.SX.sym("arms", self.nf, self.nd)
+        torques = ca.SX.sym("torques", self.nf)
+        least = ca.SX.sym("least", self.nd)
+        before = ca.SX.sym("before", self.nd)
+        pulls = ca.SX(before)
+        one_sided = self.one_sided
         for part in self.parts:
-            joints, drives = list(part.joints), list(part.drives)
+            joints = list(part.joints)
+            drives = list(part.drives)
             if len(drives) >= len(joints):
                 sided = [one_sided[d] for d in drives]
                 block = ca.SX(len(joints), len(drives))
@@ -204,16 +213,22 @@ class CommandModel(Balance):
         At θ, f the joints lack r = A f − τ: after a change of the pulls they come to rest at θ −
         (∂r/∂θ)⁻¹ (r + A df).
         """
-        nf, nd = self.nf, self.nd
+        nf = self.nf
+        nd = self.nd
         wanted, angles, turned = (ca.SX.sym(n, nf) for n in ("wanted", "angles", "turned"))
-        pulls, places = ca.SX.sym("pulls", nd), ca.SX.sym("places", nd)
-        external, lowest = ca.SX.sym("tau", self.nj), ca.SX.sym("lowest")
-        p, held, f = self.mechanism.parameters.symbols, ca.SX(angles), ca.SX(pulls)
+        pulls = ca.SX.sym("pulls", nd)
+        places = ca.SX.sym("places", nd)
+        external = ca.SX.sym("tau", self.nj)
+        lowest = ca.SX.sym("lowest")
+        p = self.mechanism.parameters.symbols
+        held = ca.SX(angles)
+        f = ca.SX(pulls)
         for _ in range(REACHES):
             lacking, slopes = self.tangent(held, f, places, turned, external, p)
             arms = self.arms(self.all_joints(held), places, p)
             for part in self.parts:
-                joints, drives = list(part.joints), list(part.drives)
+                joints = list(part.joints)
+                drives = list(part.drives)
                 if len(drives) >= len(joints):
                     continue
                 own = slopes[joints, joints]
@@ -230,16 +245,17 @@ class CommandModel(Balance):
     def _places(self) -> ca.Function:
         """Return (θ, s, f, shares, steepest, p) → places at which the drives pull f."""
         nd = self.nd
-        angles, before, pulls = (
-            ca.MX.sym("angles", self.nj),
-            ca.MX.sym("before", nd),
-            ca.MX.sym("pulls", nd),
-        )
-        shares, steepest = ca.MX.sym("shares", self.nt), ca.MX.sym("steepest", nd)
+        angles = ca.MX.sym("angles", self.nj)
+        before = ca.MX.sym("before", nd)
+        pulls = ca.MX.sym("pulls", nd)
+        shares = ca.MX.sym("shares", self.nt)
+        steepest = ca.MX.sym("steepest", nd)
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         rising = ca.DM([self.winds(d) for d in range(nd)])
-        s, wide = before, FARTHEST / self.of_drives(p, "radius")
-        low, high = before - wide, before + wide
+        s = before
+        wide = FARTHEST / self.of_drives(p, "radius")
+        low = before - wide
+        high = before + wide
         refine = self._refine()
         for _ in range(NEWTON_STEPS):
             value, slope = self.pull(angles, s, shares, p)
@@ -252,9 +268,12 @@ class CommandModel(Balance):
 
         It is e h, with e in [−1, 1] that turns over as the pull changes by h: f_spring = f − e h.
         """
-        angles, places = ca.SX.sym("angles", self.nj), ca.SX.sym("places", self.nd)
+        angles = ca.SX.sym("angles", self.nj)
+        places = ca.SX.sym("places", self.nd)
         pulls, before, rubbed = (ca.SX.sym(name, self.nd) for name in ("pulls", "before", "rubbed"))
-        mechanism, sprung, after = self.mechanism, ca.SX(pulls), ca.SX(rubbed)
+        mechanism = self.mechanism
+        sprung = ca.SX(pulls)
+        after = ca.SX(rubbed)
         q = ca.vertcat(angles, places)
         tensions = mechanism.tensions(q, ca.SX.zeros(mechanism.n_bodies))
         for d in self.rubbing:
@@ -273,7 +292,8 @@ class CommandModel(Balance):
         names = ("s", "low", "high", "excess", "slope", "steepest")
         s, low, high, excess, slope, steepest = (ca.SX.sym(name, self.nd) for name in names)
         below = excess < 0
-        lower, upper = ca.if_else(below, s, low), ca.if_else(below, high, s)
+        lower = ca.if_else(below, s, low)
+        upper = ca.if_else(below, high, s)
         usable = slope > FLATTEST * steepest
         newton = s - excess / ca.if_else(usable, slope, 1)
         inner = ca.logic_and(usable, ca.logic_and(newton >= lower, newton <= upper))

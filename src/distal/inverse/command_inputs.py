@@ -26,7 +26,8 @@ def _numbers(rig: Rig) -> Iterator[tuple[str, float]]:
         yield from _ends(f"joints.{j}", joint.stops)
     soft, dead = gives_way(rig)
     for d, drive in enumerate(rig.drives):
-        path, limit = f"drives.{d}", inf if drive.limit is None else drive.limit
+        path = f"drives.{d}"
+        limit = inf if drive.limit is None else drive.limit
         yield from _ends(path, drive.stops)
         yield f"{path}.limit", limit
         yield f"{path}.radius", radius_of(drive)

@@ -44,11 +44,13 @@ def least_pulls(
     n, m = arms.shape
     if n == m:
         return solved(arms, torques)
-    best, cost = ca.SX.zeros(m), ca.SX(ca.inf)
+    best = ca.SX.zeros(m)
+    cost = ca.SX(ca.inf)
     sided = [i for i in range(m) if one_sided[i]]
     counts = range(m - n + 1) if prefer == "heat" else (m - n,)
     for held in (at for count in counts for at in combinations(sided, count)):
-        free, at = [i for i in range(m) if i not in held], list(held)
+        free = [i for i in range(m) if i not in held]
+        at = list(held)
         own = arms[:, free]
         if ca.sprank(own) < n:
             continue
@@ -65,7 +67,8 @@ def least_pulls(
             if one_sided[i]:
                 total += VIOLATED * ca.fmax(lowest[i] - pulls[i], 0)
         better = total < cost
-        best, cost = ca.if_else(better, pulls, best), ca.if_else(better, total, cost)
+        best = ca.if_else(better, pulls, best)
+        cost = ca.if_else(better, total, cost)
     return ca.densify(best)
 
 
@@ -92,7 +95,8 @@ def solved(matrix: Matrix, right: Vector) -> Vector:
 def _determinant(matrix: Matrix) -> Scalar:
     if matrix.size1() == 1:
         return matrix[0, 0]
-    total, rows = ca.SX(0), list(range(1, matrix.size1()))
+    total = ca.SX(0)
+    rows = list(range(1, matrix.size1()))
     for k in range(matrix.size2()):
         others = [j for j in range(matrix.size2()) if j != k]
         total += (-1) ** k * matrix[0, k] * _determinant(matrix[rows, others])

@@ -55,7 +55,8 @@ class GoalGate:
     """
 
     def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
-        self._rig, self._names = rig, [drive.name for drive in rig.drives]
+        self._rig = rig
+        self._names = [drive.name for drive in rig.drives]
         self._motors = MotorReadings(rig)
         servos = [drive.servo for drive in rig.drives]
         self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
@@ -75,18 +76,24 @@ class GoalGate:
         self._sent, self._held = np.full((2, n), np.nan)
         self._stopped_at = np.full(n, -inf)
         self._hot = np.zeros(n, dtype=bool)
-        self._share, self._before = np.ones(n), self._sent
-        self._read_at, self._late_at, self._late = -inf, -inf, 0
+        self._share = np.ones(n)
+        self._before = self._sent
+        self._read_at = -inf
+        self._late_at = -inf
+        self._late = 0
         self._begin()
 
     def _begin(self) -> None:
-        self._time, self._passed_at, self._failing_since = -inf, -inf, inf
+        self._time = -inf
+        self._passed_at = -inf
+        self._failing_since = inf
 
     def release(self) -> None:
         """Forget what motors were sent, and keep what is known of them."""
         n = len(self._names)
         self._sent, self._held = np.full((2, n), np.nan)
-        self._share, self._before = np.ones(n), self._sent
+        self._share = np.ones(n)
+        self._before = self._sent
         self._failing_since = inf
 
     def clone(self) -> GoalGate:
@@ -123,7 +130,8 @@ class GoalGate:
                 return False
             self._motors.reset()
             self._begin()
-        self._read_at, self._late = time, 0
+        self._read_at = time
+        self._late = 0
         return True
 
     def believed(self, time: float, sample: Floats, channels: Sequence[str]) -> Floats:
@@ -193,10 +201,14 @@ class GoalGate:
     @property
     def note(self) -> str:
         """What is held back and why, in words; may be empty."""
-        stopped, deaf, stale = self.stopped, self._motors.deaf, self._motors.stale
+        stopped = self.stopped
+        deaf = self._motors.deaf
+        stale = self._motors.stale
         if not (stopped | deaf | stale).any():
             return ""
-        doubted, lost, failing = self._motors.doubted, self._lost, self._is_failing
+        doubted = self._motors.doubted
+        lost = self._lost
+        failing = self._is_failing
         eased = stopped & (self._share < 1.0)
         parts = [
             ("no goal is sent to {}: where it is, is in doubt; power_on tells", doubted),
@@ -221,12 +233,14 @@ class GoalGate:
         """
         time = time if abs(time) < LATEST else self._time
         since = min(max(time - self._passed_at, 0.0), OLDEST)
-        self._time, self._passed_at = max(self._time, time), time
+        self._time = max(self._time, time)
+        self._passed_at = time
         low, high = self._ends.T
         wanted = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
         before = np.where(np.isfinite(before), before, wanted)
-        low, high = np.fmin(low, before), np.fmax(high, before)
+        low = np.fmin(low, before)
+        high = np.fmax(high, before)
         wanted = np.clip(wanted, low, high)
         most = self._motors.fastest * since + AGREES * self._motors.scale
         place = self._motors.place

@@ -40,12 +40,15 @@ def held_kernel(model: CommandModel) -> ca.Function:
     [rad]; the carry is (θ_free, whether they were left behind).
     """
     layout = held_layout(model)
-    carry, x = ca.MX.sym("carry", model.nf + 1), ca.MX.sym("x", layout.size)
+    carry = ca.MX.sym("carry", model.nf + 1)
+    x = ca.MX.sym("x", layout.size)
     inside = layout["inside"].stop - layout["inside"].start
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
-    came, behind = layout.parts(x), carry[model.nf]
+    came = layout.parts(x)
+    behind = carry[model.nf]
     numbers = ca.vertcat(p, came["inside"]) if inside else p
-    step, angles = _step(model), carry[: model.nf]
+    step = _step(model)
+    angles = carry[: model.nf]
     for _ in range(ROUNDS):
         angles = model.within_stops(angles + step(angles, came["places"], numbers), numbers)
     away = ca.MX(0)
@@ -61,8 +64,10 @@ def _step(model: CommandModel) -> ca.Function:
     """Return (θ_free, s, p) → Newton's step towards rest: where friction l holds, |r| ≤ l, a joint
     stays.
     """
-    free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
-    still, none = ca.SX.zeros(model.nf), ca.SX.zeros(model.nj)
+    free = ca.SX.sym("free", model.nf)
+    places = ca.SX.sym("places", model.nd)
+    still = ca.SX.zeros(model.nf)
+    none = ca.SX.zeros(model.nj)
     lacks, friction = lacking(model, free, places, still, none)
     slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(model.nf)
     beyond = lacks - ca.fmin(ca.fmax(lacks, -friction), friction)

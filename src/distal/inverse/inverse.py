@@ -78,7 +78,8 @@ class Inverse:
         self._band = self._kernel_of("band", spread_kernel)
 
     def _kernel_of(self, kind: str, make: Callable[[CommandModel], ca.Function]) -> Kernel:
-        model, prefer = self.model, self.model.prefer
+        model = self.model
+        prefer = self.model.prefer
         structure = structure_of(kind, model.mechanism, prefer=prefer)
         return kernel_of(structure, lambda: make(model), self._compiled)
 
@@ -113,8 +114,10 @@ class Inverse:
                 added = shift
                 run = self._run(stamps, held - added[:, self.model.free])
         read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
-        mechanism, full = self.model.mechanism, np.array(self.model.mechanism.spread)
-        offsets, places = np.array(mechanism.offsets).ravel(), read["places"]
+        mechanism = self.model.mechanism
+        full = np.array(self.model.mechanism.spread)
+        offsets = np.array(mechanism.offsets).ravel()
+        places = read["places"]
         got = self._followed(stamps, places)
         cut = self._cut(run, read, got)
         rows = np.flatnonzero(cut.any(axis=1))
@@ -165,7 +168,8 @@ class Inverse:
         """
         if not len(cut):
             return angles
-        layout, rows = held_layout(self.model), np.zeros((len(angles), 1))
+        layout = held_layout(self.model)
+        rows = np.zeros((len(angles), 1))
         rows[cut] = 1.0
         inside = self.model.carry.view(run.carries, "inside")
         parts = {"angles": angles, "places": places, "inside": inside, "cut": rows}
@@ -185,7 +189,8 @@ class Inverse:
 
     def _readings(self, run: Advanced) -> dict[str, dict[str, Floats]]:
         """Return what sensors of drives and tendons would read in a run."""
-        view, rig = self.model.y.view, self.rig
+        view = self.model.y.view
+        rig = self.rig
         at = readings(self.model, view(run.ys, "places"))
         of = {"position": at, "force": view(run.ys, "forces")}
         found = {
@@ -223,7 +228,8 @@ class Inverse:
         row = self._rows(still, wanted)[0]
         row[self.model.x["lowest"]] = least_tension_of(tension, self.rig)
         carry = self._begin(row)
-        places, inside = carry[self.model.carry["places"]], carry[self.model.carry["inside"]]
+        places = carry[self.model.carry["places"]]
+        inside = carry[self.model.carry["inside"]]
         found: Floats = (
             self._stiffness(wanted[0], places, np.concatenate([self._numbers, inside]))
             .full()
@@ -316,14 +322,16 @@ class Inverse:
 
     @property
     def _numbers(self) -> Floats:
-        values, inside = self.model.mechanism.parameters.values, self.model.carry["inside"]
+        values = self.model.mechanism.parameters.values
+        inside = self.model.carry["inside"]
         return values[: len(values) - (inside.stop - inside.start)]
 
     def _begin(self, row: Floats) -> Floats:
         """Return the carry before the first sample: drives where they hold the first angles, at
         rest for long.
         """
-        model, carry = self.model, np.zeros(self.model.carry.size)
+        model = self.model
+        carry = np.zeros(self.model.carry.size)
         for _ in range(SETTLES):
             first = advance(self._kernel, Feed(carry, row, self._numbers))
             carry[model.carry["places"]] = model.y.view(first.ys[-1], "places")

@@ -44,7 +44,8 @@ class LearnedShift:
         Args:
             readings: what a sensor measures → drive → values of that, (k,).
         """
-        runner, rig = self._runner, self._runner.rig
+        runner = self._runner
+        rig = self._runner.rig
         samples = np.full((len(time), len(runner.channels)), np.nan)
         for sensor in rig.sensors:
             of = readings.get(sensor.measures, {})
@@ -55,8 +56,10 @@ class LearnedShift:
                 )
         begin = runner.initial(time[0], first_values(samples))
         carries, ys = runner.advanced(begin, time, samples)
-        n, joints = begin.size, len(rig.joints)
-        own, spreads = mean_of(carries, n), variances_of(carries, n)
+        n = begin.size
+        joints = len(rig.joints)
+        own = mean_of(carries, n)
+        spreads = variances_of(carries, n)
         added = runner.report.means(own.copy(), ys) - own
         variances = runner.report.variances_of(spreads.copy(), ys) - spreads
         return added[:, :joints], np.maximum(variances[:, :joints], 0.0)

@@ -13,7 +13,8 @@ from distal.units import to_si
 LEAST_TENSION = 1.0
 """Tension that every tendon keeps where nothing else is asked for [N]."""
 
-SLACKEST, TAUTEST = 0.1, 500.0
+SLACKEST = 0.1
+TAUTEST = 500.0
 """Between these a tension is looked for that makes a joint stiff [N]."""
 
 

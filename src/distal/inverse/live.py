@@ -186,7 +186,8 @@ class LiveInverse:
             "compiled": compiled,
         }
         self._live = LiveEstimator(self._rig, runner)
-        self._free, self.joints = model.free, tuple(self._rig.joints[j].name for j in model.free)
+        self._free = model.free
+        self.joints = tuple(self._rig.joints[j].name for j in model.free)
         self._layouts = layouts(model, runner.states)
         structure = live_structure(model, runner.states)
         self._kernel = kernel_of(structure, lambda: live_function(model, runner.states), compiled)
@@ -224,8 +225,10 @@ class LiveInverse:
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
         other._loop.carry[:], other._loop.y[:] = self._loop.carry, self._loop.y
-        other._gate, other._forces = self._gate.clone(), self._forces.copy()
-        other._time, other._asked = self._time, self._asked.copy()
+        other._gate = self._gate.clone()
+        other._forces = self._forces.copy()
+        other._time = self._time
+        other._asked = self._asked.copy()
         other._stood = self._stood.copy()
         return other
 
@@ -284,7 +287,9 @@ class LiveInverse:
             return self._command(reading, [f"{', '.join(unread)} not read yet"])
         if self._time is None and reading.unusable:
             return self._command(reading, [reading.unusable])
-        x, y, unusable = self._x, self._y, reading.unusable
+        x = self._x
+        y = self._y
+        unusable = reading.unusable
         self._asked = np.where(np.isfinite(angles), angles, self._asked)
         x["state"][:] = self._live.mean
         if self._has_map:
@@ -292,7 +297,8 @@ class LiveInverse:
         # without a reading a drive counts as being where it was sent
         read = np.where(self._places >= 0, sample[self._places], nan)
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
-        x["trusted"][0], x["touched"][0] = not unusable, self._live.touched
+        x["trusted"][0] = not unusable
+        x["touched"][0] = self._live.touched
         stopped = self._gate.stopped
         stands = stopped @ self._moves if stopped.any() else np.zeros_like(self._stood)
         if self._time is None or (stands.all() and self._gate.are_ignored):
@@ -300,7 +306,8 @@ class LiveInverse:
             begin = self._live.mean[self._free]
             self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
             self._loop.carry[:] = 0.0
-            x["wanted"][:], x["dt"][0] = begin, 0.0
+            x["wanted"][:] = begin
+            x["dt"][0] = 0.0
             for _ in range(FIRST):
                 self._loop.step()
         else:
@@ -309,7 +316,8 @@ class LiveInverse:
             # after a pause the reference goes on from where it was, and does not jump
             x["dt"][0] = min(max(time - self._time, SHORTEST), PAUSE * self._live.interval)
             self._loop.step()
-        self._time, self._stood = time, stands
+        self._time = time
+        self._stood = stands
         ended = [drive.name for drive, is_cut in zip(self._rig.drives, y["at_end"]) if is_cut]
         notes = [f"no feedback: {unusable}"] if unusable else []
         notes += [f"{', '.join(ended)} at the end of its range"] if ended else []
@@ -321,7 +329,8 @@ class LiveInverse:
         """
         if not stands.any():
             return
-        angles, stds = self._live.mean[self._free], self._live.angle_stds[self._free]
+        angles = self._live.mean[self._free]
+        stds = self._live.angle_stds[self._free]
         away = stands & (np.abs(self._carry["reference"] - angles) > CLEARLY * stds)
         for name in ("reference", "wished"):
             np.copyto(self._carry[name], angles, where=away)
@@ -331,7 +340,8 @@ class LiveInverse:
 
     def _command(self, reading: Reading, notes: list[str]) -> Command:
         """Return what passes the gate."""
-        y, count = self._y, len(self._rig.drives)
+        y = self._y
+        count = len(self._rig.drives)
         if self._time is None:
             # the kernel has not run: its buffers are no command
             nothing = np.full(count, nan)

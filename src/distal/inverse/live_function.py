@@ -70,7 +70,8 @@ class LiveLayouts:
 
 def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
     """Return the layouts of a rig's live inverse."""
-    nf, nd = model.nf, model.nd
+    nf = model.nf
+    nd = model.nd
     return LiveLayouts(
         carry=Layout(
             **dict.fromkeys((*GUIDED, "last"), nf),
@@ -93,10 +94,14 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     Places are those that the drives' sensors would read; `read` is what they do.
     """
     layout = layouts(model, states)
-    carry, x = ca.MX.sym("carry", layout.carry.size), ca.MX.sym("x", layout.x.size)
-    n_gains, n_filter = layout.gains.size, len(states.context.mechanism.parameters)
+    carry = ca.MX.sym("carry", layout.carry.size)
+    x = ca.MX.sym("x", layout.x.size)
+    n_gains = layout.gains.size
+    n_filter = len(states.context.mechanism.parameters)
     p = ca.MX.sym("p", n_gains + n_filter + len(model.derived))
-    was, came, gains = layout.carry.parts(carry), layout.x.parts(x), layout.gains.parts(p)
+    was = layout.carry.parts(carry)
+    came = layout.x.parts(x)
+    gains = layout.gains.parts(p)
     own = p[n_gains : n_gains + n_filter]
     command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
     # maps that are not trusted, far from where they were learned, are not followed, nor torques
@@ -135,7 +140,8 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
     commanded["forces"] = _within_limits(model, commanded["forces"], numbers)
     commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
-    soft, dead = model.of_drives(numbers, "soft"), model.of_drives(numbers, "dead")
+    soft = model.of_drives(numbers, "soft")
+    dead = model.of_drives(numbers, "dead")
     turned = model.carry.part(command, "drives_turned")
     commanded["places"] += soft * commanded["forces"] + dead * turned
     after = {name: guided[name] for name in GUIDED}
@@ -173,8 +179,12 @@ def _guide(model: CommandModel) -> ca.Function:
     sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
     sizes |= dict.fromkeys((name for name in GAINS if name not in OF_ALL), model.nf)
     v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    dt, angles, trusted, started = v["dt"], v["angles"], v["trusted"], v["started_before"]
-    safe, share = ca.fmax(dt, SHORTEST), dt / (dt + SMOOTHED)
+    dt = v["dt"]
+    angles = v["angles"]
+    trusted = v["trusted"]
+    started = v["started_before"]
+    safe = ca.fmax(dt, SHORTEST)
+    share = dt / (dt + SMOOTHED)
     # it begins where the joint is, if that is known
     first = ca.if_else(trusted > 0, angles, v["wanted"])
     before, wished = (
@@ -230,8 +240,10 @@ def _believed(model: CommandModel, states: StateVector) -> ca.Function:
     """Return (state, p, derived) → the numbers of the inverse as the filter believes them, and
     external torques, (n_joints,).
     """
-    state, known = ca.SX.sym("state", len(states)), states.context.mechanism.parameters
-    learned, wanted = states.parameters(state), model.mechanism.parameters
+    state = ca.SX.sym("state", len(states))
+    known = states.context.mechanism.parameters
+    learned = states.parameters(state)
+    wanted = model.mechanism.parameters
     inside = model.carry["inside"].stop - model.carry["inside"].start
     derived = ca.SX.sym("derived", len(model.derived))
     others = iter(ca.vertsplit(derived))

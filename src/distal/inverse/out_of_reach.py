@@ -31,7 +31,8 @@ def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[lis
         time: stamps [s], (k,).
         wanted: angles of free joints [rad], (k, n_free).
     """
-    notes, held = list[str](), wanted.copy()
+    notes = list[str]()
+    held = wanted.copy()
     for k, j in enumerate(model.free):
         joint = model.rig.joints[j]
         if joint.stops is None:

@@ -26,13 +26,13 @@ def spread_function(model: CommandModel) -> ca.Function:
 
     Places of drives err by variances σ_s², (n_drives,), of their own.
     """
-    nf, p = model.nf, model.mechanism.parameters.symbols
-    free, places, turned = (
-        ca.SX.sym("free", nf),
-        ca.SX.sym("places", model.nd),
-        ca.SX.sym("turned", nf),
-    )
-    place_variances, external = ca.SX.sym("place_variances", model.nd), ca.SX.sym("tau", model.nj)
+    nf = model.nf
+    p = model.mechanism.parameters.symbols
+    free = ca.SX.sym("free", nf)
+    places = ca.SX.sym("places", model.nd)
+    turned = ca.SX.sym("turned", nf)
+    place_variances = ca.SX.sym("place_variances", model.nd)
+    external = ca.SX.sym("tau", model.nj)
     lacks, friction = lacking(model, free, places, turned, external)
     slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(nf)
     by_numbers = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
@@ -64,7 +64,8 @@ def lacking(
         turned: which way friction acts, −1 to 1, (n_free,).
         external: torques on all joints from outside [N m], (n_joints,).
     """
-    mechanism, zeros = model.mechanism, ca.SX.zeros(model.nf)
+    mechanism = model.mechanism
+    zeros = ca.SX.zeros(model.nf)
     joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
     needed, friction = model.needed(
         free, zeros, zeros, places, turned, external, mechanism.parameters.symbols
@@ -79,7 +80,8 @@ def stiffness_function(model: CommandModel) -> ca.Function:
     """Return (θ_free, s, p) → stiffness of each joint, drives and other joints held, (n_free,) [N
     m/rad].
     """
-    free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
+    free = ca.SX.sym("free", model.nf)
+    places = ca.SX.sym("places", model.nd)
     lacks, _ = lacking(model, free, places, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
     arguments = [free, places, model.mechanism.parameters.symbols]
     return ca.Function("stiffness", arguments, [-ca.diag(ca.jacobian(lacks, free))])
@@ -91,7 +93,8 @@ def spread_kernel(model: CommandModel) -> ca.Function:
     """
     inside = model.carry["inside"].stop - model.carry["inside"].start
     ends = np.cumsum([0, model.nf, model.nd, model.nf, model.nd, inside]).tolist()
-    carry, x = ca.MX.sym("carry", 1), ca.MX.sym("x", ends[-1])
+    carry = ca.MX.sym("carry", 1)
+    x = ca.MX.sym("x", ends[-1])
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
     free, places, turned, place_variances, within = ca.vertsplit(x, ends)
     variances = spread_function(model)(
@@ -106,7 +109,8 @@ def covariance_root(model: CommandModel) -> Matrix:
     """Return R of the numbers' covariance R Rᵀ, (n_p, k): a column for each, and one for what
     several err by together.
     """
-    parameters, p = model.mechanism.parameters, model.mechanism.parameters.symbols
+    parameters = model.mechanism.parameters
+    p = model.mechanism.parameters.symbols
     columns = list[Vector]()
     for i in np.flatnonzero(parameters.independent_stds > 0.0).tolist():
         column = ca.SX(len(parameters), 1)

@@ -14,11 +14,9 @@ from distal.inverse.command import CommandModel
 
 def read_function(model: CommandModel, states: StateVector) -> ca.Function:
     """Return (places, state, p) → what the sensors of the drives' places read there."""
-    state, known, places = (
-        ca.SX.sym("state", len(states)),
-        states.context.mechanism.parameters,
-        ca.SX.sym("s", model.nd),
-    )
+    state = ca.SX.sym("state", len(states))
+    known = states.context.mechanism.parameters
+    places = ca.SX.sym("s", model.nd)
     read = ca.SX(places)
     for d in range(model.nd):
         sensor = states.context.position_sensor(d)

@@ -23,7 +23,8 @@ def followable(time: Floats, places: Floats, fastest: float) -> Floats:
     """
     if fastest == inf:
         return places
-    forth, back = places.copy(), places.copy()
+    forth = places.copy()
+    back = places.copy()
     most = fastest * np.diff(time)
     for k in range(1, len(time)):
         forth[k] = min(max(places[k], forth[k - 1] - most[k - 1]), forth[k - 1] + most[k - 1])

@@ -35,17 +35,20 @@ FLAGS = (
     "-w",
 )
 
-OPTIMISED, OPTIMISED_LANES = "-O3", "-O2"
+OPTIMISED = "-O3"
+OPTIMISED_LANES = "-O2"
 """How much the compiler does for one run and for lanes, whose vectors are written out: there more
 takes longer and brings nothing.
 """
 
-LONG, OPTIMISED_LONG = 500_000, "-O1"
+LONG = 500_000
+OPTIMISED_LONG = "-O1"
 """C with more characters than this is straight lines without loops, and runs as fast with less
 effort: a filter with a sheath takes GCC 12 7 s in place of 17, and 46 µs a sample in place of 44.
 """
 
-VERY_LONG, UNOPTIMISED = 1_500_000, "-O0"
+VERY_LONG = 1_500_000
+UNOPTIMISED = "-O0"
 """C with more characters than this takes GCC 12 more than five minutes at -O1, and 4 s without any
 optimisation: the equations of a finger with three sheaths in lanes, 2.8 million characters.
 """
@@ -174,7 +177,8 @@ def library_of(
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler, cache = _needed_compiler(), _own_cache()
+    compiler = _needed_compiler()
+    cache = _own_cache()
     if recipe.structure is None:
         return Library(compiled_source(recipe.written(source), level), recipe.function.name())
     key = _kept_as(compiler, recipe.structure, form, level)
@@ -196,7 +200,8 @@ def begin_library(
     Arguments are as of `library_of`; what fails is said by that.
     """
     with suppress(CompileError):
-        compiler, cache = _needed_compiler(), _own_cache()
+        compiler = _needed_compiler()
+        cache = _own_cache()
         if recipe.structure is None or cache.find(
             _kept_as(compiler, recipe.structure, form, level)
         ):
@@ -216,7 +221,8 @@ def compiled_source(source: str, level: str = OPTIMISED) -> Path:
     Raises:
         CompileError: no compiler, it failed, or the cache cannot be written.
     """
-    compiler, cache = _needed_compiler(), _own_cache()
+    compiler = _needed_compiler()
+    cache = _own_cache()
     if os.environ.get("DISTAL_COMPILE") == "quick":
         level = QUICK
     if len(source) > VERY_LONG:
@@ -279,7 +285,8 @@ def _needed_compiler() -> Compiler:
 
 
 def _build(compiler: Compiler, source: str, level: str, folder: Path) -> Path:
-    code, library = folder / "kernel.c", folder / "kernel.so"
+    code = folder / "kernel.c"
+    library = folder / "kernel.so"
     code.write_text(source, encoding="utf-8")
     command = [*compiler.command, level, *FLAGS, str(code), "-o", str(library), "-lm"]
     try:

@@ -49,7 +49,8 @@ def side_by_side(
     What stands between parts in the carry stays as it is; in y it is zero.
     """
     carry, x, p = (ca.MX.sym(symbol, size) for symbol, size in zip(("carry", "x", "p"), sizes))
-    following, outputs = ca.MX(carry), list[VectorNode]()
+    following = ca.MX(carry)
+    outputs = list[VectorNode]()
     for part in parts:
         after, y = part.function(taken(carry, part.carry), taken(x, part.x), taken(p, part.p))
         following[part.carry.tolist()] = after

@@ -75,10 +75,8 @@ class Kernel:
         scan.argtypes = [ctypes.c_longlong] + 5 * [ctypes.c_void_p]
         self._scan = scan
         compiler = find_compiler()
-        self.backend, self.reason = (
-            "compiled",
-            compiler if isinstance(compiler, str) else compiler.version,
-        )
+        self.backend = "compiled"
+        self.reason = compiler if isinstance(compiler, str) else compiler.version
         return external
 
     @property
@@ -120,7 +118,8 @@ class Kernel:
             p: the parameters, (n_p,).
         """
         xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
-        carries, ys = np.empty((len(xs), self.n_carry)), np.empty((len(xs), self.n_y))
+        carries = np.empty((len(xs), self.n_carry))
+        ys = np.empty((len(xs), self.n_y))
         start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)
         parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
         if self._scan is not None:
@@ -135,7 +134,8 @@ class Kernel:
         for k, x in enumerate(xs):
             loop.x[:] = x
             loop.step()
-            carries[k], ys[k] = loop.carry, loop.y
+            carries[k] = loop.carry
+            ys[k] = loop.y
         return carries, ys
 
     def loop(self, p: Floats) -> Loop:
@@ -196,8 +196,11 @@ class Loop:
     """
 
     def __init__(self, call: ca.Function, p: Floats) -> None:
-        self.carry, self.x, self._p = np.zeros(call.numel_in(0)), np.zeros(call.numel_in(1)), p
-        self._next, self.y = np.zeros(call.numel_out(0)), np.zeros(call.numel_out(1))
+        self.carry = np.zeros(call.numel_in(0))
+        self.x = np.zeros(call.numel_in(1))
+        self._p = p
+        self._next = np.zeros(call.numel_out(0))
+        self.y = np.zeros(call.numel_out(1))
         self._trigger, self._buffer = _attached(
             call, (self.carry, self.x, self._p), (self._next, self.y)
         )

@@ -47,7 +47,8 @@ class Layout:
         Args:
             vector: the column; it may be longer than this layout.
         """
-        at, shape = self._slices[name], self._shapes[name]
+        at = self._slices[name]
+        shape = self._shapes[name]
         return vector[at] if len(shape) == 1 else ca.reshape(vector[at], *shape)
 
     def parts(self, vector: Expression) -> dict[str, Expression]:
@@ -61,7 +62,8 @@ class Layout:
         Args:
             array: it may be longer than this layout.
         """
-        at, shape = self._slices[name], self._shapes[name]
+        at = self._slices[name]
+        shape = self._shapes[name]
         return array[..., at].reshape(*array.shape[:-1], *shape)
 
     def joined(self, **parts: Expression) -> Expression:

@@ -14,7 +14,9 @@ def probe() -> tuple[Backend, str, float]:
     """Return the backend in use, why, and the largest difference between it and the interpreter on
     a small scan.
     """
-    carry, x, p = ca.MX.sym("carry", 2), ca.MX.sym("x", 1), ca.MX.sym("p", 2)
+    carry = ca.MX.sym("carry", 2)
+    x = ca.MX.sym("x", 1)
+    p = ca.MX.sym("p", 2)
     following = ca.vertcat(
         carry[0] + 0.01 * carry[1],
         carry[1] * ca.exp(-p[1] * 0.01) - 0.01 * p[0] * ca.sin(carry[0]) + x,
@@ -30,7 +32,8 @@ def probe() -> tuple[Backend, str, float]:
         warnings.simplefilter("ignore")
         kernel = Kernel(function)
     inputs = np.linspace(-1.0, 1.0, 200).reshape(-1, 1)
-    start, parameters = np.array([0.3, 0.0]), np.array([9.0, 0.5])
+    start = np.array([0.3, 0.0])
+    parameters = np.array([9.0, 0.5])
     run = kernel.scan(start, inputs, parameters)
     interpreted = Kernel(function, compiled=False).scan(start, inputs, parameters)
     return (

@@ -24,7 +24,8 @@ class Recipe:
     """
 
     def __init__(self, make: Callable[[], ca.Function], structure: Structure | None = None) -> None:
-        self._make, self.structure = make, structure
+        self._make = make
+        self.structure = structure
 
     @cached_property
     def function(self) -> ca.Function:

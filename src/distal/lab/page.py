@@ -117,8 +117,10 @@ def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: st
 
 def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
     """Return what the page's script needs to know of a rig."""
-    plant, mechanism = module.plant, module.plant.plant
-    n, nj = mechanism.n_bodies, mechanism.n_joints
+    plant = module.plant
+    mechanism = module.plant.plant
+    n = mechanism.n_bodies
+    nj = mechanism.n_joints
     most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
     runner = make_estimator(estimator, rig, compiled=False)
@@ -180,7 +182,8 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
         amplitude = SWING
         if joint.stops is not None:
             low, high = joint.stops
-            centre, amplitude = (low + high) / 2, min(0.35 * (high - low), 2 * SWING)
+            centre = (low + high) / 2
+            amplitude = min(0.35 * (high - low), 2 * SWING)
         rows.append(
             {"from": start, "centre": centre, "amplitude": amplitude, "pace": 1.0 - 0.27 * j % 1}
         )
@@ -191,12 +194,15 @@ def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
     """Return of each joint how far the drives stand from the start at some of its angles, with
     nominal pulls.
     """
-    mechanism, tables = plant.plant, []
-    n, nj = mechanism.n_bodies, mechanism.n_joints
+    mechanism = plant.plant
+    tables = []
+    n = mechanism.n_bodies
+    nj = mechanism.n_joints
     held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     for j, motion in enumerate(_motion(rig)):
         reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
-        low, high = motion["from"] - reach, motion["from"] + reach
+        low = motion["from"] - reach
+        high = motion["from"] + reach
         rows = []
         for angle in np.linspace(low, high, POSTURES):
             angles = plant.start[:nj].copy()
@@ -215,7 +221,8 @@ def _servo(plant: ExportedPlant) -> list[list[float]]:
     damped.
     """
     mechanism = plant.plant
-    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
     stiffness = ca.mtimes(
         mechanism.length_jacobian(q).T, ca.jacobian(mechanism.elastic_forces(q), q)
     )
@@ -246,7 +253,8 @@ def _largest_load(rig: Rig, tensions: Floats) -> float:
 
 def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str) -> str:
     """Return the page's HTML."""
-    most, joints = constants["loadMost"], [escape(joint.name) for joint in rig.joints]
+    most = constants["loadMost"]
+    joints = [escape(joint.name) for joint in rig.joints]
     sliders = []
     for name, label in LABELS.items():
         present = bool(constants["factors"][name]) or (

@@ -55,7 +55,8 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
         EstimationError: the estimator cannot run on this rig.
     """
     check_ziglang()
-    plant, filter_ = c_plant(rig, "plant"), c_filter(rig, estimator, name="filter")
+    plant = c_plant(rig, "plant")
+    filter_ = c_filter(rig, estimator, name="filter")
     try:
         plain: Exported | None = c_filter(rig, "inextensible", name="plain")
     except EstimationError:

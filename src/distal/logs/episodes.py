@@ -18,7 +18,8 @@ from distal.logs.vectors import INFO, dataset_info
 EPISODE = "episode_index"
 """Column of the episode that a row is of."""
 
-STATE, STAMPS = "observation.state.", {"time": ("timestamp",)}
+STATE = "observation.state."
+STAMPS = {"time": ("timestamp",)}
 """Where a dataset has what motors read, and its time."""
 
 

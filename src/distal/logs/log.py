@@ -162,9 +162,11 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):
         i = int(back[0]) + 1
-        fault, remedy = "goes back", "sort the rows"
+        fault = "goes back"
+        remedy = "sort the rows"
         if time[i] == time[i - 1]:
-            fault, remedy = "repeats", "--repeated last keeps the last of them (estimate, fit)"
+            fault = "repeats"
+            remedy = "--repeated last keeps the last of them (estimate, fit)"
         raise LogError(
             f"{source}: {place} {i + offset}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"

@@ -71,13 +71,15 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
         cells, time_column, time_factor(rig, cells.units.get(time_column), str(cells.path))
     )
     table = table_of(cells, wanted, [*optional, *([column] if column else [])])
-    time, stamps = clock.time, clock.stamps if recorded is None else np.asarray(recorded)
+    time = clock.time
+    stamps = clock.stamps if recorded is None else np.asarray(recorded)
     if rig.log.time.repeated != "refused":
         rows = _distinct(time, last=rig.log.time.repeated == "last")
         table = replace(
             table, columns={name: values[rows] for name, values in table.columns.items()}
         )
-        time, stamps = time[rows], None if stamps is None else stamps[rows]
+        time = time[rows]
+        stamps = None if stamps is None else stamps[rows]
     check_stamps(time, table.source, table.first_row)
     if len(time) < 2:
         raise LogError(f"{table.source}: has one row; an estimate over time needs at least two")
@@ -86,7 +88,8 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     if angles and not any(np.isfinite(theta).any() for theta in angles.values()):
         if truth is not None:
             raise LogError(f"{table.source}: the truth ({origin}) has no value at all")
-        angles, origin = {}, NO_SOURCE  # a reference that was never connected
+        angles = {}
+        origin = NO_SOURCE  # a reference that was never connected
     for theta in angles.values():
         largest = float(np.max(np.abs(theta[np.isfinite(theta)]), initial=0.0))
         if largest > 1e6:
@@ -314,7 +317,8 @@ def _doubts_of_stops(
     window, zero or sign.
     """
     room = 0.02 * (stops[1] - stops[0]) + sensor.linearity + 5.0 * sensor.noise
-    low, high = float(np.nanquantile(values, 0.02)), float(np.nanquantile(values, 0.98))
+    low = float(np.nanquantile(values, 0.02))
+    high = float(np.nanquantile(values, 0.98))
     if low < stops[0] - room or high > stops[1] + room:
         drive = f"drives.{sensor.of}.stops"
         yield (

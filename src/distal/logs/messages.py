@@ -30,12 +30,15 @@ class MessageReader:
 
     def __init__(self, rig: Rig, channels: Sequence[str]) -> None:
         sensors = {sensor.name: sensor for sensor in rig.sensors}
-        self._time, self._time_factor = rig.log.time.column, unit_factor(rig.log.time.unit, "s")
-        self._rig, self._sensors = rig, [sensors[channel] for channel in channels]
+        self._time = rig.log.time.column
+        self._time_factor = unit_factor(rig.log.time.unit, "s")
+        self._rig = rig
+        self._sensors = [sensors[channel] for channel in channels]
         self._columns = [sensor.log_column for sensor in self._sensors]
         self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
         self._at: list[int] | None = None
-        self._width, self._separator = 0, ","
+        self._width = 0
+        self._separator = ","
         self._sample = np.zeros(len(channels))
 
     def header(self, line: str) -> None:
@@ -49,10 +52,8 @@ class MessageReader:
             raise LogError(f"the stream's header has '{name[:80]}' twice")
         headers = units_of(names, [self._time, *self._columns], "the stream")
         name_of = {header: name for name, (header, _) in headers.items()}
-        names, units = (
-            [name_of.get(name, name) for name in names],
-            {name: unit for name, (_, unit) in headers.items()},
-        )
+        names = [name_of.get(name, name) for name in names]
+        units = {name: unit for name, (_, unit) in headers.items()}
         if self._time not in names:
             raise LogError(
                 f"the stream's header lacks the time column '{self._time}' (it has "
@@ -149,7 +150,8 @@ def find(message: object, path: str) -> object:
         name = next((name for name in (head, head.lstrip("/")) if tail and name in message), None)
         if name is None:
             break
-        message, path = message[name], tail
+        message = message[name]
+        path = tail
     for part in re.findall(r"[^./\[\]]+", path):
         if isinstance(message, dict) and part in message:
             message = message[part]

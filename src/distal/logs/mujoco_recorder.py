@@ -32,7 +32,9 @@ class MujocoRecorder:
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, rig: Rig, length_unit: float
     ) -> None:
-        self._model, self._data, self._rig = model, data, rig
+        self._model = model
+        self._data = data
+        self._rig = rig
         # after a step MuJoCo's lengths and forces are those before it: they are computed anew,
         # beside the user's
         self._now = now = mujoco_module().MjData(model)
@@ -69,7 +71,8 @@ class MujocoRecorder:
             LogError: time goes back, a name is unknown, or neither MuJoCo nor `values` has what a
                 sensor reads.
         """
-        time, values = float(self._data.time), values or {}
+        time = float(self._data.time)
+        values = values or {}
         unknown = sorted(set(values) - set(self._readers))
         if unknown:
             raise LogError(

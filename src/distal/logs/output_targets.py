@@ -93,7 +93,8 @@ def _check_name(path: Path) -> None:
                 f"{shown(path)}: the name holds {shown(odd)}, {fault}; give a name of printable "
                 "characters only"
             )
-        size, most = len(part.name.encode()), _longest_name(part) - (ROOM if part is path else 0)
+        size = len(part.name.encode())
+        most = _longest_name(part) - (ROOM if part is path else 0)
         if size > most:
             raise OutputError(
                 f"{shown(path)}: the name has {size} bytes; at most {most} are allowed, give a "
@@ -166,7 +167,8 @@ def _twice(path: Path, first: str, second: str) -> OutputError:
 
 def _check_place(output: Output) -> None:
     """Refuse a place where a file cannot stand."""
-    path, folder = output.path, output.folder
+    path = output.path
+    folder = output.folder
     if folder is not None:
         above = next(
             place for place in (folder, *folder.absolute().parents) if os.path.lexists(place)

@@ -86,13 +86,15 @@ def answer_to(request: Request) -> tuple[Answer, bytes]:
             if "folder" in request:
                 os.chdir(request["folder"])  # the caller may have gone elsewhere since
             held: dict[str, Column]
-            path, columns = Path(request["path"]), request["columns"]
+            path = Path(request["path"])
+            columns = request["columns"]
             read = format_of(path).read
             if read is None:
                 recorded, stamps = open_recording(
                     path, columns or (), request["time"], request["unit"]
                 )
-                names, held = tuple(recorded), {**recorded, STAMPS: stamps}
+                names = tuple(recorded)
+                held = {**recorded, STAMPS: stamps}
             else:
                 cells = read(path, columns)
                 names = cells.names
@@ -141,7 +143,8 @@ def packed(columns: Iterable[Column]) -> bytes:
 
 def unpacked(payload: bytes, names: Iterable[str]) -> dict[str, Column]:
     """Return the columns that `packed` wrote."""
-    buffer, columns = io.BytesIO(payload), dict[str, Column]()
+    buffer = io.BytesIO(payload)
+    columns = dict[str, Column]()
     for name in names:
         text = buffer.read(1) == b"t"
         array = np.load(buffer, allow_pickle=False)

@@ -86,7 +86,8 @@ class _Reader:
     @classmethod
     def current(cls) -> _Reader:
         """Return the process that is there, or a new one; a forked process has its own."""
-        limit, now = memory_limit(), cls._now
+        limit = memory_limit()
+        now = cls._now
         if now is None or now._of != (os.getpid(), limit) or now._process.poll() is not None:
             if now is not None and now._of[0] == os.getpid():
                 now.end()

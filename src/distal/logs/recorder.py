@@ -14,7 +14,8 @@ from distal.logs.atomic_writes import check_writable
 from distal.logs.stamps import LATEST
 from distal.rig import angle_names, std_name
 
-SAMPLE_TOPIC, ESTIMATE_TOPIC = "distal/sample", "distal/estimate"
+SAMPLE_TOPIC = "distal/sample"
+ESTIMATE_TOPIC = "distal/estimate"
 
 LONGEST_STEM = 230
 """Bytes of a file's name in the name of its part, which must not be too long where the file's is
@@ -87,7 +88,8 @@ class Recorder:
         check_writable(path)
         # a link is followed; a device or a pipe cannot be replaced, and is written as it is
         target = path.resolve()
-        self._path, self._target = path, target
+        self._path = path
+        self._target = target
         stem = target.name.encode(errors="ignore")[:LONGEST_STEM].decode(errors="ignore")
         self._part = target.with_name(f".{stem}.{os.getpid()}.part")
         self._direct = target.exists() and not target.is_file()
@@ -108,7 +110,8 @@ class Recorder:
                 str(schema["title"]), "jsonschema", json.dumps(schema).encode()
             )
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
-        self._count, self._samples = 0, 0
+        self._count = 0
+        self._samples = 0
 
     def add(self, topic: str, time: float, message: Mapping[str, object]) -> None:
         """Write a message of `SAMPLE_TOPIC` or `ESTIMATE_TOPIC` at `time` [s]; numbers that are not

@@ -230,10 +230,12 @@ def _in_cycles(
             (stamp, column, number) for column in columns for stamp, number in stamped[column]
         )
         moved.update({column: [] for column in columns})
-        begun, cycle = samples[0][0], set[str]()
+        begun = samples[0][0]
+        cycle = set[str]()
         for stamp, column, number in samples:
             if column in cycle or stamp - begun > longest:
-                begun, cycle = stamp, set()
+                begun = stamp
+                cycle = set()
             cycle.add(column)
             moved[column].append((begun, number))
     return moved

@@ -20,14 +20,17 @@ from distal.logs.cells import MISSING, Cells, is_plain, numbers_of
 
 Stamps = NDArray[np.int64]
 
-EPOCH, LATEST = 1e8, 9e9
+EPOCH = 1e8
+LATEST = 9e9
 """Seconds since 1970 between which a stamp is a date (1973 to 2255): what is smaller counts from a
 start of its own.
 """
 
-START, MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
+START = datetime(1970, 1, 1, tzinfo=UTC)
+MICROSECOND = timedelta(microseconds=1)
 
-FINER, LONGEST = re.compile(r"[.,]\d{6}(\d{1,3})"), len("20261120T210247.123456")
+FINER = re.compile(r"[.,]\d{6}(\d{1,3})")
+LONGEST = len("20261120T210247.123456")
 
 UNITS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units in which dates are counted [s]."""
@@ -65,7 +68,9 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     only be nanoseconds. A `LogError` says which stamp is missing or is none, or is of no time at
     all.
     """
-    column, path, first_row = cells.column(name), cells.path, cells.first_row
+    column = cells.column(name)
+    path = cells.path
+    first_row = cells.first_row
     if isinstance(column, list):
         counts = _whole_numbers(column)
         if counts is not None:

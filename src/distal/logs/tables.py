@@ -81,7 +81,8 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:
-            is_folder, exists = path.is_dir(), path.exists()
+            is_folder = path.is_dir()
+            exists = path.exists()
         except (OSError, ValueError, RuntimeError) as problem:
             raise LogError(
                 f"{shown(path)}: cannot be read ({getattr(problem, 'strerror', None) or problem})"
@@ -105,7 +106,8 @@ def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None)
     names = [str(name) for name in path.columns]
     index = getattr(path, "index", None)
     if index_name is not None and index_name not in names and _is_dated(index):
-        columns_of[index_name], names = _column(index), [*names, index_name]
+        columns_of[index_name] = _column(index)
+        names = [*names, index_name]
     return in_memory(columns_of, Path("the frame"), 0, names)
 
 

@@ -28,7 +28,9 @@ class Chain:
     """
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
-        self._rig, self._p, self._frames = rig, parameters, Frames(rig, parameters)
+        self._rig = rig
+        self._p = parameters
+        self._frames = Frames(rig, parameters)
 
     def _link(self, joint: int) -> tuple[Scalar, Vector, Vector] | None:
         """Return mass, centre and moments of inertia about the centre of a joint's link, None where
@@ -51,10 +53,12 @@ class Chain:
         unit acceleration about a joint's axis a takes the force a × h and the moment J a, which go
         down to the base.
         """
-        n, turned = len(self._rig.joints), self._frames.rotations(q)
+        n = len(self._rig.joints)
+        turned = self._frames.rotations(q)
         bodies = list[tuple[Scalar, Vector, Matrix]]()
         for i in range(n):
-            link, zero = self._link(i), ca.SX(3, 1)
+            link = self._link(i)
+            zero = ca.SX(3, 1)
             if link is None:
                 bodies.append((ca.SX(0), zero, ca.SX(3, 3)))
             else:
@@ -65,13 +69,13 @@ class Chain:
         for i in reversed(range(n)):
             mass, moment, inertia = bodies[i]
             axis = ca.DM(self._rig.joints[i].axis)
-            force, torque, at = cross(axis, moment), ca.mtimes(inertia, axis), i
+            force = cross(axis, moment)
+            torque = ca.mtimes(inertia, axis)
+            at = i
             matrix[i, i] = ca.dot(axis, torque)
             while (parent := self._frames.parents[at]) is not None:
-                offset, force = (
-                    self._frames.vector(f"joints.{at}.offset"),
-                    ca.mtimes(turned[at], force),
-                )
+                offset = self._frames.vector(f"joints.{at}.offset")
+                force = ca.mtimes(turned[at], force)
                 torque = ca.mtimes(turned[at], torque) + cross(offset, force)
                 matrix[i, parent] = matrix[parent, i] = ca.dot(
                     ca.DM(self._rig.joints[parent].axis), torque
@@ -79,7 +83,8 @@ class Chain:
                 at = parent
             above = self._frames.parents[i]
             if above is not None:
-                offset, r = self._frames.vector(f"joints.{i}.offset"), turned[i]
+                offset = self._frames.vector(f"joints.{i}.offset")
+                r = turned[i]
                 moment = ca.mtimes(r, moment)
                 inertia = ca.mtimes([r, inertia, r.T]) + _shifted(
                     mass, 2 * moment + mass * offset, offset
@@ -96,14 +101,18 @@ class Chain:
         """Return M(q) q̈ + c(q, v) + g(q) of the links at an acceleration q̈ [rad/s²], (n_joints,)
         [N m]: Newton–Euler.
         """
-        n, turned = len(self._rig.joints), self._frames.rotations(q)
+        n = len(self._rig.joints)
+        turned = self._frames.rotations(q)
         resting = (ca.SX(3, 1), ca.SX(3, 1), -self._frames.gravity())
         spins = self._frames.carried(turned, v)
-        moving, loads = list[tuple[Vector, Vector, Vector]](), list[tuple[Vector, Vector]]()
+        moving = list[tuple[Vector, Vector, Vector]]()
+        loads = list[tuple[Vector, Vector]]()
         for i in range(n):
-            parent, axis = self._frames.parents[i], ca.DM(self._rig.joints[i].axis)
+            parent = self._frames.parents[i]
+            axis = ca.DM(self._rig.joints[i].axis)
             spin, twist, linear = resting if parent is None else moving[parent]
-            offset, back = self._frames.vector(f"joints.{i}.offset"), turned[i].T
+            offset = self._frames.vector(f"joints.{i}.offset")
+            back = turned[i].T
             linear = ca.mtimes(
                 back, linear + cross(twist, offset) + cross(spin, cross(spin, offset))
             )

@@ -112,7 +112,8 @@ def residual(
         after: speeds of the free joints after the kick, (n_free,).
         h: length of the kick [s].
     """
-    nj, spread = mechanism.n_joints, mechanism.spread
+    nj = mechanism.n_joints
+    spread = mechanism.spread
     speeds = ca.mtimes(spread, after)
     change = speeds - v
     # where no time passes inertia alone is left
@@ -128,7 +129,8 @@ def residual(
     needed += h * (loads.implicit * speeds - loads.force)
     if loads.stiffness is not None:
         needed += h * h * ca.mtimes(loads.stiffness, speeds)
-    share, free = ca.fabs(spread).T, mechanism.free
+    share = ca.fabs(spread).T
+    free = mechanism.free
     needed = ca.mtimes(spread.T, needed)
     needed += h * slip.friction(ca.mtimes(share, loads.up), ca.mtimes(share, loads.down))
     return needed + contacts.stiffness * (q[free] - contacts.place) + contacts.damping * after
@@ -154,17 +156,23 @@ def chain_kick(
         last: whether no drift follows: a joint presses against a stop if it is in it.
         rebounds: whether joints bounce off stops whose contact the step does not resolve.
     """
-    nj, spread, free = mechanism.n_joints, mechanism.spread, mechanism.free
-    matrix, assembled = mechanism.mass_matrix(q), mechanism.chain
-    inertias, dampings = ca.diag(matrix), mechanism.dampings()[:nj]
+    nj = mechanism.n_joints
+    spread = mechanism.spread
+    free = mechanism.free
+    matrix = mechanism.mass_matrix(q)
+    assembled = mechanism.chain
+    inertias = ca.diag(matrix)
+    dampings = mechanism.dampings()[:nj]
     added = _implicit_inertias(mechanism, inertias, length)
     load = ca.mtimes(matrix, v) + (added - length * dampings) * v + length * loads.force
     matrix += ca.diag(added + length * loads.implicit)
     if loads.stiffness is not None:
         matrix += length * length * loads.stiffness
     share = ca.fabs(spread).T
-    up, down = length * ca.mtimes(share, loads.up), length * ca.mtimes(share, loads.down)
-    matrix, load = ca.mtimes([spread.T, matrix, spread]), ca.mtimes(spread.T, load)
+    up = length * ca.mtimes(share, loads.up)
+    down = length * ca.mtimes(share, loads.down)
+    matrix = ca.mtimes([spread.T, matrix, spread])
+    load = ca.mtimes(spread.T, load)
     if assembled is not None:
         bias = ca.mtimes(spread.T, assembled.torques(q, v, ca.SX(nj, 1)))
         if nj > 1:
@@ -178,7 +186,8 @@ def chain_kick(
     slip = slipping(matrix, load, up, down)
     alone = solver(matrix, slip.moving)(load - slip.friction(up, down))
     contacts = Contacts(*(ca.SX(len(free), 1) for _ in range(3)))
-    at, kicked = q[free], alone
+    at = q[free]
+    kicked = alone
     stopped = any(mechanism.bodies[j].has_stops for j in free)
     if stopped:
         contacts = _contacts(mechanism, at, alone, inertias, length, drift, last=last)
@@ -193,7 +202,8 @@ def chain_kick(
         matrix, load, slip, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
     moved = at + drift * kicked
     if stopped and rebounds and not last:
-        motion, system = (at, v[free], alone, kicked), (matrix, load, slip, up, down)
+        motion = (at, v[free], alone, kicked)
+        system = (matrix, load, slip, up, down)
         kicked, moved = _bounced(
             mechanism, motion, system, contacts, inertias=inertias, length=length, drift=drift
         )
@@ -233,7 +243,8 @@ def _contacts(
             continue
         stiffness, damping, low, high = mechanism.stop(j)
         end = q[k] if last else q[k] + drift * v[k]
-        at_high, at_low = end > high, end < low
+        at_high = end > high
+        at_low = end < low
         if not last:
             at_high = ca.logic_and(at_high, stiffness * (end - high) + damping * v[k] > 0)
             at_low = ca.logic_and(at_low, stiffness * (end - low) + damping * v[k] < 0)
@@ -255,10 +266,8 @@ def _pressed(
     down: Vector,
 ) -> tuple[Matrix, Vector, Slip, Vector]:
     """Return A and r with the stops in them, which free joints slip then, and their speeds."""
-    pressed, pressing = (
-        matrix + ca.diag(contacts.damping),
-        load - contacts.stiffness * (at - contacts.place),
-    )
+    pressed = matrix + ca.diag(contacts.damping)
+    pressing = load - contacts.stiffness * (at - contacts.place)
     slip = slipping(pressed, pressing, up, down, start=alone, events=matrix.size1())
     return pressed, pressing, slip, solver(pressed, slip.moving)(pressing - slip.friction(up, down))
 
@@ -286,7 +295,8 @@ def _bounced(
         stiffness, damping, _, high = mechanism.stop(j)
         unresolved = stiffness * drift * drift / inertias[k] > 1
         rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
-        touching, at_high = contacts.damping[k] > 0, contacts.place[k] == high
+        touching = contacts.damping[k] > 0
+        at_high = contacts.place[k] == high
         flight = Flight(alone[k], at[k], before[k], length, drift)
         flies, after, place = bounce(rebound, at_high, contacts.place[k], flight)
         rows.append((ca.logic_and(touching, flies), after, place))

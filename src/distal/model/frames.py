@@ -36,7 +36,8 @@ class Frames:
     """
 
     def __init__(self, rig: Rig, parameters: Parameters) -> None:
-        self.rig, self._p = rig, parameters
+        self.rig = rig
+        self._p = parameters
         self.parents = [rig.parent_of(i) for i in range(len(rig.joints))]
 
     def vector(self, path: str) -> Vector:
@@ -70,7 +71,8 @@ class Frames:
 
     def falling(self, q: Vector) -> list[Vector]:
         """Return the acceleration of free fall in the frame of each link at q, (3,) each [m/s²]."""
-        turned, falls = self.rotations(q), list[Vector]()
+        turned = self.rotations(q)
+        falls = list[Vector]()
         for i, parent in enumerate(self.parents):
             falls.append(
                 ca.mtimes(turned[i].T, self.gravity() if parent is None else falls[parent])
@@ -79,7 +81,8 @@ class Frames:
 
     def gravity(self) -> Vector:
         """Return the acceleration of free fall in the base's frame, (3,) [m/s²]."""
-        base, turned = self.rig.base, ca.SX.eye(3)
+        base = self.rig.base
+        turned = ca.SX.eye(3)
         # only a chain has the numbers of its base among the model's
         has = self.rig.is_chain
         for k, axis in enumerate(np.eye(3).tolist()):

@@ -160,13 +160,16 @@ def clip_moments(low: Scalar, high: Scalar, mean: Scalar, std: Scalar) -> ClipMo
     Φ(α)) + s(φ(α) − φ(β)); its slopes with respect to a, m and b are Φ(α), Φ(β) − Φ(α) and 1 −
     Φ(β).
     """
-    alpha, beta = (low - mean) / std, (high - mean) / std
-    under, over = _below(alpha), 1 - _below(beta)
+    alpha = (low - mean) / std
+    beta = (high - mean) / std
+    under = _below(alpha)
+    over = 1 - _below(beta)
     inside = 1 - under - over
     # about m clipped: neither held nor free, in double or float, is a small number left over from
     # large ones
     nearest = ca.fmin(ca.fmax(low - mean, 0), high - mean)
-    a, b = low - mean - nearest, high - mean - nearest
+    a = low - mean - nearest
+    b = high - mean - nearest
     moved = a * under + b * over - nearest * inside + std * (_density(alpha) - _density(beta))
     square = a * a * under + b * b * over + (nearest * nearest + std * std) * inside
     square += std * ((a - nearest) * _density(alpha) - (b - nearest) * _density(beta))

@@ -23,14 +23,20 @@ def interval_step(
             (filters).
         with_servo: whether a spring and damper to a target may act on the bodies.
     """
-    n, p = mechanism.n_bodies, mechanism.parameters.symbols
-    q, v, effort = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("effort", n)
+    n = mechanism.n_bodies
+    p = mechanism.parameters.symbols
+    q = ca.SX.sym("q", n)
+    v = ca.SX.sym("v", n)
+    effort = ca.SX.sym("effort", n)
     response = ca.SX.sym("response", n, 4)
-    length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
+    length = ca.SX.sym("length")
+    drift = ca.SX.sym("drift")
     servo = ca.SX.sym("servo", n, 3)
     implicit = None
     if with_servo:
-        stiffness, target, damping = servo[:, 0], servo[:, 1], servo[:, 2]
+        stiffness = servo[:, 0]
+        target = servo[:, 1]
+        damping = servo[:, 2]
         implicit = ca.horzcat(stiffness * (target - q), stiffness * drift + damping)
     kick = Kick(q, v, effort, response, length, drift, implicit)
     arguments = [q, v, effort, response, length, drift, servo, p]
@@ -44,10 +50,14 @@ def interval_step(
     )
 
     q, v, effort, added = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "added_inertia"))
-    servo, dt, p = ca.MX.sym("servo", n, 3), ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
+    servo = ca.MX.sym("servo", n, 3)
+    dt = ca.MX.sym("dt")
+    p = ca.MX.sym("p", p.numel())
     h = dt / count
-    half, full = prepared(h / 2, h, added, p), prepared(h, h, added, p)
-    q_next, v_next = q, v
+    half = prepared(h / 2, h, added, p)
+    full = prepared(h, h, added, p)
+    q_next = q
+    v_next = v
     for i in range(count):
         first = i == 0
         q_next, v_next = moving(

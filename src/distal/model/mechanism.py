@@ -51,9 +51,11 @@ class Mechanism(Tendons):
         super().__init__(rig, inputs, remembers, derived)
         links = Chain(rig, self.parameters) if rig.is_chain else None
         carried = self.n_joints >= FEWEST
-        self.chain, self._lone = links if carried else None, None if carried else links
+        self.chain = links if carried else None
+        self._lone = None if carried else links
         self.free = [i for i, joint in enumerate(rig.joints) if joint.coupled is None]
-        self.spread, self.offsets = ca.DM(self.n_joints, len(self.free)), ca.DM.zeros(self.n_joints)
+        self.spread = ca.DM(self.n_joints, len(self.free))
+        self.offsets = ca.DM.zeros(self.n_joints)
         for i, joint in enumerate(rig.joints):
             if joint.coupled is None:
                 self.spread[i, self.free.index(i)] = 1.0
@@ -90,7 +92,9 @@ class Mechanism(Tendons):
         return ca.vertcat(*forces, *(self._cogging(i, q) for i in range(self.n_drives)))
 
     def _cogging(self, drive: int, q: Vector) -> Scalar:
-        part, p, path = self.rig.drives[drive], self.parameters, f"drives.{drive}.cogging"
+        part = self.rig.drives[drive]
+        p = self.parameters
+        path = f"drives.{drive}.cogging"
         if part.kind != "capstan" or part.cogging is None:
             return ca.SX(0)
         phase = part.cogging.periods * q[self.n_joints + drive]
@@ -100,7 +104,8 @@ class Mechanism(Tendons):
         """Return the torque of each joint's return spring and its stiffness there, (n_joints, 2) [N
         m, N m/rad].
         """
-        at, rows = ca.SX.sym("q", self.n_bodies), []
+        at = ca.SX.sym("q", self.n_bodies)
+        rows = []
         for i, joint in enumerate(self.rig.joints):
             torque = self._spring_torque(i, joint, at)
             rows.append(ca.horzcat(torque, -ca.jacobian(torque, at[i])))
@@ -108,7 +113,9 @@ class Mechanism(Tendons):
         return springs(q, self.parameters.symbols)
 
     def _spring_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
-        p, path, torque = self.parameters, f"joints.{index}", ca.SX(0)
+        p = self.parameters
+        path = f"joints.{index}"
+        torque = ca.SX(0)
         if joint.spring is not None:
             away = q[index] - p[f"{path}.spring.rest_angle"]
             parts = [p[f"{path}.spring.{name}"] for name in ("stiffness", "quadratic", "cubic")]
@@ -123,7 +130,9 @@ class Mechanism(Tendons):
         return torque
 
     def _passive_torque(self, index: int, joint: Joint, q: Vector) -> Scalar:
-        p, path, torque = self.parameters, f"joints.{index}", self._spring_torque(index, joint, q)
+        p = self.parameters
+        path = f"joints.{index}"
+        torque = self._spring_torque(index, joint, q)
         if self._lone is not None:
             torque -= self._lone.torques(q, ca.SX.zeros(1), ca.SX.zeros(1))[0]
         if joint.gravity is not None:
@@ -142,7 +151,8 @@ class Mechanism(Tendons):
         factor at the velocities v, if it has one. `tensions` are those at the joints, `at_drives`
         those at the drives, where they differ.
         """
-        limits, p = [], self.parameters
+        limits = []
+        p = self.parameters
         for i, body in enumerate(self.bodies):
             if body.is_joint:
                 limit = self._joint_friction(i, tensions)
@@ -155,7 +165,8 @@ class Mechanism(Tendons):
         return limits
 
     def _joint_friction(self, body: int, tensions: Vector) -> Limit:
-        p, path = self.parameters, f"{self.bodies[body].path}.friction"
+        p = self.parameters
+        path = f"{self.bodies[body].path}.friction"
         if f"{path}.coefficient" not in p:
             return Limit(ca.SX(0), ca.SX(0))
         tension = sum(
@@ -170,10 +181,13 @@ class Mechanism(Tendons):
         """Return friction of the drive itself and along the paths of its tendons, drawn in or let
         out.
         """
-        limit, lever = self._dry_friction(body, "friction", tensions), self._drive_radius(body)
-        up, down = limit, limit
+        limit = self._dry_friction(body, "friction", tensions)
+        lever = self._drive_radius(body)
+        up = limit
+        down = limit
         for i in self._pulled_by(body):
-            part, wrapped = self.rig.tendons[i].path, self.wrapped(i, q)
+            part = self.rig.tendons[i].path
+            wrapped = self.wrapped(i, q)
             if ca.SX(wrapped).is_zero() or (part is not None and part.nodes > 0):
                 continue
             out = 1 if part is None else self.parameters[f"tendons.{i}.path.let_out"]
@@ -184,7 +198,8 @@ class Mechanism(Tendons):
                 if self.rig.drives[body - self.n_joints].kind == "capstan"
                 else 1
             )
-            drawn_in, let_out = path_friction.up, path_friction.down
+            drawn_in = path_friction.up
+            let_out = path_friction.down
             up, down = (
                 (up + drawn_in, down + let_out) if drawn > 0 else (up + let_out, down + drawn_in)
             )
@@ -195,7 +210,8 @@ class Mechanism(Tendons):
 
     def _dry_friction(self, body: int, kind: str, tensions: Vector) -> Scalar:
         """Return constant + load · R Σ T of a drive's friction or hysteresis."""
-        p, path = self.parameters, f"{self.bodies[body].path}.{kind}"
+        p = self.parameters
+        path = f"{self.bodies[body].path}.{kind}"
         tension = sum((tensions[i] for i in self._pulled_by(body)), ca.SX(0))
         return p[f"{path}.constant"] + p[f"{path}.load"] * self._drive_radius(body) * tension
 
@@ -206,8 +222,10 @@ class Mechanism(Tendons):
         For a capstan with two pulleys it is φ − r θ/R, for a slider with one tendon ℓ. `drive`
         counts the drives alone.
         """
-        body, elongations = self.n_joints + drive, self.elongations(q)
-        levers, tendons = self.length_jacobian(q)[:, body], self._pulled_by(body)
+        body = self.n_joints + drive
+        elongations = self.elongations(q)
+        levers = self.length_jacobian(q)[:, body]
+        tendons = self._pulled_by(body)
         total = sum((levers[i] * elongations[i] for i in tendons), ca.SX(0))
         return total / sum((levers[i] ** 2 for i in tendons), ca.SX(0))
 
@@ -242,7 +260,8 @@ class Mechanism(Tendons):
 
     def stop(self, body: int) -> tuple[Scalar, Scalar, Scalar, Scalar]:
         """Return stiffness, damping, low and high end of a body's stops."""
-        p, path = self.parameters, self.bodies[body].path
+        p = self.parameters
+        path = self.bodies[body].path
         return (
             p[f"{path}.stop_stiffness"],
             p[f"{path}.stop_damping"],

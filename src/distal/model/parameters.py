@@ -70,7 +70,9 @@ class Parameters:
         inside: Sequence[str] = (),
         derived: Derived = NOTHING_DERIVED,
     ) -> None:
-        self.inputs, self.inside, self.folded = tuple(inputs), tuple(inside), derived.folded
+        self.inputs = tuple(inputs)
+        self.inside = tuple(inside)
+        self.folded = derived.folded
         self._constants: dict[str, float] = {}
         rows: dict[str, tuple[float, float, float]] = {}
         independent: dict[int, float] = {}

@@ -178,10 +178,8 @@ class Sheath:
         """Return the tensions at the ends `drive` and `joint` of a cable with its points at
         `points` [N].
         """
-        near, far = (
-            self.tension(0, drive - points[0])[0],
-            self.tension(self.count, points[-1] - joint)[0],
-        )
+        near = self.tension(0, drive - points[0])[0]
+        far = self.tension(self.count, points[-1] - joint)[0]
         return ca.fmax(near, 0), ca.fmax(far, 0)
 
 
@@ -252,7 +250,8 @@ def _linear_balance(
     before: Scalar, after: Scalar, near: Scalar, far: Scalar, share: Scalar, next_share: Scalar
 ) -> Scalar:
     """Return the place that `_step` goes to on a cable that does not stiffen."""
-    first, last = near / share, far / next_share
+    first = near / share
+    last = far / next_share
     return (first * before + last * after) / (first + last)
 
 

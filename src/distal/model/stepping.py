@@ -39,12 +39,14 @@ def responses(
     (hung weights) has an `added_inertia`, (n_bodies,). Where no body `rebounds`, the third column
     is zero.
     """
-    inertias, dampings = mechanism.inertias(), mechanism.dampings()
+    inertias = mechanism.inertias()
+    dampings = mechanism.dampings()
     rows = []
     for i, body in enumerate(mechanism.bodies):
         inertia = inertias[i] if added_inertia is None else inertias[i] + added_inertia[i]
         a, b = free_response(dampings[i], inertia, length)
-        rebound, implicitness = ca.SX(0), ca.SX(0)
+        rebound = ca.SX(0)
+        implicitness = ca.SX(0)
         if body.has_stops:
             k_s, b_s, _, _ = mechanism.stop(i)
             resolved = k_s * drift * drift / inertia <= 1
@@ -89,7 +91,8 @@ def _forces(mechanism: Mechanism, kick: Kick) -> tuple[Vector, Vector, list[Limi
     damping = mechanism.tendon_damping(kick.q, pulls.joint)
     force = pulls.forces + mechanism.passive_forces(kick.q) + kick.effort + damping * kick.v
     if kick.implicit is not None:
-        force, damping = force + kick.implicit[:, 0], damping + kick.implicit[:, 1]
+        force = force + kick.implicit[:, 0]
+        damping = damping + kick.implicit[:, 1]
     return force, damping, mechanism.friction_limits(kick.q, kick.v, pulls.joint, pulls.drive)
 
 
@@ -98,7 +101,8 @@ def impulses(mechanism: Mechanism, kick: Kick) -> tuple[Vector, list[Limit], Vec
     and stops.
     """
     force, damping, limits = _forces(mechanism, kick)
-    a, b = kick.response[:, 0], kick.response[:, 1]
+    a = kick.response[:, 0]
+    b = kick.response[:, 1]
     return a * kick.v + b * force, [limit.times(b[i]) for i, limit in enumerate(limits)], damping
 
 
@@ -130,13 +134,12 @@ def _settling(mechanism: Mechanism, q: Vector, effort: Vector) -> Loads:
     """Return what acts on joints that come to rest within a kick: forces and stiffness without any
     damping of tendons.
     """
-    nj, at, still = (
-        mechanism.n_joints,
-        ca.SX.sym("q", mechanism.n_bodies),
-        ca.SX.zeros(mechanism.n_bodies),
-    )
+    nj = mechanism.n_joints
+    at = ca.SX.sym("q", mechanism.n_bodies)
+    still = ca.SX.zeros(mechanism.n_bodies)
     pulls = mechanism.pulls(at, still)
-    pulled, passive = pulls.forces[:nj], mechanism.passive_forces(at)[:nj]
+    pulled = pulls.forces[:nj]
+    passive = mechanism.passive_forces(at)[:nj]
     stiffness = -ca.jacobian(pulled, at)[:, :nj]
     # a weight above its axle would turn over; only what holds is taken implicitly
     stiffness += ca.diag(ca.fmax(-ca.diag(ca.jacobian(passive, at)[:, :nj]), 0))
@@ -183,10 +186,12 @@ def kick_and_drift(
     """
     z, limits, damping = impulses(mechanism, kick)
     free = range(mechanism.n_bodies) if bodies is None else bodies
-    q, v = list[Scalar](), list[Scalar]()
+    q = list[Scalar]()
+    v = list[Scalar]()
     if mechanism.chain is not None:
         chain = kicked_chain(mechanism, kick, rebounds)
-        q, v = ca.vertsplit(chain.q), ca.vertsplit(chain.v)
+        q = ca.vertsplit(chain.q)
+        v = ca.vertsplit(chain.v)
     for i in range(len(q), mechanism.n_bodies):
         push = Push(z[i], limits[i], kick.response[i, 1], damping[i])
         if i in free and mechanism.bodies[i].has_stops:
@@ -237,9 +242,11 @@ def _frequencies(mechanism: Mechanism, bodies: range) -> list[float]:
     """Return the largest natural frequency of some bodies, the others held, at each of some
     postures [rad/s].
     """
-    p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
-    jacobian, nj = mechanism.length_jacobian(q), mechanism.n_joints
+    jacobian = mechanism.length_jacobian(q)
+    nj = mechanism.n_joints
     spring = ca.mtimes([jacobian.T, ca.diag(stiffness), jacobian])
     for i, joint in enumerate(mechanism.rig.joints):
         if joint.spring is not None:
@@ -289,7 +296,8 @@ def joint_frequency(mechanism: Mechanism) -> float:
     """
     if mechanism.n_joints > 1:
         return max(_frequencies(mechanism, range(mechanism.n_joints)))
-    p, q = mechanism.parameters, ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
+    q = ca.SX.sym("q", mechanism.n_bodies)
     stiffness = ca.vertcat(*(mechanism.stiffest(i) for i in range(mechanism.n_tendons)))
     square = ca.dot(mechanism.length_jacobian(q)[:, 0] ** 2, stiffness) / mechanism.inertias()[0]
     at_zero = ca.Function("square", [q, p.symbols], [square])(

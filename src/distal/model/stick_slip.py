@@ -58,7 +58,8 @@ def solver(matrix: Matrix, weight: Vector) -> Callable[[Vector], Vector]:
     `matrix` A, (n, n), is symmetric positive definite.
     """
     n = matrix.size1()
-    pivots, scaled = list[list[Scalar]](), list[list[Scalar]]()  # columns of L D, and of L
+    pivots = list[list[Scalar]]()
+    scaled = list[list[Scalar]]()  # columns of L D, and of L
     for j in range(n):
         column = [
             matrix[j, j] if i == j else weight[i] * matrix[i, j] * weight[j] for i in range(n)
@@ -108,14 +109,17 @@ def slipping(
     v = _swept(matrix, load, up, down) if start is None else start
     # direction of each joint that slips, 0 for one that sticks
     signs: Sequence[Scalar] = [(v[j] > 0) - (v[j] < 0) for j in range(n)]
-    residual, held = load - ca.mtimes(matrix, v), list[Scalar]()
+    residual = load - ca.mtimes(matrix, v)
+    held = list[Scalar]()
     for j in range(n):
         high = ca.if_else(v[j] < 0, -down[j], up[j])
         low = ca.if_else(v[j] > 0, up[j], -down[j])
         held.append(ca.fmin(ca.fmax(residual[j], low), high))
-    g, left = ca.vertcat(*held), ca.SX(1)
+    g = ca.vertcat(*held)
+    left = ca.SX(1)
     change = residual - g
-    state, follow = (ca.vertcat(*signs), v, g, left), _event(n)
+    state = (ca.vertcat(*signs), v, g, left)
+    follow = _event(n)
     for _ in range(EVENTS * n if events is None else events):
         state = follow(matrix, change, up, down, *state)
     return Slip(state[0] > 0, state[0] < 0)
@@ -123,7 +127,8 @@ def slipping(
 
 def _swept(matrix: Matrix, load: Vector, up: Vector, down: Vector) -> Vector:
     """Return velocities near the solution, (n,): `SWEEPS` of projected Gauss–Seidel from rest."""
-    n, v = matrix.size1(), [ca.SX(0)] * matrix.size1()
+    n = matrix.size1()
+    v = [ca.SX(0)] * matrix.size1()
     for _ in range(SWEEPS):
         for j in range(n):
             left = load[j] - sum((matrix[j, i] * v[i] for i in range(n) if i != j), ca.SX(0))
@@ -148,18 +153,22 @@ def _event(n: int) -> ca.Function:
     ]
     left = ca.SX.sym("left")
     moving = signs * signs
-    held, span = 1 - moving, up + down
+    held = 1 - moving
+    span = up + down
     dv = solver(matrix, moving)(change)
     dg = held * (change - ca.mtimes(matrix, dv))
-    soonest, times = left, []
+    soonest = left
+    times = []
     for j in range(n):
         # of a joint that slips dg is zero, of one that sticks v and dv are
-        distance, rate = held[j] * ((dg[j] > 0) * span[j] - down[j] - g[j]) - v[j], dv[j] + dg[j]
+        distance = held[j] * ((dg[j] > 0) * span[j] - down[j] - g[j]) - v[j]
+        rate = dv[j] + dg[j]
         happens = ca.logic_or(signs[j] * dv[j] < 0, dg[j] != 0)
         time = ca.fmax(distance / (rate + (rate == 0)), 0)
         times.append(NEVER + happens * (time - NEVER))
         soonest = ca.fmin(soonest, times[-1])
-    after, assigned = list[Scalar](), ca.SX(soonest >= left)
+    after = list[Scalar]()
+    assigned = ca.SX(soonest >= left)
     for j in range(n):
         mine = ca.logic_and(times[j] <= soonest, 1 - assigned)
         assigned = assigned + mine

@@ -106,17 +106,18 @@ class Stop:
             position: x at the start of the drift, of length h = `drift` [s].
             place: the stop, x_L or x_H; `contact` says whether it is pressed.
         """
-        z, limit, b, implicit = push.z, push.limit, push.b, push.implicit
+        z = push.z
+        limit = push.limit
+        b = push.b
+        implicit = push.implicit
         inside = position - place
         held = 1 / (1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping))
         forward, back = slip(z - b * self.stiffness * inside, limit, held)
         spring = (forward + back) * (b * self.stiffness)
         if contact is not True:
             loose = slip(z, limit, 1 / (1 + b * implicit))
-            forward, back = (
-                ca.if_else(contact, forward, loose[0]),
-                ca.if_else(contact, back, loose[1]),
-            )
+            forward = ca.if_else(contact, forward, loose[0])
+            back = ca.if_else(contact, back, loose[1])
             spring = ca.if_else(contact, spring, 0)
         return slipped(forward, back, z, limit) - spring * inside
 
@@ -162,7 +163,9 @@ def bounce(
     stop's place, leaves with −e times its speed there, and flies on for the rest of the drift;
     without a rebound e is 0.
     """
-    free, length, drift = flight.free, flight.length, flight.drift
+    free = flight.free
+    length = flight.length
+    drift = flight.drift
     # motion towards the stop, s > 0: gap = u τ + ½ A τ², u the speed at the start of the drift
     towards = ca.if_else(at_high, 1, -1)
     acceleration = towards * (free - flight.before) / ca.if_else(length > 0, length, 1)

@@ -20,14 +20,15 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     ∂v⁺/∂v S_v + ∂v⁺/∂effort and S_q⁺ = S_q + h S_v⁺, `count` of them. The derivative of friction is
     0 in stick and 1 in slip; stops do not rebound.
     """
-    n, columns, p = (
-        mechanism.n_bodies,
-        2 * mechanism.n_bodies + mechanism.n_drives,
-        mechanism.parameters.symbols,
-    )
-    q, v, effort = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("effort", n)
+    n = mechanism.n_bodies
+    columns = 2 * mechanism.n_bodies + mechanism.n_drives
+    p = mechanism.parameters.symbols
+    q = ca.SX.sym("q", n)
+    v = ca.SX.sym("v", n)
+    effort = ca.SX.sym("effort", n)
     response = ca.SX.sym("response", n, 4)
-    length, drift = ca.SX.sym("length"), ca.SX.sym("drift")
+    length = ca.SX.sym("length")
+    drift = ca.SX.sym("drift")
     kick = Kick(q, v, effort, response, length, drift)
     q_moved, v_moved = kick_and_drift(mechanism, kick, rebounds=False)
     symbols = [q, v, effort, response, length, drift, p]
@@ -45,13 +46,17 @@ def tangent_step(mechanism: Mechanism, count: int) -> ca.Function:
     )
 
     q, v, effort, effort_end = (ca.MX.sym(name, n) for name in ("q", "v", "effort", "effort_end"))
-    dt, p = ca.MX.sym("dt"), ca.MX.sym("p", p.numel())
+    dt = ca.MX.sym("dt")
+    p = ca.MX.sym("p", p.numel())
     h = dt / count
-    half, full = prepared(h / 2, h, p), prepared(h, h, p)
+    half = prepared(h / 2, h, p)
+    full = prepared(h, h, p)
     # transposed: the slopes of one body lie side by side, so that a processor takes several at once
     identity = ca.DM.eye(columns)
-    s_q, s_v = ca.MX(ca.densify(identity[:, :n])), ca.MX(ca.densify(identity[:, n : 2 * n]))
-    q_next, v_next = q, v
+    s_q = ca.MX(ca.densify(identity[:, :n]))
+    s_v = ca.MX(ca.densify(identity[:, n : 2 * n]))
+    q_next = q
+    v_next = v
     for i in range(count):
         pull = effort + (i / count) * (effort_end - effort)
         step = (half, h / 2) if i == 0 else (full, h)
@@ -85,12 +90,14 @@ def _step(name: str, mechanism: Mechanism, kick: ca.Function, drifts: bool) -> c
 
     (q, v, S_qᵀ, S_vᵀ, effort, response, length, drift, p) → (q⁺, v⁺, S_qᵀ⁺, S_vᵀ⁺), or (v⁺, S_vᵀ⁺).
     """
-    n, columns = mechanism.n_bodies, 2 * mechanism.n_bodies + mechanism.n_drives
+    n = mechanism.n_bodies
+    columns = 2 * mechanism.n_bodies + mechanism.n_drives
     q, v, effort, response = (
         ca.MX.sym(x, n, k) for x, k in (("q", 1), ("v", 1), ("effort", 1), ("response", 4))
     )
     s_q, s_v = (ca.MX.sym(x, columns, n) for x in ("s_q", "s_v"))
-    length, drift = ca.MX.sym("length"), ca.MX.sym("drift")
+    length = ca.MX.sym("length")
+    drift = ca.MX.sym("drift")
     p = ca.MX.sym("p", kick.size1_in(6))
     by_q, by_v, by_effort, v_next, *moved = kick(q, v, effort, response, length, drift, p)
     following = _chained((by_q, by_v, by_effort), s_q, s_v)

@@ -77,7 +77,8 @@ class Tendons:
         remembers: bool = False,
         derived: Derived = NOTHING_DERIVED,
     ) -> None:
-        self.rig, self.remembers = rig, remembers
+        self.rig = rig
+        self.remembers = remembers
         self.plays = plays_of(rig)
         self.strains = tuple(
             f"{path}.strain" for i in range(len(rig.tendons)) for path in self.creeps(i)
@@ -92,11 +93,9 @@ class Tendons:
             for kind in ("joints", "drives")
             for i, part in enumerate(getattr(rig, kind))
         )
-        self.n_joints, self.n_drives, self.n_tendons = (
-            len(rig.joints),
-            len(rig.drives),
-            len(rig.tendons),
-        )
+        self.n_joints = len(rig.joints)
+        self.n_drives = len(rig.drives)
+        self.n_tendons = len(rig.tendons)
         self.n_bodies = len(self.bodies)
         self._joint = {joint.name: i for i, joint in enumerate(rig.joints)}
         drives = {drive.name: self.n_joints + i for i, drive in enumerate(rig.drives)}
@@ -134,7 +133,8 @@ class Tendons:
         drives' place in q.
         """
         (meeting,) = self.rig.tendons[tendon].meetings
-        shape, size = meeting.shape, self._size(tendon, meeting)
+        shape = meeting.shape
+        size = self._size(tendon, meeting)
         assert not isinstance(shape, Polynomial)  # it has several joints
         return shape.angle_at(size, meeting.side, elongated, self.displacement(tendon, q))
 
@@ -146,7 +146,8 @@ class Tendons:
         """Return ∂ℓ/∂q, (n_tendons, n_bodies): the moment arms, with minus the sign of the
         torque.
         """
-        symbols, p = ca.SX.sym("q", self.n_bodies), self.parameters.symbols
+        symbols = ca.SX.sym("q", self.n_bodies)
+        p = self.parameters.symbols
         jacobian = ca.Function(
             "jacobian", [symbols, p], [ca.jacobian(self.elongations(symbols), symbols)]
         )
@@ -159,7 +160,8 @@ class Tendons:
         remembered = [self.parameters[name] for name in self.plays] if self.remembers else None
         points = None if remembered is None else remembered[self._first_point :]
         tied, far_sides = self._tied(q, remembered, points, settled)
-        elongated, inside = self.elongations(tied), list[Scalar]()
+        elongated = self.elongations(tied)
+        inside = list[Scalar]()
         for i in range(self.n_tendons):
             if (sheath := self.sheath(i, q)) is None:
                 continue
@@ -185,7 +187,8 @@ class Tendons:
         """Return q with the far sides of backlashes in place of the near ones, and the drives' far
         sides.
         """
-        tied, far_sides = [q[i] for i in range(self.n_bodies)], list[Scalar]()
+        tied = [q[i] for i in range(self.n_bodies)]
+        far_sides = list[Scalar]()
         for i in range(self.n_drives):
             if self.rig.drives[i].backlash is not None:
                 held = None if remembered is None else remembered[len(far_sides)]
@@ -194,10 +197,8 @@ class Tendons:
         for j, joint in enumerate(self.rig.joints):
             if joint.backlash is not None:
                 # the tendons turn the pulley until it meets the link
-                near, at = (
-                    gap(q[j], self.parameters[f"joints.{j}.backlash.width"]),
-                    ca.vertcat(*tied),
-                )
+                near = gap(q[j], self.parameters[f"joints.{j}.backlash.width"])
+                at = ca.vertcat(*tied)
                 tied[j] = balanced(at[j], near, self._pull_along(j, at, points))
         return ca.vertcat(*tied), far_sides
 
@@ -214,7 +215,9 @@ class Tendons:
             points = [self.parameters[name] for name in self.plays if name.startswith("tendons.")]
             rests = self._far_side(index, q, self.parameters[self.plays[which]], points, False)
             return Bounds(rests, rests)
-        place, sheath, point = self.place(q, settled=True), self.sheath(index, q), int(keys[-1])
+        place = self.place(q, settled=True)
+        sheath = self.sheath(index, q)
+        point = int(keys[-1])
         assert sheath is not None
         drive, joint = self._ends(index, place.q, self.elongations(place.q))
         first = which - point
@@ -230,7 +233,9 @@ class Tendons:
         settled: bool,
     ) -> Scalar:
         """Return where the far side of a drive's backlash is."""
-        part, body, p = self.rig.drives[drive].backlash, self.n_joints + drive, self.parameters
+        part = self.rig.drives[drive].backlash
+        body = self.n_joints + drive
+        p = self.parameters
         assert part is not None  # it is asked for drives with backlash
         if settled:
             return before
@@ -247,7 +252,8 @@ class Tendons:
 
         Points of sheaths hold meanwhile; without them a cable is a spring.
         """
-        at, held = ca.SX.sym("q", self.n_bodies), ca.SX.sym("points", len(points or ()))
+        at = ca.SX.sym("q", self.n_bodies)
+        held = ca.SX.sym("points", len(points or ()))
         forces = self.elastic_forces(at)
         if points:
             joint, drive = self._end_forces(at, ca.vertsplit(held))
@@ -272,7 +278,8 @@ class Tendons:
         path = self.rig.tendons[tendon].path
         if path is None or path.nodes == 0:
             return None
-        p, name = self.parameters, f"tendons.{tendon}"
+        p = self.parameters
+        name = f"tendons.{tendon}"
         exponent = self.wrapped(tendon, q) / path.nodes
         out = ca.exp(exponent * p[f"{name}.path.let_out"])
         stiffening = p[f"{name}.stiffening"] if p.has(f"{name}.stiffening") else None
@@ -283,14 +290,17 @@ class Tendons:
         """Return the stiffness of a tendon that its ends feel at once [N/m]: in a sheath that of
         the stretch at the end.
         """
-        path, k = self.rig.tendons[tendon].path, self.parameters[f"tendons.{tendon}.stiffness"]
+        path = self.rig.tendons[tendon].path
+        k = self.parameters[f"tendons.{tendon}.stiffness"]
         return k if path is None or path.nodes == 0 else 2 * path.nodes * k
 
     def wrapped(self, tendon: int, q: Vector) -> Scalar:
         """Return Σ μ β of a tendon at q: its path's and its guides' at the joints it crosses; β
         changes with the angle.
         """
-        p, part, total = self.parameters, self.rig.tendons[tendon], ca.SX(0)
+        p = self.parameters
+        part = self.rig.tendons[tendon]
+        total = ca.SX(0)
         places = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
         places += [
             (f"{m.path}.guide", self._joint[m.joints[0]])
@@ -308,7 +318,8 @@ class Tendons:
         """Return the displacements of a cable's ends [m] whose difference is its stretch."""
         drive = self.displacement(tendon, q)
         stretch = self._beyond(tendon, elongated[tendon])
-        p, name = self.parameters, f"tendons.{tendon}"
+        p = self.parameters
+        name = f"tendons.{tendon}"
         return drive, drive - stretch - p[f"{name}.pretension"] / p[f"{name}.stiffness"]
 
     def pulls(self, q: Vector, v: Vector, settled: bool = False) -> Pulls:
@@ -318,7 +329,9 @@ class Tendons:
         Equations (8) and (9) at q and v with the mend max(·, 0), in the general form with damping
         and pre-tension. For `settled` see `place`.
         """
-        p, place, nj = self.parameters, self.place(q, settled), self.n_joints
+        p = self.parameters
+        place = self.place(q, settled)
+        nj = self.n_joints
         jacobian = self.length_jacobian(place.q)
         rates = ca.mtimes(jacobian, v)
         taut: list[list[Scalar]] = []
@@ -340,7 +353,8 @@ class Tendons:
         """Return `elastic_forces` at the joints' and at the drives' ends, points of sheaths being
         given [N].
         """
-        elongated, left = self.elongations(q), list(points)
+        elongated = self.elongations(q)
+        left = list(points)
         joint = ca.vertsplit(self.elastic_forces(q))
         drive = list(joint)
         for i in range(self.n_tendons):
@@ -365,9 +379,12 @@ class Tendons:
         """Return T_pre + k δ of all tendons, (n_tendons,) [N], negative where slack; with
         stiffening, see `stretched`.
         """
-        p, elongated, forces = self.parameters, self.elongations(q), []
+        p = self.parameters
+        elongated = self.elongations(q)
+        forces = []
         for i in range(self.n_tendons):
-            path, stretch = f"tendons.{i}", self._beyond(i, elongated[i])
+            path = f"tendons.{i}"
+            stretch = self._beyond(i, elongated[i])
             if p.has(f"{path}.stiffening"):
                 stretch = stretched(stretch, p[f"{path}.stiffening"])
             forces.append(p[f"{path}.stiffness"] * stretch + p[f"{path}.pretension"])
@@ -375,7 +392,8 @@ class Tendons:
 
     def _beyond(self, tendon: int, elongated: Scalar) -> Scalar:
         """Return what is left of an elongation beyond slack and creep [m]."""
-        p, path = self.parameters, f"tendons.{tendon}"
+        p = self.parameters
+        path = f"tendons.{tendon}"
         if p.has(f"{path}.slack"):
             elongated = elongated - p[f"{path}.slack"]
         for name in self.creeps(tendon):
@@ -403,12 +421,14 @@ class Tendons:
         That is the exact response of τ ċ = γ T/k − c over dt [s] where the tendon's whole stretch,
         T/k + c, stays: stable.
         """
-        p, pulls = self.parameters, self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
+        p = self.parameters
+        pulls = self.pulls(q, ca.SX.zeros(self.n_bodies), settled=True)
         after = []
         for i in range(self.n_tendons):
             stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
             for name in self.creeps(i):
-                share, strain = p[f"{name}.share"], p[f"{name}.strain"]
+                share = p[f"{name}.share"]
+                strain = p[f"{name}.strain"]
                 left = ca.exp(-(1 + share) * dt / p[f"{name}.time"])
                 after.append(left * strain + (1 - left) * share / (1 + share) * (stretch + strain))
         return after

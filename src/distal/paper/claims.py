@@ -156,11 +156,13 @@ def _c1(runs: Sequence[Run]) -> tuple[float, ...]:
 
 
 def _c2(runs: Sequence[Run]) -> tuple[float, ...]:
-    opposing, assisting = [], []
+    opposing = []
+    assisting = []
     for run in _of(runs, "series-1-soft"):
         left, right = potentiometer_errors(run)
         speed = np.gradient(run.log.truth["theta"], run.log.time)
-        down, up = speed < np.deg2rad(-2.0), speed > np.deg2rad(2.0)
+        down = speed < np.deg2rad(-2.0)
+        up = speed > np.deg2rad(2.0)
         # the left tendon pulls to +θ: it opposes a falling angle
         opposing += [left[down], right[up]]
         assisting += [right[down], left[up]]
@@ -195,7 +197,8 @@ def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> floa
     """Return the largest change of `theta` [rad], (n,), while the slider's `position` [m], (n,),
     stays `within` [m].
     """
-    largest, start = 0.0, 0
+    largest = 0.0
+    start = 0
     for end in range(len(theta)):
         while np.ptp(position[start : end + 1]) > within:
             start += 1

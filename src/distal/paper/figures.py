@@ -89,7 +89,8 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
         axes,
     ):
         for column, run in enumerate(shown):
-            top, bottom = axes[column], axes[3 + column]
+            top = axes[column]
+            bottom = axes[3 + column]
             top.plot(run.log.time, np.rad2deg(run.log.truth["theta"]), label="truth", **TRUTH)
             for row, (name, index) in enumerate(SHOWN.items()):
                 estimate = run.estimates[name]
@@ -151,11 +152,10 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
         axes,
     ):
         for column, run in enumerate(shown):
-            top, bottom = axes[column], axes[2 + column]
-            readings, truth = (
-                np.rad2deg(run.log.channels["encoder"]),
-                np.rad2deg(run.log.truth["theta"]),
-            )
+            top = axes[column]
+            bottom = axes[2 + column]
+            readings = np.rad2deg(run.log.channels["encoder"])
+            truth = np.rad2deg(run.log.truth["theta"])
             top.plot(
                 run.log.time,
                 readings,

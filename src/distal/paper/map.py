@@ -27,7 +27,8 @@ SEARCH_FILES = ("search.png", "search.svg", "search.json")
 def write_search(search: Search, out: str | Path) -> None:
     """Write a search's map and its numbers to a folder, which is made if need be."""
     check_outputs(outputs_in(out, SEARCH_FILES, "the search"))
-    folder, drawn = make_folder(out), draw_map(search)
+    folder = make_folder(out)
+    drawn = draw_map(search)
     files: dict[Path, bytes | str] = {
         folder / name: figure_bytes(drawn, folder / name) for name in SEARCH_FILES[:2]
     }
@@ -38,14 +39,18 @@ def draw_map(search: Search) -> Figure:
     """Return the map: for each statement the plants on which it holds, over two unknowns, and how
     many hold together.
     """
-    best, across, up = search.order()[0], 1, 2
+    best = search.order()[0]
+    across = 1
+    up = 2
     with figure(4, 3, (7.2, 8.4), sharex=True, sharey=True) as (drawing, axes):
         for i, (place, statement) in enumerate(zip(axes, statements())):
             for reading, name in enumerate(READINGS):
-                read_so, marker = search.readings == reading, "os"[reading]
+                read_so = search.readings == reading
+                marker = "os"[reading]
                 for holds, colour, size in ((False, PALE, 3.0), (True, COLOURS[reading], 9.0)):
                     shown = read_so & (search.held[:, i] == holds)
-                    x, y = search.values[shown, across], search.values[shown, up]
+                    x = search.values[shown, across]
+                    y = search.values[shown, up]
                     label = f"holds, read by {name}" if holds else None
                     place.scatter(
                         x,
@@ -87,7 +92,8 @@ def draw_map(search: Search) -> Figure:
 
 def described(search: Search) -> list[str]:
     """Return a search in words, as lines."""
-    best, keys = search.order()[0], [statement.key for statement in statements()]
+    best = search.order()[0]
+    keys = [statement.key for statement in statements()]
     held = search.held[best]
 
     def named(chosen: Iterable[object]) -> str:

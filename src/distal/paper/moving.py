@@ -16,13 +16,16 @@ from distal.results import BLACK, COLOURS, FAINT, SOFT
 STEP = 0.02
 """Time between two frames [s]."""
 
-FIRST, LAST = 0.8, 7.0
+FIRST = 0.8
+LAST = 7.0
 """What of a run is shown [s]: the heavier weight is hung at 1 s."""
 
 
 def moving_link(run: Run) -> list[str]:
     """Return the question, the picture that answers it, and what a band is, as parts of a page."""
-    estimate, naive, time = run.estimates["adaptive"], run.estimates["inextensible"], run.log.time
+    estimate = run.estimates["adaptive"]
+    naive = run.estimates["inextensible"]
+    time = run.log.time
     frames = np.arange(time[0] + FIRST, min(time[-1], time[0] + LAST), STEP)
 
     def course(values: np.ndarray) -> list[float]:

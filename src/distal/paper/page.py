@@ -65,9 +65,12 @@ def reproduce(
         raise OutputError(
             f"{lab}: cannot be read ({problem.strerror}); distal lab writes one"
         ) from None
-    folder, runs = make_folder(out), list(all_runs(advance))
-    claims, loops = measure_claims(runs), positioned(advance)
-    drawings, files = dict[str, str](), dict[Path, bytes | str]()
+    folder = make_folder(out)
+    runs = list(all_runs(advance))
+    claims = measure_claims(runs)
+    loops = positioned(advance)
+    drawings = dict[str, str]()
+    files = dict[Path, bytes | str]()
     for name in DRAWN:
         drawing = plot_control(loops) if name == POSITIONED else draw_figure(name, runs)
         files |= {
@@ -289,7 +292,8 @@ def _cell(measure: Measure, value: float) -> str:
 def _claims_table(claims: Sequence[Claim]) -> str:
     rows = []
     for claim in claims:
-        statement, reason = claim.statement, REASONS.get(claim.statement.key, "")
+        statement = claim.statement
+        reason = REASONS.get(claim.statement.key, "")
         for i, measure in enumerate(statement.measures):
             values = [_cell(measure, claim.values[plant.name][i]) for plant in PLANTS]
             sentences = (

@@ -23,7 +23,8 @@ CAPTION = (
 
 def positioned(advance: Callable[[], None]) -> list[ClosedLoop]:
     """Return the closed loops of the link with each feedback; `advance` is called after each."""
-    scenario, runs = load_scenario(SCENARIO), []
+    scenario = load_scenario(SCENARIO)
+    runs = []
     rig = scenario_rig(scenario)
     for feedback in FEEDBACKS:
         runs.append(closed_loop(rig, scenario, 1, feedback=feedback))

@@ -34,10 +34,8 @@ def affine_kind(
     linear = (CONSTANT, *channels)
     turning = (*linear, *(f"slip({name})" for name in positions))
     playing = (*linear, *(f"play({name})" for name in positions))
-    line, directions = (
-        "a straight line of what the sensors read",
-        "a straight line, with directions of motion",
-    )
+    line = "a straight line of what the sensors read"
+    directions = "a straight line, with directions of motion"
     sets = [
         Terms(name + suffix, terms, DEAD_BAND, of_noise=True, pooled=pooled)
         for name, terms in ((line, linear), (directions, turning))
@@ -46,7 +44,8 @@ def affine_kind(
     for width in PLAYS:
         name = f"a straight line, with a play of {width:g} std, all logs as one"
         sets.append(Terms(name, playing, width, pooled=True))
-    channels, joints = tuple(channels), tuple(joints)
+    channels = tuple(channels)
+    joints = tuple(joints)
     return Kind(
         Affine,
         "affine",
@@ -69,14 +68,17 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False)
     goes on (`follows`). The range of the filter's own angles is that of `frame`, a discrepancy of
     the same logs.
     """
-    m, n, nj = len(affine.channels), len(affine.terms), len(affine.joints)
+    m = len(affine.channels)
+    n = len(affine.terms)
+    nj = len(affine.joints)
     joints = []
     for j, joint in enumerate(affine.joints):
         coefficients = np.concatenate([joint.coefficients, np.zeros(nj)])
         coefficients[affine.terms.index(CONSTANT)] -= frame.centre[m + j]
         coefficients[n + j] = -frame.scale[m + j]
         covariance = np.pad(np.asarray(joint.covariance), (0, nj))
-        b, c = row_of(coefficients), rows_of(covariance)
+        b = row_of(coefficients)
+        c = rows_of(covariance)
         joints.append(JointMap(joint=joint.joint, coefficients=b, covariance=c, std=joint.std))
     ranges = ("centre", "scale", "low", "high", "rate")
     same = ("channels", "width", "distance", "reach", "correlation_time", "band", "logs", "dropped")

@@ -29,13 +29,16 @@ def calibrate_window(
     long as the motion, since errors that depend on the place repeat with it. A window that is far
     off widens the prior.
     """
-    phi, joints, worst = design(learned, samples), [], 0.0
+    phi = design(learned, samples)
+    joints = []
+    worst = 0.0
     for j, joint in enumerate(learned.joints):
         rows = window & np.isfinite(samples.targets[:, j])
         if not rows.any():
             joints.append(joint)
             continue
-        x, y = phi[rows], samples.targets[rows, j]
+        x = phi[rows]
+        y = samples.targets[rows, j]
         count = max(learned.correlation_time / samples.interval, 1.0)
         if by_motion:
             count = max(count, correlated_samples(x @ np.asarray(joint.coefficients)))
@@ -82,8 +85,11 @@ def _after_window(
     The window has columns `x`, (k, n), and targets `y`, (k,), of which `count` count as one; the
     prior is from `logs` logs.
     """
-    mean, covariance = np.asarray(joint.coefficients), np.asarray(joint.covariance)
-    gram, moment, spread = x.T @ x, x.T @ y, joint.std**2 * count
+    mean = np.asarray(joint.coefficients)
+    covariance = np.asarray(joint.covariance)
+    gram = x.T @ x
+    moment = x.T @ y
+    spread = joint.std**2 * count
     ratio = surprise(mean, covariance, gram, moment, spread) / max(
         int(np.count_nonzero(np.diag(covariance))), 1
     )
@@ -92,10 +98,8 @@ def _after_window(
     after, left = updated(mean, covariance, gram, moment, spread)
     residual = y - x @ after
     # what this log leaves beyond the logs before it is its own
-    square, independent = (
-        float(np.mean(residual**2)),
-        len(y) / max(count, correlated_samples(residual)),
-    )
+    square = float(np.mean(residual**2))
+    independent = len(y) / max(count, correlated_samples(residual))
     weight = max(logs, 1)
     std = float(
         np.sqrt(

@@ -13,7 +13,8 @@ from distal.confidence import BAND, COVERED
 from distal.regression.random_effects import rows_of
 from distal.rig import LearnedMap
 
-SMALLEST_FACTOR, LARGEST_FACTOR = 0.5, 30.0
+SMALLEST_FACTOR = 0.5
+LARGEST_FACTOR = 30.0
 """Least and largest factor by which errors on left-out logs change the width of the band."""
 
 OWNS = (1.0, 0.5, 0.25)
@@ -46,7 +47,8 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
     """Return the smallest c from `least` to `largest` for which 95 % of all logs' errors have e² ≤
     1.96² (c² u + v).
     """
-    needed, weights = [], []
+    needed = []
+    weights = []
     for error, scaled, fixed in logs:
         if len(error):
             excess = np.maximum(error**2 / BAND**2 - fixed, 0.0)
@@ -54,7 +56,8 @@ def conformal_factor(logs: Sequence[Errors], least: float, largest: float) -> fl
             weights.append(np.full(len(error), 1.0 / len(error)))
     if not needed:
         return float(np.clip(1.0, least, largest))
-    factors, share = np.concatenate(needed), np.concatenate(weights)
+    factors = np.concatenate(needed)
+    share = np.concatenate(weights)
     order = np.argsort(factors)
     reached = np.cumsum(share[order]) / share.sum()
     at = min(int(np.searchsorted(reached, COVERED)), len(order) - 1)
@@ -81,7 +84,8 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
     """
     filtered = any(np.any(v > 0.0) for log in errors for _, _, v in log)
     shares = (1.0,) if not filtered else OWNS if enough else (share_of_few(errors),)
-    best, narrowest = learned, float("inf")
+    best = learned
+    narrowest = float("inf")
     for share in shares:
         parts = [
             [(e, u, share**2 * v) for e, u, v in (log[j] for log in errors)]
@@ -96,10 +100,8 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
         ]
         width = float(np.mean(sizes))
         if width < WORTH * narrowest:
-            best, narrowest = (
-                inflate_band(learned.model_copy(update={"own": share}), factors),
-                width,
-            )
+            best = inflate_band(learned.model_copy(update={"own": share}), factors)
+            narrowest = width
     return best
 
 

@@ -47,10 +47,8 @@ def cost_beyond(learned: LearnedMap, samples: Samples, joint: int, homing: float
     `homing` [s].
     """
     predicted = predict(learned, samples, joint)
-    past, target = (
-        beyond_homing(learned, samples, joint, predicted.values),
-        samples.targets[:, joint],
-    )
+    past = beyond_homing(learned, samples, joint, predicted.values)
+    target = samples.targets[:, joint]
     rows = (samples.time >= homing) & np.isfinite(target) & (past > 0.0)
     if not rows.any():
         return None

@@ -36,7 +36,8 @@ def inner_parts(logs: Sequence[Samples]) -> list[Bools]:
     """
     low, high = np.percentile(np.vstack([log.every for log in logs]), COVERED, axis=0)
     moving = high > low
-    middle, half = (low + high)[moving] / 2, (high - low)[moving] / 2
+    middle = (low + high)[moving] / 2
+    half = (high - low)[moving] / 2
     far = [
         np.max(np.abs(log.every[:, moving] - middle) / half, axis=1, initial=0.0) for log in logs
     ]
@@ -52,7 +53,8 @@ def errors_beyond(
 
     They count after a window of `homing` [s], if any.
     """
-    parts, errors = inner_parts(logs), []
+    parts = inner_parts(logs)
+    errors = []
     for out, left in splits(folds) if len(set(folds)) > 1 else ():
         try:
             learned = learn(left, [parts[i] for i in left])

@@ -126,9 +126,11 @@ def variables(
     They are made of `scaled` readings, then angles by the filter, and of `plays`, by the index of
     the channel whose scaled reading has gone through it, with half-widths `widths`, (m,).
     """
-    m, values = len(learned.channels), dict[str, Value]()
+    m = len(learned.channels)
+    values = dict[str, Value]()
     for i, name in enumerate(learned.channels):
-        values[name], values[f"abs({name})"] = scaled[i], magnitude(scaled[i])
+        values[name] = scaled[i]
+        values[f"abs({name})"] = magnitude(scaled[i])
         if i in plays:
             values[f"play({name})"] = plays[i]
             values[f"slip({name})"] = (scaled[i] - plays[i]) / widths[i]
@@ -236,7 +238,8 @@ def own_slope(learned: LearnedMap, samples: Samples, joint: int) -> Floats:
     """Return the slope of a map over the filter's own angle of a joint, ∂(map)/∂θ, over a log,
     (k,); 0 where it is held.
     """
-    name, column = f"angle({learned.joints[joint].joint})", len(learned.channels) + joint
+    name = f"angle({learned.joints[joint].joint})"
+    column = len(learned.channels) + joint
     if name not in learned.terms:
         return np.zeros(len(samples.time))
     low, high = (limit[column] for limit in limits(learned))
@@ -265,7 +268,9 @@ def predict(learned: LearnedMap, samples: Samples, joint: int = 0) -> Predicted:
     d is from `outside`, h from `beyond_homing`, κ is `LearnedMap.extrapolation`; of the filter's
     own variance own² (1 + ∂(map)/∂θ)² counts.
     """
-    fit, phi, far = learned.joints[joint], design(learned, samples), outside(learned, samples)
+    fit = learned.joints[joint]
+    phi = design(learned, samples)
+    far = outside(learned, samples)
     values = phi @ np.asarray(fit.coefficients)
     leverage = np.sum(phi @ np.asarray(fit.covariance) * phi, axis=1)
     beyond = far**2 * (fit.std**2 + learned.spread[joint] ** 2)

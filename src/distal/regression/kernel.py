@@ -93,14 +93,14 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     `width` of them, those of the map are the first; of each of these `placed` says whether its
     drive's place is estimated instead of read.
     """
-    nj, m, k, n = (
-        len(learned.joints),
-        len(learned.channels),
-        len(learned.played),
-        len(learned.centre),
-    )
-    memory, x = ca.SX.sym("memory", memory_size(learned)), ca.SX.sym("x", 1 + 2 * width)
-    places, angles = ca.SX.sym("places", m), ca.SX.sym("angles", nj)
+    nj = len(learned.joints)
+    m = len(learned.channels)
+    k = len(learned.played)
+    n = len(learned.centre)
+    memory = ca.SX.sym("memory", memory_size(learned))
+    x = ca.SX.sym("x", 1 + 2 * width)
+    places = ca.SX.sym("places", m)
+    angles = ca.SX.sym("angles", nj)
     sizes = [len(part) for part in _parameters(learned)]
     numbers = ca.SX.sym("numbers", sum(sizes))
     centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(numbers, sizes)
@@ -113,11 +113,13 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     ]
     symbols = ca.SX.sym("symbols", n)
     half = ca.fmax((high - low) / 2, SMALLEST_HALF)
-    middle, share_in = (high + low) / 2, ca.SX.sym("share")
+    middle = (high + low) / 2
+    share_in = ca.SX.sym("share")
     scaled = [
         (middle[i] + share_in * (symbols[i] - middle[i]) - centre[i]) / scale[i] for i in range(n)
     ]
-    inner, follows = ca.SX(1), [ca.SX(1)] * n
+    inner = ca.SX(1)
+    follows = [ca.SX(1)] * n
     if np.isfinite(learned.margin) and learned.used:
         away = [ca.fabs(symbols[i] - middle[i]) / half[i] for i in range(n)]
         furthest = ca.mmax(ca.vertcat(*(away[i] for i in learned.used)))
@@ -137,7 +139,9 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
         far = ca.fmax(far, ca.fmax(low[i] - symbols[i], symbols[i] - high[i]) / half[i])
     faded = fade(learned, far)
     shown = ca.vertcat(*(1 if term == CONSTANT else faded for term in learned.terms)) * phi
-    values, gains, variances = [], [], []
+    values = []
+    gains = []
+    variances = []
     for j in range(nj):
         coefficients, covariance, std = of_joints[3 * j : 3 * j + 3]
         value = ca.dot(coefficients, shown)
@@ -167,7 +171,8 @@ def first_memory(learned: LearnedMap, values: Vector, mask: Vector) -> Vector:
 
     The `values` are of the channels, those of the map first; `mask` is 1 where there is one.
     """
-    m, (low, high) = len(learned.channels), limits(learned)
+    m = len(learned.channels)
+    (low, high) = limits(learned)
     held = [ca.if_else(is_read(mask[i]), values[i], learned.centre[i]) for i in range(m)]
     ages = [ca.if_else(is_read(mask[i]), 0.0, UNREAD_AGE) for i in range(m)]
     inside = {i: ca.fmin(ca.fmax(held[i], float(low[i])), float(high[i])) for i in learned.played}
@@ -204,27 +209,35 @@ def reporting_function(
         touched: where in the carry the share stands that a touch has of each joint that may be
             touched.
     """
-    n_carry, n_parameters = inner.size1_in(0), inner.size1_in(2)
+    n_carry = inner.size1_in(0)
+    n_parameters = inner.size1_in(2)
     sizes = [memory_size(learned) + carried_size(learned, touched) for learned, *_ in maps]
     counts = [len(numbers_of(learned)) for learned, *_ in maps]
-    carry, x = ca.MX.sym("carry", n_carry + sum(sizes)), ca.MX.sym("x", inner.size1_in(1))
+    carry = ca.MX.sym("carry", n_carry + sum(sizes))
+    x = ca.MX.sym("x", inner.size1_in(1))
     p = ca.MX.sym("p", n_parameters + sum(counts))
     following, y = inner(carry[:n_carry], x, p[:n_parameters])
     read = ca.vertcat(*(0 if place is None else following[place] for place in places))
-    memories, reports, at, number = [], [], n_carry, n_parameters
+    memories = []
+    reports = []
+    at = n_carry
+    number = n_parameters
     share = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     left = share * ca.exp(-x[0] / CARRIED_TIME)
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
         function = map_function(
             learned, width, [place is not None and learned.tracked for place in places]
         )
-        memory, numbers = carry[at : at + size], p[number : number + count]
-        angles, carried = following[list(states)], carried_size(learned, touched)
+        memory = carry[at : at + size]
+        numbers = p[number : number + count]
+        angles = following[list(states)]
+        carried = carried_size(learned, touched)
         values, gains, variances, _, after = function(
             memory[: size - carried], x, read, following[list(range(joints))], numbers
         )
         if not corrects:
-            values, gains = values - angles, ca.MX.zeros(len(states))
+            values = values - angles
+            gains = ca.MX.zeros(len(states))
         if carried:
             values = (1 - share) * values + left * memory[size - carried :]
             gains = (1 - share) * gains + share
@@ -233,7 +246,8 @@ def reporting_function(
             after = ca.vertcat(after, values)
         reports += [angles + values, gains, variances]
         memories.append(after)
-        at, number = at + size, number + count
+        at = at + size
+        number = number + count
     names = ["carry", "x", "p"], ["next", "y"]
     return ca.Function(
         "reporting",

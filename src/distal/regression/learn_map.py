@@ -131,8 +131,10 @@ def choose_terms(
         if not sets[0].corrects and _honest(logs):
             return sets[0]  # one log does not tell what comes again, and the filter's band held it
         logs, folds, homing = _halves(logs), [0, 1] * len(logs), None
-    shortest, noise = min(len(log.time) for log in logs), max(log.reference_std for log in logs)
-    best, least = sets[0], float("inf")
+    shortest = min(len(log.time) for log in logs)
+    noise = max(log.reference_std for log in logs)
+    best = sets[0]
+    least = float("inf")
     for candidate in sets:
         if len(candidate.terms) * SAMPLES_PER_TERM > shortest:
             continue
@@ -149,7 +151,8 @@ def choose_terms(
             )
         rms = rms_beyond_noise(errors, noise)
         if rms < kind.better * least or (len(candidate.terms) == len(best.terms) and rms < least):
-            best, least = candidate, rms
+            best = candidate
+            least = rms
     return best
 
 
@@ -180,7 +183,9 @@ def fit_coefficients(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> Lear
     """
     learned, columns = frame(logs, kind, chosen)
     designs = [_thinned(design(learned, log)) for log in logs]
-    joints, times, spreads = [], [], []
+    joints = []
+    times = []
+    spreads = []
     for j, joint in enumerate(learned.joints):
         parts = []
         for log, phi in zip(logs, designs):
@@ -211,8 +216,11 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
     """Return a map with scales and range of some logs, its coefficients zero, and which of its
     terms tell something.
     """
-    every, m, size = np.vstack([log.every for log in logs]), len(kind.channels), len(chosen.terms)
-    centre, spread = every.mean(axis=0), every.std(axis=0)
+    every = np.vstack([log.every for log in logs])
+    m = len(kind.channels)
+    size = len(chosen.terms)
+    centre = every.mean(axis=0)
+    spread = every.std(axis=0)
     alone = independent(every[:, :m] - centre[:m], kind.noise)
     scale = np.where(spread > 1e-12, spread, 1.0)
     z = ((every[:, :m] - centre[:m]) / scale[:m])[:, alone]
@@ -259,13 +267,15 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
 
 def _speeds(logs: Sequence[Samples]) -> Floats:
     """Return the RMS speed of each reading and angle over some logs [SI/s]."""
-    squares, count = np.zeros(logs[0].every.shape[1]), 0
+    squares = np.zeros(logs[0].every.shape[1])
+    count = 0
     for log in logs:
         lag = max(1, round(SPEED_OVER / log.interval))
         if len(log.time) > lag:
             every = log.every
             changes = (every[lag:] - every[:-lag]) / (log.time[lag:] - log.time[:-lag])[:, None]
-            squares, count = squares + np.sum(changes**2, axis=0), count + len(changes)
+            squares = squares + np.sum(changes**2, axis=0)
+            count = count + len(changes)
     return np.sqrt(squares / max(count, 1))
 
 
@@ -292,7 +302,8 @@ def errors_of(
         learned, _ = calibrate_window(learned, out, out.window(homing), kind.by_motion)
     errors = []
     for j in range(len(learned.joints)):
-        predicted, target = predict(learned, out, j), out.targets[:, j]
+        predicted = predict(learned, out, j)
+        target = out.targets[:, j]
         rows = late & np.isfinite(target)
         errors.append(
             (
@@ -334,7 +345,8 @@ def calibrate_band(
     """Return what logs teach with a set of terms, its band `sized` by `left_out_errors`, with the
     same `homing` [s].
     """
-    learned, count = fit_coefficients(logs, kind, chosen), len(set(folds))
+    learned = fit_coefficients(logs, kind, chosen)
+    count = len(set(folds))
     # what scatters between few logs is known as Student's distribution says
     draws = count if kind.by_group else len(logs)
     wider = 1.0 if draws >= ENOUGH_LOGS else student(draws - 1)

@@ -30,7 +30,8 @@ def correlated_samples(residuals: Floats) -> float:
     """Return how many of evenly spaced samples count as one, 1 + 2 Σ ρ_k up to the first ρ_k ≤ 0
     (Sokal, 1997, §3).
     """
-    centred, n = residuals - residuals.mean(), len(residuals)
+    centred = residuals - residuals.mean()
+    n = len(residuals)
     power = np.abs(np.fft.rfft(centred, 2 * n)) ** 2
     correlation = np.fft.irfft(power)[:n]
     if not correlation[0] > 0.0:
@@ -99,7 +100,8 @@ def updated(
             (logs,).
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    r, root = np.asarray(spread)[..., None], vectors * np.sqrt(np.maximum(values, 0.0))
+    r = np.asarray(spread)[..., None]
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     information = root.T @ gram @ root / r[..., None] + np.eye(len(mean))
     gain = root @ np.linalg.solve(information, np.broadcast_to(root.T, information.shape))
     after = mean + np.squeeze(gain @ ((moment - gram @ mean) / r)[..., None], -1)
@@ -137,7 +139,8 @@ def independent(values: Floats, noise: Floats) -> Bools:
         if chosen.any():
             earlier = values[:, chosen]
             residual = column - earlier @ np.linalg.lstsq(earlier, column, rcond=None)[0]
-        rms, size = float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean(column**2)))
+        rms = float(np.sqrt(np.mean(residual**2)))
+        size = float(np.sqrt(np.mean(column**2)))
         # noise alone leaves one std of it; a rounded constant leaves nothing
         chosen[i] = rms > max(ABOVE_NOISE * noise[i], RANK * size)
     return chosen
@@ -251,7 +254,8 @@ def filled(
     `std` is of the residual.
     """
     size = len(joint.coefficients)
-    coefficients, square = np.zeros(size), np.zeros((size, size))
+    coefficients = np.zeros(size)
+    square = np.zeros((size, size))
     coefficients[list(columns)] = mean
     square[np.ix_(columns, columns)] = covariance
     return JointMap(

@@ -73,7 +73,9 @@ def _rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, 
 
 def _way(places: Floats, half: float) -> Floats:
     """Return which way a drive last moved, −1 to 1, by a play of some half-width."""
-    ways, held, half = np.zeros(len(places)), np.nan, max(half, 1e-9)
+    ways = np.zeros(len(places))
+    held = np.nan
+    half = max(half, 1e-9)
     for k, place in enumerate(places.tolist()):
         held = place if np.isnan(held) else min(max(held, place - half), place + half)
         ways[k] = (place - held) / half

@@ -47,7 +47,8 @@ def draw_traces(log: Log, before: Estimate, after: Estimate, rig: Rig) -> Figure
     over one log.
     """
     # a page with a dozen logs stays small: no more points than a printed line can show
-    rows, words = slice(None, None, max(1, len(log) // POINTS)), log_health(log, rig)
+    rows = slice(None, None, max(1, len(log) // POINTS))
+    words = log_health(log, rig)
     estimates = [_thinned(after, rows, "after"), _thinned(before, rows, "before")]
     title = shown(
         Path(log.source).name
@@ -136,7 +137,8 @@ def _smooth_speed(time: Floats, angle: Floats) -> Floats:
 
 def _draw_binned(axes: Axes, x: Floats, y: Floats, index: int, name: str) -> None:
     is_finite = np.isfinite(x) & np.isfinite(y)
-    x, y = x[is_finite], y[is_finite]
+    x = x[is_finite]
+    y = y[is_finite]
     if len(x) < FEWEST:
         return
     low, high = np.quantile(x, [0.005, 0.995])

@@ -34,7 +34,8 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
     behind the curves.
     """
     step = max(1, -(-len(log) // MOST_FRAMES))
-    rows, time = slice(None, None, step), from_start(estimate.time)
+    rows = slice(None, None, step)
+    time = from_start(estimate.time)
     columns = [
         None if column is None else _numbers(column[rows], 2) for column in _tensions(rig, log)
     ]
@@ -188,7 +189,8 @@ def _tensions(rig: Rig, log: Log) -> list[Floats | None]:
     sensors = [sensor for sensor in rig.sensors if sensor.name in log.channels]
     columns: list[Floats | None] = []
     for tendon in rig.tendons:
-        drive, column = drives[tendon.drive], None
+        drive = drives[tendon.drive]
+        column = None
         alone = sum(neighbour.drive == drive.name for neighbour in rig.tendons) == 1
         for sensor in sensors:
             if sensor.measures == "tension" and sensor.of == tendon.name:

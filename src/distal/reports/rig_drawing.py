@@ -137,7 +137,8 @@ def _draw_base(
 
     roots = [stand.centre for stand in placed if stand.parent is None]
     heights = [tendon[0].point(0.0)[1] for tendon in past] + [root[1] for root in roots]
-    low, high = min(heights) - 0.16, max(heights) + 0.16
+    low = min(heights) - 0.16
+    high = max(heights) + 0.16
     for root in roots:
         sheet.bar([(x, root[1]), root], FAINT, 8.0, order=0.8)
     look = {"facecolor": PALE, "edgecolor": SOFT, "hatch": "//////", "lw": 0.0, "zorder": 1.2}
@@ -186,7 +187,8 @@ def _draw_proximal(
             half = motor_half(drive, scale)
         else:
             lanes = {i: pitch * ((len(tendons) - 1) / 2 - k) for k, i in enumerate(tendons)}
-            way, half = 0, 0.28
+            way = 0
+            half = 0.28
         half = max(half, len(texts[drive.name]) * PITCH / 2)
         up = max(half, *(h + 0.2 for h in lanes.values()))
         down = max(half, *(pitch - 0.2 - h for h in lanes.values()))
@@ -210,7 +212,8 @@ def _draw_proximal(
             begin = draw_slider(sheet, drive, lines, (left, centre), list(levels.values()), scale)
             starts = {i: Wheel((begin, level)) for i, level in levels.items()}
         for i, level in levels.items():
-            ends, eye = ((left + 0.1, level), (right, level)), (base - 0.045, heights[i])
+            ends = ((left + 0.1, level), (right, level))
+            eye = (base - 0.045, heights[i])
             draw_tendon(sheet, rig, i, starts[i], ends, eye, past[i])
 
 
@@ -232,7 +235,8 @@ def _write_joints(
     shift = float(np.mean([place - (centres[j][0] - 0.1) for j, place in places.items()]))
     shift = min(shift, min(places.values()) - left)
     for j, place in places.items():
-        x, top = place - shift, foot + (len(lines[j]) - 0.5) * PITCH
+        x = place - shift
+        top = foot + (len(lines[j]) - 0.5) * PITCH
         sheet.line([(x - 0.05, top), (x - 0.05, foot - 0.1), centres[j]], SOFT, 0.5, zorder=0.5)
         sheet.block((x, foot + (len(lines[j]) - 1) * PITCH), lines[j])
 
@@ -245,7 +249,8 @@ def _finish(sheet: Sheet, rig: Rig, arms: Floats, placed: Sequence[Stand], scale
     (left, low), (right, high) = sheet.low, sheet.high
     _draw_scale(sheet, (right, low - 0.4), scale)
     _draw_gravity(sheet, rig, (right - 1.45, low - 0.35))
-    panel, bottom = (left + 0.45, low - 0.25 - PANEL[1]), low
+    panel = (left + 0.45, low - 0.25 - PANEL[1])
+    bottom = low
     if len(rig.joints) > 1:
         beside = right - left - table_width(rig) > 2.8
         end, bottom = draw_table(sheet, rig, arms, (left, low - (0.1 if beside else 0.6)))

@@ -71,7 +71,8 @@ def study_report(plan: Plan, space: Space, columns: Columns, answer: Answer, fol
     """Write the answer of a study as ``index.html`` and ``answer.json`` to a folder, and return
     where the page is.
     """
-    asked, title = plan.study.requirement, plan.study.name or plan.rig.name
+    asked = plan.study.requirement
+    title = plan.study.name or plan.rig.name
     lead = (
         f"{len(space):,} designs, {plan.study.seeds} rigs as built of each, in "
         f"{', '.join(plan.study.scenarios)}. "
@@ -167,7 +168,8 @@ def _influences(influences: Sequence[Influence]) -> list[str]:
 
 
 def _chart(name: str, axes: Sequence[str], directed: bool = False) -> list[str]:
-    labels, controls = {"x": "across", "y": "up", "z": "shown"}, ""
+    labels = {"x": "across", "y": "up", "z": "shown"}
+    controls = ""
     options = (
         "<option value='less'>less is better</option><option value='more'>more is better</option>"
     )

@@ -66,7 +66,8 @@ def view_page(
     from plotly.subplots import make_subplots
 
     step = max(1, -(-len(log) // MOST_POINTS))
-    rows, joints = slice(None, None, step), len(estimate.joint_names)
+    rows = slice(None, None, step)
+    joints = len(estimate.joint_names)
     words = log_health(log, rig)[rows]
     below = "error [°]" if estimate.truths is not None else "95 % band ± [°]"
     angles = (
@@ -176,10 +177,8 @@ def _angle(
     is not known.
     """
     first = joint == 0
-    angle, half = (
-        np.rad2deg(estimate.angles[rows, joint]),
-        np.rad2deg(BAND * estimate.angle_stds[rows, joint]),
-    )
+    angle = np.rad2deg(estimate.angles[rows, joint])
+    half = np.rad2deg(BAND * estimate.angle_stds[rows, joint])
     yield from ((1, trace) for trace in _band(time, angle - half, angle + half, first))
     line = _line(time, angle, estimate.estimator, COLOURS[0], first)
     if estimate.truths is None:

@@ -92,7 +92,8 @@ def plot_estimates(
     Raises:
         OutputError: the file cannot be written, or a panel is unknown or lacks what it draws.
     """
-    first, joints = estimates[0], len(estimates[0].joint_names)
+    first = estimates[0]
+    joints = len(estimates[0].joint_names)
     _check_inputs(check_panels(panels), log, rig, health)
     with_errors = (first.truths is not None) if errors is None else errors
     below = "errors" if with_errors else "bands" if bands else ""
@@ -199,7 +200,8 @@ def _draw_joint(
     """Draw one joint: angles above, errors or the width of the band below. Of several, the first
     one has the legend.
     """
-    top, truth = axes[0], _truth_of(estimates[0], joint)
+    top = axes[0]
+    truth = _truth_of(estimates[0], joint)
     entries: list[tuple[Artist, str]] = []
     if truth is not None:
         (line,) = top.plot(from_start(estimates[0].time), np.rad2deg(truth), **TRUTH)
@@ -231,11 +233,9 @@ def _draw_errors(axes: Axes, estimates: Sequence[Curves], joint: int, bands: boo
     """
     curves = []
     for i, estimate in enumerate(estimates):
-        time, error, half = (
-            from_start(estimate.time),
-            _error(estimate, joint),
-            _half_width(estimate, joint),
-        )
+        time = from_start(estimate.time)
+        error = _error(estimate, joint)
+        half = _half_width(estimate, joint)
         if bands:
             _shade(axes, time, -half, half, i)
         axes.plot(time, error, linewidth=1.0, **curve_style(i))
@@ -289,7 +289,8 @@ def _usual(size: Floats) -> float:
     """Return how far an axis should go for errors of some size [°]: an event that is short and
     large is left out.
     """
-    largest, usual = float(size.max()), max(float(np.quantile(size, SHARE)), 0.02)
+    largest = float(size.max())
+    usual = max(float(np.quantile(size, SHARE)), 0.02)
     return 1.3 * usual if largest > SHORT * usual else 1.1 * max(largest, 0.02)
 
 
@@ -322,8 +323,10 @@ def draw_estimate(
     """Draw one estimate of a joint and its 95 % band [°] in the style of an index; return its
     handle for a legend.
     """
-    theta, half = np.rad2deg(estimate.angles[:, joint]), _half_width(estimate, joint)
-    time, name = from_start(estimate.time), label or estimate.estimator
+    theta = np.rad2deg(estimate.angles[:, joint])
+    half = _half_width(estimate, joint)
+    time = from_start(estimate.time)
+    name = label or estimate.estimator
     handles = [_shade(axes, time, theta - half, theta + half, index)] if band else []
     handles += axes.plot(time, theta, linewidth=1.2, label=name, **curve_style(index))
     return tuple(handles)

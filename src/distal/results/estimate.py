@@ -144,7 +144,8 @@ class Estimate:
         """
         rows = []
         for joint, name in enumerate(self.joint_names):
-            angles, stds = self.angles[:, joint], self.angle_stds[:, joint]
+            angles = self.angles[:, joint]
+            stds = self.angle_stds[:, joint]
             truth = np.full(len(self), np.nan) if self.truths is None else self.truths[:, joint]
             errors = (angles - truth)[np.isfinite(truth)]
             inside = np.abs(errors) <= BAND * stds[np.isfinite(truth)]
@@ -288,7 +289,8 @@ class Estimate:
         ratio = np.abs(self.external_torques[:, joint]) / np.maximum(
             self.external_torque_stds[:, joint], 1e-300
         )
-        onsets, touched = list[float](), False
+        onsets = list[float]()
+        touched = False
         for time, level in zip(self.time.tolist(), ratio.tolist()):
             if not touched and level > sigmas:
                 onsets.append(time)
@@ -343,7 +345,8 @@ class Estimate:
         together.
         """
         errors = self.errors(truth)
-        finite, stds = np.isfinite(errors), self.angle_stds.reshape(errors.shape)
+        finite = np.isfinite(errors)
+        stds = self.angle_stds.reshape(errors.shape)
         return float(np.mean(np.abs(errors[finite]) <= BAND * stds[finite]))
 
     def columns(self, unit: str = "rad", *, every: bool = False) -> dict[str, NDArray[np.generic]]:
@@ -367,9 +370,11 @@ class Estimate:
         for i, (name, kind, si) in enumerate(
             zip(self.state_names, self.state_kinds, self.state_units)
         ):
-            factor, written = 1.0, si
+            factor = 1.0
+            written = si
             if si in ("rad", "rad/s"):
-                factor, written = 1.0 / ANGLE_UNITS[unit], si.replace("rad", unit)
+                factor = 1.0 / ANGLE_UNITS[unit]
+                written = si.replace("rad", unit)
             if every or kind in (StateKind.ANGLE, StateKind.EXTERNAL_TORQUE):
                 columns[header(name, written)] = factor * self.means[:, i]
             if every or kind is StateKind.ANGLE:

@@ -66,7 +66,8 @@ def draw_forces(axes: Axes, log: Log, rig: Rig) -> None:
         s for s in rig.sensors if s.measures in ("force", "tension") and s.name in log.channels
     ]
     for i, sensor in enumerate(sensors):
-        label, force = plain(sensor.name), log.channels[sensor.name]
+        label = plain(sensor.name)
+        force = log.channels[sensor.name]
         axes.plot(log.time - log.time[0], force, linewidth=0.9, label=label, **curve_style(i))
     units = sorted({sensor.si for sensor in sensors})
     axes.set_ylabel(f"measured [{', '.join(units)}]")

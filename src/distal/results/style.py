@@ -29,17 +29,16 @@ BAND_ALPHA = 0.2
 
 _GAPS = ((5, 1.5), (1.5, 1), (5, 1, 1, 1), (8, 2), (3, 1, 1, 1, 1, 1))
 DASHES: tuple[object, ...] = ("-", *((0, gaps) for gaps in _GAPS))
-WHITE, PALE, FAINT, SOFT, INK, BLACK = (
-    "#FFFFFF",
-    "#EEF1F4",
-    "#D0D7DE",
-    "#57606A",
-    "#1B1F24",
-    "#000000",
-)
+WHITE = "#FFFFFF"
+PALE = "#EEF1F4"
+FAINT = "#D0D7DE"
+SOFT = "#57606A"
+INK = "#1B1F24"
+BLACK = "#000000"
 """From paper to ink: bodies, grids, what stands back, text; black is for what is true."""
 
-GOOD, BAD = "#00634A", "#A63C00"
+GOOD = "#00634A"
+BAD = "#A63C00"
 """Of words that say that something is well, or is not."""
 
 STYLE = {
@@ -128,7 +127,8 @@ def save_figure(drawing: Figure, path: str | Path) -> None:
 
 def figure_bytes(drawing: Figure, path: str | Path) -> bytes:
     """Return a figure as the file that `path` will hold, in the format of its suffix."""
-    kind, buffer = plot_kind(path), io.BytesIO()
+    kind = plot_kind(path)
+    buffer = io.BytesIO()
     # no dates inside, so that the same results give the same file
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with styled(), warnings.catch_warnings():

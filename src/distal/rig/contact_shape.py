@@ -35,7 +35,8 @@ def contact_shape(rig: Rig) -> Floats:
         if not ends and joint.link is not None:
             ends = [at[j] + 2 * np.array(joint.link.centre)]
         for end in ends:
-            moves, k = np.zeros((3, n)), int(j)
+            moves = np.zeros((3, n))
+            k = int(j)
             chain = [k]
             while (parent := before[k]) is not None:
                 k = parent

@@ -75,10 +75,12 @@ class FreeMotion(Description):
         logs say so, `fastest` [1/s²]; of one that the logs lacked, the largest of each.
         """
         if name not in self.channels:
-            at_rest, moving = max(self.at_rest), max(self.moving)
+            at_rest = max(self.at_rest)
+            moving = max(self.moving)
         else:
             at = self.channels.index(name)
-            at_rest, moving = self.at_rest[at], self.moving[at]
+            at_rest = self.at_rest[at]
+            moving = self.moving[at]
         return {"at_rest": at_rest, "moving": moving, "fastest": self.fastest}
 
     def usual(self, names: Sequence[str]) -> tuple[tuple[float, float], ...]:

@@ -153,7 +153,9 @@ class LearnedMap(Description):
             or "joints" not in raw
         ):
             return raw
-        fields, m, joints = dict(raw), len(raw["channels"]), len(raw["joints"])
+        fields = dict(raw)
+        m = len(raw["channels"])
+        joints = len(raw["joints"])
         if "dead_band" in fields:  # [affine]: a straight line and directions of motion
             bands = fields.pop("dead_band")
             turns = [f"slip({name})" for name in raw["channels"][: len(bands)]]
@@ -173,7 +175,9 @@ class LearnedMap(Description):
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
-        m, n, joints = len(self.channels), len(self.centre), len(self.joints)
+        m = len(self.channels)
+        n = len(self.centre)
+        joints = len(self.joints)
         if n not in (m, m + joints):
             raise ValueError(
                 f"centre must have {m} entries, one for each channel, or {m + joints} with "

@@ -94,9 +94,11 @@ def _what(tail: str) -> tuple[str, str]:
     """Return what a number below a part is, and where along a tendon: "radius", " at pip" of
     ``crossings.pip.radius``.
     """
-    keys, where = tail.split("."), ""
+    keys = tail.split(".")
+    where = ""
     if keys[0] == "crossings" and len(keys) > 2:
-        at, keys = keys[1], keys[2:]
+        at = keys[1]
+        keys = keys[2:]
         where = (
             " at all joints"
             if at == "*"

@@ -12,7 +12,8 @@ from distal.rig.quantities import In, Parameter
 from distal.rig.rig import Rig
 from distal.suggestions import did_you_mean
 
-ROUGH, ROUGH_ARM = 0.5, 0.2
+ROUGH = 0.5
+ROUGH_ARM = 0.2
 """A positive number, or a moment arm, whose std is above this share of it is known to a factor
 only.
 """
@@ -79,13 +80,16 @@ def number(rig: Rig, path: str) -> Number:
             index = index_of(part, key)
             if index is None:
                 raise RigError(f"'{path}': there is no '{key}'{did_you_mean(key, names_in(part))}")
-            part, key = part[index], str(index)
+            part = part[index]
+            key = str(index)
         elif isinstance(part, BaseModel) and not isinstance(part, Parameter):
             if key not in type(part).model_fields:
                 raise RigError(
                     f"'{path}': there is no '{key}'{did_you_mean(key, type(part).model_fields)}"
                 )
-            owner, field, part = type(part), key, getattr(part, key)
+            owner = type(part)
+            field = key
+            part = getattr(part, key)
         else:
             raise RigError(f"'{path}': '{'.'.join(keys)}' is a plain value and has no '{key}'")
         keys.append(key)

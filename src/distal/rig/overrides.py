@@ -30,7 +30,8 @@ def parse_assignment(text: str, error: type[DistalError]) -> tuple[str, object]:
     removed is text.
     """
     path, equals, value = text.partition("=")
-    path, value = path.strip(), value.strip()
+    path = path.strip()
+    value = value.strip()
     if "\n" in value or "\r" in value:
         raise error(f"--set '{path}': the value has more than one line; give one value")
     if not equals or not path or not value:
@@ -64,7 +65,8 @@ def set_value(raw: object, path: str, value: object, error: type[DistalError]) -
     if ALL in keys:
         _set_all(raw, keys, path, value, error)
         return
-    parent, where = raw, ""
+    parent = raw
+    where = ""
     _write_out_sensors(raw, keys)
     for key in keys[:-1]:
         parent = _descend(parent, key, where, path, error)
@@ -102,7 +104,8 @@ def _set_all(
 ) -> None:
     """Replace the value in every item of the list that ``*`` stands for."""
     at = keys.index(ALL)
-    parent, where = raw, ".".join(keys[:at])
+    parent = raw
+    where = ".".join(keys[:at])
     for key in keys[:at]:
         parent = (
             parent.get(key)

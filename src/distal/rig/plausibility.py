@@ -46,7 +46,8 @@ def doubts(rig: Rig) -> list[str]:
     for path, parameter in chain(
         *(parameters_below(part, f"{kind}.{part.name}") for kind, part in parts)
     ):
-        std, size = parameter.std, abs(parameter.value)
+        std = parameter.std
+        size = abs(parameter.value)
         if 0.0 < std < SMALLEST_STD * size:
             sentences.append(
                 f"{in_words(rig, path)}: a std of {std:g} is {std / size:.1g} of its value: is "

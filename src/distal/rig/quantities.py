@@ -16,7 +16,8 @@ from distal.errors import UnitError
 from distal.suggestions import did_you_mean
 from distal.units import to_si
 
-SMALLEST, LARGEST = 1e-20, 1e12
+SMALLEST = 1e-20
+LARGEST = 1e12
 """Sizes beyond which a number in a description is a mistake, and squares of it would leave what a
 computer can hold.
 """
@@ -228,7 +229,8 @@ class In:
     def _interval(self, raw: object) -> object:
         if not isinstance(raw, (list, tuple)) or len(raw) != 2:
             raise UnitError(f"must be two numbers [low, high], {raw!r} came")
-        low, high = to_si(raw[0], self.si), to_si(raw[1], self.si)
+        low = to_si(raw[0], self.si)
+        high = to_si(raw[1], self.si)
         if not low < high:
             raise UnitError(
                 f"is the wrong way round: low ({low:g} {self.si}) must be below high ({high:g} "

@@ -112,7 +112,8 @@ class Rig(Description):
     @field_validator("tendons", mode="after")
     @classmethod
     def _tendons_fit(cls, tendons: tuple[Tendon, ...], info: ValidationInfo) -> tuple[Tendon, ...]:
-        joints, drives = info.data.get("joints"), info.data.get("drives")
+        joints = info.data.get("joints")
+        drives = info.data.get("drives")
         if joints is None or drives is None:
             return tendons
         for i, tendon in enumerate(tendons):

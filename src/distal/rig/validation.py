@@ -39,7 +39,9 @@ def validated(
 
 _BRIEFLY = reprlib.Repr()
 """Shows what came in a few words: a user's table may be nested a thousand times."""
-_BRIEFLY.maxlevel, _BRIEFLY.maxstring, _BRIEFLY.maxother = 3, 60, 60
+_BRIEFLY.maxlevel = 3
+_BRIEFLY.maxstring = 60
+_BRIEFLY.maxother = 60
 
 
 def explain(
@@ -78,7 +80,8 @@ def _finding(finding: ErrorDetails, root: type[BaseModel]) -> str:
     # a tag of a union follows an index or stands for the union itself; it is no key of the user's
     keys = [k for i, k in enumerate(location) if not (k in tags and i > 0)]
     path = ".".join(str(key) for key in keys)
-    kind, context = finding["type"], finding.get("ctx", {})
+    kind = finding["type"]
+    context = finding.get("ctx", {})
     shown = _BRIEFLY.repr(finding.get("input"))
     if kind == "extra_forbidden":
         allowed = _known_keys(root, location[:-1])

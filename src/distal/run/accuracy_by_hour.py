@@ -40,11 +40,13 @@ def by_hour(pieces: Iterable[PieceEstimate]) -> tuple[Hour, ...]:
     """Return error and band of each hour; the pieces are read one by one."""
     sums = defaultdict[int, np.ndarray](lambda: np.zeros(4))
     for piece in pieces:
-        errors, half = piece.angles - piece.truths, BAND * piece.angle_stds
+        errors = piece.angles - piece.truths
+        half = BAND * piece.angle_stds
         of_hour = (piece.log.time / HOUR).astype(int)
         for index in np.unique(of_hour):
             rows = of_hour == index
-            error, half_band = errors[rows], half[rows]
+            error = errors[rows]
+            half_band = half[rows]
             is_inside = np.abs(error) <= half_band
             sums[int(index)] += [error.size, np.sum(error**2), np.sum(is_inside), np.sum(half_band)]
     return tuple(
@@ -62,10 +64,8 @@ def plot_hours(hours_of: Mapping[str, Sequence[Hour]], path: str | Path | None =
     """
     with figure(2, 1, (6.5, 4.4), sharex=True, height_ratios=(3, 2)) as (drawing, (errors, shares)):
         for k, (name, hours) in enumerate(hours_of.items()):
-            at, look = (
-                [hour.index + 1 for hour in hours],
-                {"color": COLOURS[k], "marker": "o", "markersize": 3},
-            )
+            at = [hour.index + 1 for hour in hours]
+            look = {"color": COLOURS[k], "marker": "o", "markersize": 3}
             errors.plot(
                 at,
                 np.rad2deg([hour.rms for hour in hours]),

@@ -82,7 +82,8 @@ def estimate_batch(
         skip(_named(source), problem)
 
     def estimates(sources: Iterator[Log | Source]) -> Iterator[Estimate]:
-        done, report = count(1), progress or (lambda _: None)
+        done = count(1)
+        report = progress or (lambda _: None)
         for source in sources:  # the first that can be estimated says how a reference is read
             try:
                 first = load(source)
@@ -141,7 +142,9 @@ def estimate_on_cluster(
     """
     chunks = [logs[k : k + PER_TASK] for k in range(0, len(logs), PER_TASK)]
     tasks = {k: (list(chunk), rig, estimator, truth, homing) for k, chunk in enumerate(chunks)}
-    held, following, done = dict[int, list[Estimate | tuple[str, DistalError]]](), 0, 0
+    held = dict[int, list[Estimate | tuple[str, DistalError]]]()
+    following = 0
+    done = 0
     for k, outcomes in on_cluster(
         _chunk, tasks, address, EstimationError, "give fewer logs, or none to the cluster"
     ):

@@ -11,7 +11,9 @@ from distal.rig import Capstan, Rig, Sensor, drive_travel
 BEYOND = 0.05
 """A drive further beyond its stops than this share of its travel is not where it can be."""
 
-ROOM, ROOM_STDS, KNOWN = radians(1.5), 0.7, radians(8.0)
+ROOM = radians(1.5)
+ROOM_STDS = 0.7
+KNOWN = radians(8.0)
 """A joint is beyond its range by more than the first, and so many stds of its zero and play, before
 it is said; of a motor whose zero is known to the third at the joint [rad]: docs/results/hands.md.
 """
@@ -81,7 +83,8 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
         place, torque = (list(channels).index(sensors[kind].name) for kind in ("position", "force"))
         reached = _reached(rig, position)
         for tendon in (tendon for tendon in rig.tendons if tendon.drive == drive.name):
-            way, joint = tendon.winding, drive.radius.value / tendon.total_arm
+            way = tendon.winding
+            joint = drive.radius.value / tendon.total_arm
             if reached is None or position.bias.total_std * joint > KNOWN:
                 continue
             end = max(way * reading for reading in reached)
@@ -116,10 +119,8 @@ def motor_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
     drive = next((drive for drive in rig.drives if drive.name == sensor.of), None)
     if sensor.measures != "position" or drive is None or drive.kind != "capstan":
         return -inf, inf
-    reached, tendon = (
-        _reached(rig, sensor),
-        next(tendon for tendon in rig.tendons if tendon.drive == drive.name),
-    )
+    reached = _reached(rig, sensor)
+    tendon = next(tendon for tendon in rig.tendons if tendon.drive == drive.name)
     if reached is None:
         return -inf, inf
     room = (
@@ -143,5 +144,6 @@ def _reached(rig: Rig, sensor: Sensor) -> tuple[float, float] | None:
         if ends is None:
             return None
         reached = sorted(tendon.winding * arm / drive.radius.value * angle for angle in ends)
-        low, high = low + reached[0], high + reached[1]
+        low = low + reached[0]
+        high = high + reached[1]
     return low, high

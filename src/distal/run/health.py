@@ -84,7 +84,8 @@ ROUNDING = 1e-9
 NEVER = 1e30
 """An age that no sensor reaches, since C has no infinity without a header [s]."""
 
-NEAR, AWAY = 2.0, 10.0
+NEAR = 2.0
+AWAY = 10.0
 """A joint is at its end from less than the first before it until it is further than the second away
 [deg].
 """
@@ -139,20 +140,19 @@ def word_code(word: Health) -> int:
 def watch_of(runner: KernelEstimator) -> Watch:
     """Return what is watched of an estimator."""
     sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    chosen, interval = [sensors[name] for name in runner.channels], runner.interval
+    chosen = [sensors[name] for name in runner.channels]
+    interval = runner.interval
     no_prior = np.full(len(runner.state_names), np.nan)
     means, stds = (no_prior if prior is None else prior for prior in priors_of(runner))
     watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
     placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
     ends = range_ends(runner.rig, runner.channels)
-    n, m, j, k, p = (
-        len(chosen),
-        len(runner.measured),
-        len(runner.rig.joints),
-        len(watched),
-        len(placed),
-    )
+    n = len(chosen)
+    m = len(runner.measured)
+    j = len(runner.rig.joints)
+    k = len(watched)
+    p = len(placed)
     memory = Layout(
         last=n, age=n, same=n, outside=p, ratio=m, pace=1, furthest=len(ends), found=len(ends)
     )
@@ -184,9 +184,13 @@ def watch_of(runner: KernelEstimator) -> Watch:
         large=m,
         left=k,
     )
-    before, current = ca.SX.sym("memory", memory.size), ca.SX.sym("sample", sample.size)
-    was, came = memory.parts(before), sample.parts(current)
-    first, dt, mask = came["first"], came["dt"], came["mask"]
+    before = ca.SX.sym("memory", memory.size)
+    current = ca.SX.sym("sample", sample.size)
+    was = memory.parts(before)
+    came = sample.parts(current)
+    first = came["first"]
+    dt = came["dt"]
+    mask = came["mask"]
     since = ca.if_else(ca.logic_and(dt > 0, dt < LONGEST_GAP), dt, interval)
     share = ca.fmin(since / MEMORY, 1)
     # a sensor without a first value is missing from the beginning; a known angle, which homes,
@@ -210,7 +214,8 @@ def watch_of(runner: KernelEstimator) -> Watch:
     low, high = (
         _column([place_range(runner.rig, chosen[i])[end] for i in placed]) for end in (0, 1)
     )
-    place, read = came["values"][list(placed)], mask[list(placed)]
+    place = came["values"][list(placed)]
+    read = mask[list(placed)]
     outside = was["outside"] + share * (
         read * ca.logic_or(place < low, place > high) - was["outside"]
     )
@@ -223,7 +228,8 @@ def watch_of(runner: KernelEstimator) -> Watch:
     square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
     square = ca.if_else(came["touched"] > TOUCHED, ca.fmin(square, 1), square)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
-    prior, allowed = _column(means[list(watched)]), LARGE_PRIOR * _column(stds[list(watched)])
+    prior = _column(means[list(watched)])
+    allowed = LARGE_PRIOR * _column(stds[list(watched)])
     left = (
         ca.fabs(came["numbers"] - prior) - ca.sqrt(ca.fmax(came["number_variances"], 0)) > allowed
     )
@@ -281,7 +287,8 @@ def _at_end(
     What its torque stretches is taken off. Only on the way there: on the way back friction hides
     the tendon's tension.
     """
-    read, reading = mask[end.place] * mask[end.torque], end.way * values[end.place]
+    read = mask[end.place] * mask[end.torque]
+    reading = end.way * values[end.place]
     before = degrees(end.joint) * (reading - end.contact)
     further = ca.logic_and(read, ca.logic_and(before > -NEAR, reading > furthest + end.same))
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])

@@ -89,33 +89,39 @@ class LiveEstimator:
                 f"{runner.name} is for logs; live, use adaptive or another one with a kernel"
             )
         self._made_of = rig, estimator, compiled
-        self._runner, self._n, self._m = runner, len(runner.state_names), len(runner.measured)
+        self._runner = runner
+        self._n = len(runner.state_names)
+        self._m = len(runner.measured)
         self._loop = runner.kernel.loop(runner.numbers)
-        self._carry, self._x, self._y = self._loop.carry, self._loop.x, self._loop.y
+        self._carry = self._loop.carry
+        self._x = self._loop.x
+        self._y = self._loop.y
         self._finite = np.ones(len(self._carry), dtype=bool)
-        self._width, self._angles = len(runner.channels), runner.angles
+        self._width = len(runner.channels)
+        self._angles = runner.angles
         self._row = memoryview(self._x.data).cast("B").cast("d")
         # where the masks of what is compared stand in a row
         self._read = [1 + self._width + runner.channels.index(name) for name in runner.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
-        self._time, self._samples = nan, 0
+        self._time = nan
+        self._samples = 0
         self._interval = runner.interval
-        mean, covariance = mean_of(self._carry, self._n), covariance_of(self._carry, self._n)
+        mean = mean_of(self._carry, self._n)
+        covariance = covariance_of(self._carry, self._n)
         # what is reported is the filter's own state, or, where a map speaks of some of it, another
         # one beside it
         has_map = bool(runner.report.states)
         self._state, self._spread = (
             (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
         )
-        self._joints, self._mean, self._covariance = (
-            self._state[self._angles],
-            _view(self._state),
-            _view(self._spread),
-        )
+        self._joints = self._state[self._angles]
+        self._mean = _view(self._state)
+        self._covariance = _view(self._spread)
         # a strided view of the covariance's diagonal, which can be written
         self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
-        self._shares, self._contacts = list(runner.touched), runner.contacts
+        self._shares = list(runner.touched)
+        self._contacts = runner.contacts
         self._touchable = list(external_torques_of(runner))
         self._torques = list(external_torques_of(runner).values())
         self._torque_names = tuple(runner.state_names[i] for i in self._torques)
@@ -153,17 +159,21 @@ class LiveEstimator:
         if not -LATEST <= time <= LATEST:
             raise EstimationError(f"{name}: the stamp is no time: give a finite number of seconds")
         # of a few numbers Python's own are faster than arrays
-        x, width = self._row, self._width
+        x = self._row
+        width = self._width
         for i, reading in enumerate(sample.tolist(), 1):
             if -LARGEST_READING <= reading <= LARGEST_READING:
-                x[i], x[i + width] = reading, READ
+                x[i] = reading
+                x[i + width] = READ
             elif reading != reading:
-                x[i], x[i + width] = 0.0, MISSING
+                x[i] = 0.0
+                x[i + width] = MISSING
             else:
                 raise EstimationError(f"{name}: {wild_problem(sample)}")
         if self._samples == 0:
             self._start(time, sample)
-            x[0], parts = 0.0, 1
+            x[0] = 0.0
+            parts = 1
         else:
             dt = time - self._time
             if dt < SHORTEST:
@@ -177,7 +187,8 @@ class LiveEstimator:
         if parts > 1:
             self._bridge(parts)
         self._loop.step()
-        self._time, self._samples = time, self._samples + 1
+        self._time = time
+        self._samples = self._samples + 1
         for i, mask in enumerate(self._read):
             self._innovations[i] = self._y[i] if x[mask] else nan
         if self._runner.report.states:
@@ -195,8 +206,10 @@ class LiveEstimator:
         """Cross a gap by all but the last of its predictions; the row of the sample itself stands
         in x after it.
         """
-        values, mask = self._x[1 : 1 + self._width], self._x[1 + self._width :]
-        sample, is_read = values.copy(), mask == READ
+        values = self._x[1 : 1 + self._width]
+        mask = self._x[1 + self._width :]
+        sample = values.copy()
+        is_read = mask == READ
         for rows_after in range(parts - 1, 0, -1):
             fill(values, mask, sample, is_read, rows_after, self._runner.bridged)
             self._loop.step()
@@ -204,7 +217,9 @@ class LiveEstimator:
 
     def _report(self) -> None:
         """Put what the maps say in the places of the filter's own."""
-        report, y, n = self._runner.report, self._y[None], self._n
+        report = self._runner.report
+        y = self._y[None]
+        n = self._n
         self._state[:] = report.means(self._carry[None, :n], y)[0]
         self._spread[:] = report.covariances(self._carry[n : n * (n + 1)].reshape(1, n, n), y)[0]
 
@@ -235,7 +250,8 @@ class LiveEstimator:
                 f"reset takes {self._angles.stop} angles, one for each joint, {angle!r} came"
             )
         self._begin = (angles, angle_std)
-        self._samples, self._time = 0, nan
+        self._samples = 0
+        self._time = nan
         self._innovations[:] = np.nan
 
     def clone(self) -> LiveEstimator:
@@ -349,12 +365,14 @@ class LiveEstimator:
         """Whether something touches each joint that may be touched, in the order of
         `torque_names`.
         """
-        contacts, torques = list[JointContact](), self.external_torques
+        contacts = list[JointContact]()
+        torques = self.external_torques
         stds = self.external_torque_stds
         for joint, at in self._contacts.items():
             probability, since = self._carry[at].tolist()
             k = self._touchable.index(joint)
-            torque, std = float(torques[k]), float(stds[k])
+            torque = float(torques[k])
+            std = float(stds[k])
             contacts.append(JointContact(joint, probability, torque, std, since))
         return tuple(contacts)
 

@@ -88,10 +88,8 @@ class LogUnits:
         names = channels_of(rig, "LogUnits", others=True).names if channels is None else channels
         by_name = {sensor.name: sensor for sensor in rig.sensors}
         self._sensors = [by_name[name] for name in names]
-        self.channels, self.columns = (
-            tuple(names),
-            tuple(sensor.log_column for sensor in self._sensors),
-        )
+        self.channels = tuple(names)
+        self.columns = tuple(sensor.log_column for sensor in self._sensors)
         self._factors = np.array([sensor.sign * log_factor(sensor) for sensor in self._sensors])
         self._at = {
             name: i for names in (self.channels, self.columns) for i, name in enumerate(names)
@@ -141,7 +139,8 @@ class LogUnits:
         they are.
         """
         other = LogUnits(rig, self.channels, temperature_slope=self._slope)
-        other._last, other._seen = self._last.copy(), self._seen.copy()
+        other._last = self._last.copy()
+        other._seen = self._seen.copy()
         other._ahead[np.isfinite(self._turns)] = self._ahead[np.isfinite(self._turns)]
         return other
 
@@ -227,7 +226,8 @@ class LogUnits:
 
     def _unwrapped(self, i: int, time: float, place: float, doubts: list[str]) -> float:
         """Return a place [rad, m] in the turn in which it is."""
-        turn, last = float(self._turns[i]), float(self._last[i])
+        turn = float(self._turns[i])
+        last = float(self._last[i])
         gap = time - float(self._seen[i])
         near = place + turn * round((last - place) / turn) if isfinite(last) else nan
         if not isfinite(last) or self._fastest[i] * gap >= turn / 2:
@@ -246,12 +246,15 @@ class LogUnits:
                     self._guessed[i] = near, near
         if i in self._guessed:
             near += self._settled(i, near)
-        self._last[i], self._seen[i], self._ahead[i] = near, time, near - place
+        self._last[i] = near
+        self._seen[i] = time
+        self._ahead[i] = near - place
         return near
 
     def _possible(self, i: int, least: float, most: float) -> range:
         """Return by how many turns places may be off, all of them within the range."""
-        turn, (low, high) = float(self._turns[i]), self._ranges[i]
+        turn = float(self._turns[i])
+        (low, high) = self._ranges[i]
         if not isfinite(low):
             return range(0)
         return range(ceil((low - least) / turn), floor((high - most) / turn) + 1)
@@ -259,7 +262,8 @@ class LogUnits:
     def _settled(self, i: int, place: float) -> float:
         """Return by how much a guessed turn is off where only one is possible, else 0."""
         least, most = self._guessed[i]
-        least, most = min(least, place), max(most, place)
+        least = min(least, place)
+        most = max(most, place)
         self._guessed[i] = least, most
         turns = self._possible(i, least, most)
         if len(turns) != 1:

@@ -48,7 +48,8 @@ def estimate_pieces(
     runner, references = _runner(rig, estimator, known_std)
     belief: Belief | None = None
     for piece in pieces:
-        log, n = piece.log, len(rig.joints)
+        log = piece.log
+        n = len(rig.joints)
         columns = dict(log.channels) | {
             name: piece.known[:, j] for j, name in enumerate(references)
         }

@@ -109,7 +109,10 @@ class Monitor:
 
     def _begin(self) -> None:
         self._memory = begun(self._watch)
-        self._late, self._last_late, self._time, self._fresh = 0, -inf, -inf, True
+        self._late = 0
+        self._last_late = -inf
+        self._time = -inf
+        self._fresh = True
         self._anew = ""
 
     def reset(self) -> None:
@@ -181,7 +184,8 @@ class Monitor:
                 self._restart(
                     f"no sample for {gap:.3g} s; the rig says every {live.interval:.3g} s"
                 )
-        self._late, self._last_late = 0, -inf
+        self._late = 0
+        self._last_late = -inf
         if not live.samples and not np.isfinite(sample).any():
             return self._skipped(time, "bad", "the first sample has no value at all")
         self._time = time
@@ -202,8 +206,10 @@ class Monitor:
         health, detail = max(
             problems, key=lambda problem: word_code(problem[0]), default=("ok", "")
         )
-        torques, torque_stds = live.external_torques.tolist(), live.external_torque_stds.tolist()
-        angles, stds = live.angles.tolist(), live.angle_stds.tolist()
+        torques = live.external_torques.tolist()
+        torque_stds = live.external_torque_stds.tolist()
+        angles = live.angles.tolist()
+        stds = live.angle_stds.tolist()
         return Reading(
             time,
             tuple(angles),
@@ -219,16 +225,20 @@ class Monitor:
         """Return what is wrong with a sample that comes `dt` [s] after the one before, as word and
         detail.
         """
-        live, watch, came = self._live, self._watch, self._came
+        live = self._live
+        watch = self._watch
+        came = self._came
         came["mask"][:] = np.isfinite(sample)
         came["values"][:] = np.where(came["mask"], sample, 0.0)
         came["compared"][:] = np.isfinite(live.innovations)
         came["innovations"][:] = np.where(came["compared"], live.innovations, 0.0)
-        came["variances"][:], came["stds"][:] = live.innovation_variances, live.angle_stds
+        came["variances"][:] = live.innovation_variances
+        came["stds"][:] = live.angle_stds
         came["numbers"][:] = live.mean[list(watch.watched)]
         came["number_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
         came["touched"][:] = live.touched
-        came["first"][:], came["dt"][:] = self._fresh, dt
+        came["first"][:] = self._fresh
+        came["dt"][:] = dt
         self._memory, findings = self._check(self._memory, self._sample)
         self._fresh = False
         if findings[0] == 0:
@@ -245,7 +255,9 @@ class Monitor:
 
     def _details(self, flags: Mapping[str, Bools], dt: float) -> dict[str, str]:
         """Return the sentence on each finding."""
-        live, watch, interval = self._live, self._watch, self._live.interval
+        live = self._live
+        watch = self._watch
+        interval = self._live.interval
         age, ratio = (self._memory[watch.memory[name]] for name in ("age", "ratio"))
         places = [live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong]
         dead = f"{self._names(flags['dead'])} for {age.max():.3g} s" if flags["dead"].any() else ""
@@ -270,7 +282,8 @@ class Monitor:
 
     def _skipped(self, time: float, health: Health, detail: str = "") -> Reading:
         """Return a reading without an estimate."""
-        angles, torques = (nan,) * len(self._live.rig.joints), (nan,) * len(self._live.torque_names)
+        angles = (nan,) * len(self._live.rig.joints)
+        torques = (nan,) * len(self._live.torque_names)
         contacts = tuple(replace(contact, probability=nan) for contact in self._live.contacts)
         return Reading(time, angles, angles, health, detail, torques, torques, contacts)
 
@@ -296,9 +309,11 @@ class Monitor:
         reached = np.clip(angles, *self._reach)
         self._live.reset(tuple(reached.tolist()) if has_angles else None, ANYWHERE)
         self._anew = why
-        pace, memory = self._watch.memory["pace"], begun(self._watch)
+        pace = self._watch.memory["pace"]
+        memory = begun(self._watch)
         memory[pace] = self._memory[pace]
-        self._memory, self._fresh = memory, True
+        self._memory = memory
+        self._fresh = True
 
     def _names(self, chosen: Bools) -> str:
         return ", ".join(name for name, is_chosen in zip(self._live.channels, chosen) if is_chosen)

@@ -254,13 +254,12 @@ def finished(
         innovations: (k, m), with their `variances`.
         covariances: (k, n, n), or None where they are not kept.
     """
-    log, runner = run.log, run.runner
+    log = run.log
+    runner = run.runner
     joints = tuple(joint.name for joint in runner.rig.joints)
-    truths, torques, references = (
-        true_angles(log, joints),
-        true_torques(log, joints),
-        references_of(runner),
-    )
+    truths = true_angles(log, joints)
+    torques = true_torques(log, joints)
+    references = references_of(runner)
     if run.homing is not None and truths is not None:
         early = log.time - log.time[0] < run.homing
         if not (references or isinstance(runner, AffineEstimator)):
@@ -271,7 +270,8 @@ def finished(
     # a reference is no sensor of the estimate: what it said is in the states
     columns = [i for i, name in enumerate(runner.measured) if name not in references]
     if references:
-        innovations, variances = innovations[:, columns], variances[:, columns]
+        innovations = innovations[:, columns]
+        variances = variances[:, columns]
     prior_means, prior_stds = priors_of(runner)
     measured = tuple(runner.measured[i] for i in columns)
     free = runner.rig.free_motion

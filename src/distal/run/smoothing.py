@@ -36,23 +36,29 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     belief = runner.initial(log.time[0], first_values(samples))
     rows, last = runner.checked_rows(belief, log.time, samples)
     carries, ys = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers))
-    n, m = belief.size, len(runner.measured)
+    n = belief.size
+    m = len(runner.measured)
     if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(rig.joints))):
         raise EstimationError(
             f"{log.source}: the filter left all bounds; check the units of the log and the rig"
         )
-    means, covariances = mean_of(carries, n).copy(), covariance_of(carries, n).copy()
-    predicted, matrices = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)
+    means = mean_of(carries, n).copy()
+    covariances = covariance_of(carries, n).copy()
+    predicted = ys[:, 2 * m : 2 * m + n]
+    matrices = ys[:, 2 * m + n :].reshape(-1, 2, n, n)
     # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be
     # transposed
-    predicted_covariances, transitions = matrices[:, 0], np.swapaxes(matrices[:, 1], 1, 2)
+    predicted_covariances = matrices[:, 0]
+    transitions = np.swapaxes(matrices[:, 1], 1, 2)
     # each state in its own prior std, so that the inverse is well scaled
     scale = np.maximum(runner.states.stds, 1e-12)
     # with a share of the gain its equations do not hold: such states stay as the filter had them
     slow = list(runner.states.slow)
-    unsmoothed, quick = [*runner.states.unsmoothed, *slow], np.setdiff1d(np.arange(n), slow)
+    unsmoothed = [*runner.states.unsmoothed, *slow]
+    quick = np.setdiff1d(np.arange(n), slow)
     for k in range(len(rows) - 2, -1, -1):
-        transition, before = transitions[k + 1], covariances[k]
+        transition = transitions[k + 1]
+        before = covariances[k]
         ahead = predicted_covariances[k + 1] / np.outer(scale, scale)
         cross = (before @ transition.T) / scale
         gain = np.zeros((n, n))
@@ -67,10 +73,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     if rig.discrepancy is not None:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
-    run, innovations = (
-        Run(log, runner, samples, belief, None),
-        runner.innovations_of(ys[last], samples),
-    )
+    run = Run(log, runner, samples, belief, None)
+    innovations = runner.innovations_of(ys[last], samples)
     return finished(run, means[last], spreads[last], *innovations, covariances[last])
 
 
@@ -84,6 +88,7 @@ def correct(
     samples = samples_of(log, runner.channels, runner.name)
     belief = runner.initial(log.time[0], first_values(samples))
     carries, ys = runner.advanced(belief, log.time, samples)
-    states, report = carries[:, : means.shape[1]], runner.report.only(range(len(rig.joints)))
+    states = carries[:, : means.shape[1]]
+    report = runner.report.only(range(len(rig.joints)))
     means[last] += report.means(states, ys) - states
     covariances[last] = report.covariances(covariances[last], ys)

@@ -63,20 +63,21 @@ def simulate_pieces(
         raise ScenarioError("control: loops are not closed over hours; take [control] out")
     length = min(PIECE, scenario.duration)
     prepared = prepare(rig, scenario.model_copy(update={"duration": length}), seed, period=length)
-    plant, dt, steps = prepared.plant, prepared.dt, len(prepared.inputs.effort)
+    plant = prepared.plant
+    dt = prepared.dt
+    steps = len(prepared.inputs.effort)
     scheduled = [(numbers_at(plant, path), change) for path, change in scenario.schedule.items()]
     rezero = scenario.rezero
     rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
     kernel = plant_kernel(plant, prepared.count)
     carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
-    walks, rng, errors = (
-        np.zeros(len(scheduled)),
-        np.random.default_rng([seed, 1]),
-        errors_by_rate(plant.rig, seed),
-    )
+    walks = np.zeros(len(scheduled))
+    rng = np.random.default_rng([seed, 1])
+    errors = errors_by_rate(plant.rig, seed)
     readings = Readings(plant)
     for k in range(ceil(scenario.duration / length - 1e-9)):
-        begin, p = k * length, plant.parameters.values.copy()
+        begin = k * length
+        p = plant.parameters.values.copy()
         for i, (at, change) in enumerate(scheduled):
             p[at] *= max(1.0 + change.per_hour * begin / HOUR + walks[i], LEAST)
             walks[i] += change.walk * sqrt(length / HOUR) * rng.normal()
@@ -85,7 +86,9 @@ def simulate_pieces(
         if rezero is not None:
             _replace(inputs, body_inputs(rezeroing, plant, grid[:-1]), rezero, plant, grid[:-1])
         carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
-        motion, carry, y = Motion(plant, np.vstack([y, ys])), carries[-1], ys[-1:]
+        motion = Motion(plant, np.vstack([y, ys]))
+        carry = carries[-1]
+        y = ys[-1:]
         motion.check()
         yield _read(motion, readings.at(motion.y).T, grid, errors, scenario)
 
@@ -133,7 +136,8 @@ def _replace(
     names = [drive.name for drive in plant.rig.drives]
     bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
     at = np.ix_(np.flatnonzero(_since(rezero, time) < rezero.lasts), bodies)
-    inputs.effort[at], inputs.added_inertia[at] = pulls.effort[at], pulls.added_inertia[at]
+    inputs.effort[at] = pulls.effort[at]
+    inputs.added_inertia[at] = pulls.added_inertia[at]
     inputs.servo[at] = pulls.servo[at]
 
 
@@ -141,7 +145,8 @@ def _read(
     motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
 ) -> Piece:
     """Return what the sensors read in a piece, from its first stamp to before its last."""
-    rig, (begin, end) = motion.plant.rig, (grid[0], grid[-1])
+    rig = motion.plant.rig
+    (begin, end) = (grid[0], grid[-1])
     times = {
         rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate
         for rate in errors
@@ -149,10 +154,8 @@ def _read(
     stamps = np.unique(np.round(np.concatenate(list(times.values())), 9))
     channels = {}
     for rate, (at, of_rate) in errors.items():
-        sensors, rows = (
-            [rig.sensors[k] for k in at],
-            np.searchsorted(stamps, np.round(times[rate], 9)),
-        )
+        sensors = [rig.sensors[k] for k in at]
+        rows = np.searchsorted(stamps, np.round(times[rate], 9))
         true = [
             np.interp(times[rate] - sensor.delay, grid, readings[k])
             for k, sensor in zip(at, sensors)

@@ -29,8 +29,11 @@ def plants_apart(
 
     Drives that are `rubbing` have friction inside their transmission.
     """
-    n, nt, nj = mechanism.n_bodies, mechanism.n_tendons, mechanism.n_joints
-    names, kernels = mechanism.parameters.names, []
+    n = mechanism.n_bodies
+    nt = mechanism.n_tendons
+    nj = mechanism.n_joints
+    names = mechanism.parameters.names
+    kernels = []
     for part in parts:
         equations = Mechanism(part.rig, part.own_paths(mechanism.parameters.inputs), remembers=True)
         drives, tendons = (

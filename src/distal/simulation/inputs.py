@@ -46,7 +46,8 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
     rig = mechanism.rig
     _check_names(scenario.joints, [joint.name for joint in rig.joints], "joints", "joint")
     _check_names(scenario.drives, [drive.name for drive in rig.drives], "drives", "drive")
-    n, bodies = len(time), mechanism.n_bodies
+    n = len(time)
+    bodies = mechanism.n_bodies
     inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
     for i, joint in enumerate(rig.joints):
         load = scenario.joints.get(joint.name, JointInput())
@@ -75,12 +76,14 @@ def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> Non
 def _spring(
     inputs: BodyInputs, body: int, spring: Hand | SliderServo | CapstanServo, target: Floats
 ) -> None:
-    inputs.servo[:, body, 0], inputs.servo[:, body, 2] = spring.stiffness, spring.damping
+    inputs.servo[:, body, 0] = spring.stiffness
+    inputs.servo[:, body, 2] = spring.damping
     inputs.servo[:, body, 1] = target
 
 
 def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
-    slider, capstan = isinstance(pull.servo, SliderServo), isinstance(pull.servo, CapstanServo)
+    slider = isinstance(pull.servo, SliderServo)
+    capstan = isinstance(pull.servo, CapstanServo)
     force, torque, weight = (
         signal is not None for signal in (pull.force, pull.torque, pull.weight)
     )

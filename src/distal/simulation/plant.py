@@ -24,21 +24,29 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     inertia, servo, dt); y = (q, v, tensions, pull on each body), the pull being what a load cell or
     torque sensor between source and body reads: U = W − (W/g) ẍ for a hung weight.
     """
-    n, rubbing, nx = mechanism.n_bodies, hysteretic(mechanism), len(mechanism.parameters.inside)
+    n = mechanism.n_bodies
+    rubbing = hysteretic(mechanism)
+    nx = len(mechanism.parameters.inside)
     parts = parts_of_plant(mechanism)
     if parts:
         return plants_apart(mechanism, parts, lambda part: plant_function(part, count), rubbing)
     step = interval_step(mechanism, count, with_servo=True)
-    q, v = ca.SX.sym("q", n), ca.SX.sym("v", n)
+    q = ca.SX.sym("q", n)
+    v = ca.SX.sym("v", n)
     tensions = ca.Function(
         "tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)]
     )
     carry = ca.MX.sym("carry", 2 * n + len(rubbing) + nx)
-    x, numbers = ca.MX.sym("x", 5 * n + 1), ca.MX.sym("p", len(mechanism.parameters))
-    frictions, inside = carry[2 * n : 2 * n + len(rubbing)], carry[2 * n + len(rubbing) :]
+    x = ca.MX.sym("x", 5 * n + 1)
+    numbers = ca.MX.sym("p", len(mechanism.parameters))
+    frictions = carry[2 * n : 2 * n + len(rubbing)]
+    inside = carry[2 * n + len(rubbing) :]
     p = ca.vertcat(numbers[: numbers.numel() - nx], inside) if nx else numbers
-    before, dt = carry[n : 2 * n], x[5 * n]
-    effort, added, servo = x[:n], x[n : 2 * n], ca.reshape(x[2 * n : 5 * n], n, 3)
+    before = carry[n : 2 * n]
+    dt = x[5 * n]
+    effort = x[:n]
+    added = x[n : 2 * n]
+    servo = ca.reshape(x[2 * n : 5 * n], n, 3)
     force, follow = internal_friction(mechanism, rubbing)
     acting = effort + force(carry[:n], frictions, p) if rubbing else effort
     q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
@@ -65,7 +73,9 @@ def plant_kernel(mechanism: Mechanism, count: int) -> Kernel:
 
 def settled_function(mechanism: Mechanism) -> ca.Function:
     """Return (q, dt, p) → what moves inside after an interval at whose end the bodies are at q."""
-    q, dt, p = ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt"), mechanism.parameters.symbols
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    dt = ca.SX.sym("dt")
+    p = mechanism.parameters.symbols
     inside = [*mechanism.place(q).inside, *mechanism.crept(q, dt)]
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
@@ -97,8 +107,10 @@ def _all_settled(mechanism: Mechanism) -> tuple[float, ...]:
 
 
 def _inside_function(mechanism: Mechanism) -> ca.Function:
-    still, at = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
-    pulls, p = still.pulls(at, ca.SX.zeros(mechanism.n_bodies)), still.parameters
+    still = Mechanism(mechanism.rig)
+    at = ca.SX.sym("q", mechanism.n_bodies)
+    pulls = still.pulls(at, ca.SX.zeros(mechanism.n_bodies))
+    p = still.parameters
     strains = []
     for i, name in _creeping(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
@@ -122,7 +134,8 @@ def presliding_stiffness(mechanism: Mechanism, drive: int) -> Scalar:
     """Return the stiffness of a drive's internal friction before it slips, in the drive's
     coordinate.
     """
-    p, body = mechanism.parameters, mechanism.n_joints + drive
+    p = mechanism.parameters
+    body = mechanism.n_joints + drive
     levers = mechanism.length_jacobian(ca.SX.zeros(mechanism.n_bodies))[:, body]
     stiffness = (levers[j] ** 2 * p[f"tendons.{j}.stiffness"] for j in range(mechanism.n_tendons))
     return PRESLIDING * sum(stiffness, start=ca.SX(0))
@@ -132,7 +145,9 @@ def longest_interval(mechanism: Mechanism) -> float:
     """Return the longest interval [s] that resolves the friction inside the transmissions; infinite
     where there is none.
     """
-    q, p, longest = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters, float("inf")
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
+    longest = float("inf")
     for i in hysteretic(mechanism):
         slopes = ca.jacobian(mechanism.stretch(i, q), q)
         square = presliding_stiffness(mechanism, i) * ca.sum2(slopes**2 / mechanism.inertias().T)
@@ -152,10 +167,15 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Funct
     operator that `Hysteresis` describes; the friction is reached within a stretch of h/k_s, a
     twentieth of that at which the springs alone would carry it.
     """
-    n, p = mechanism.n_bodies, mechanism.parameters
-    q, after, v = ca.SX.sym("q", n), ca.SX.sym("after", n), ca.SX.sym("v", n)
-    f, tensions = ca.SX.sym("f", len(drives)), mechanism.tensions(after, v)
-    forces, frictions = ca.SX(n, 1), []
+    n = mechanism.n_bodies
+    p = mechanism.parameters
+    q = ca.SX.sym("q", n)
+    after = ca.SX.sym("after", n)
+    v = ca.SX.sym("v", n)
+    f = ca.SX.sym("f", len(drives))
+    tensions = mechanism.tensions(after, v)
+    forces = ca.SX(n, 1)
+    frictions = []
     for k, i in enumerate(drives):
         stretch = mechanism.stretch(i, q)
         forces -= ca.jacobian(stretch, q).T * f[k]
@@ -231,14 +251,16 @@ def at_rest(
     Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's
     parameters `numbers`, (n_p,), default those of the mechanism.
     """
-    n, p = mechanism.n_bodies, mechanism.parameters.values if numbers is None else numbers
+    n = mechanism.n_bodies
+    p = mechanism.parameters.values if numbers is None else numbers
     inside = np.array(
         inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
     ).ravel()
     carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
     # a tiny interval gives the tensions there
     y = advance(kernel, Feed(carry, rows_of(inputs, 1e-12)[:1], p)).ys
-    y[:, :n], y[:, n : 2 * n] = start, 0.0
+    y[:, :n] = start
+    y[:, n : 2 * n] = 0.0
     servo = inputs.servo[:1]
     y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (
         servo[:, :, 1] - start
@@ -293,7 +315,8 @@ def resting_force(mechanism: Mechanism) -> ca.Function:
 
 
 def _resting_force(mechanism: Mechanism) -> ca.Function:
-    still, q = Mechanism(mechanism.rig), ca.SX.sym("q", mechanism.n_bodies)
+    still = Mechanism(mechanism.rig)
+    q = ca.SX.sym("q", mechanism.n_bodies)
     tied = still.place(q).q
     pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
     return ca.Function("force", [q, still.parameters.symbols], [pull])
@@ -313,7 +336,8 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
 
     force = resting_force(mechanism)
     p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
-    place, servo = np.concatenate([angles, np.zeros(mechanism.n_drives)]), inputs.servo[0]
+    place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
+    servo = inputs.servo[0]
 
     for i, drive in enumerate(mechanism.rig.drives, mechanism.n_joints):
 

@@ -29,7 +29,8 @@ class Readings:
     """What some sensors of a plant, by default all of its rig's, read without errors."""
 
     def __init__(self, plant: Mechanism, sensors: Sequence[Sensor] | None = None) -> None:
-        y, p = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons), plant.parameters
+        y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
+        p = plant.parameters
         moment = moment_of(plant, y)
         readings = [
             ca.SX(moment.read(sensor))
@@ -60,7 +61,8 @@ ErrorsByRate: TypeAlias = dict[float, tuple[list[int], SensorErrors]]
 
 def errors_by_rate(rig: Rig, seed: int) -> ErrorsByRate:
     """Return the errors of a rig's sensors in one run."""
-    sensors, errors = rig.sensors, ErrorsByRate()
+    sensors = rig.sensors
+    errors = ErrorsByRate()
     rngs = np.random.default_rng(seed).spawn(len(sensors))
     for rate in sorted({sensor.rate for sensor in sensors}):
         at = [k for k, sensor in enumerate(sensors) if sensor.rate == rate]
@@ -75,10 +77,8 @@ def reading_function(plant: Mechanism) -> ca.Function:
     """
     sensors = plant.rig.sensors
     y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
-    numbers, draws = (
-        ca.SX.sym("numbers", SENSOR.size, len(sensors)),
-        ca.SX.sym("draws", len(sensors)),
-    )
+    numbers = ca.SX.sym("numbers", SENSOR.size, len(sensors))
+    draws = ca.SX.sym("draws", len(sensors))
     moment = moment_of(plant, y)
     readings = [
         reading(moment.read(s), SENSOR.parts(numbers[:, k]), draws[k])

@@ -232,7 +232,8 @@ def scenario_text(name: str | Path) -> tuple[str, Path | None]:
     Raises:
         ScenarioError: neither a shipped scenario nor a readable file.
     """
-    shipped, path = shipped_scenarios(), Path(name)
+    shipped = shipped_scenarios()
+    path = Path(name)
     if str(name) in shipped:
         file = resources.files("distal.simulation").joinpath("library", f"{name}.toml")
         return file.read_text(encoding="utf-8"), None

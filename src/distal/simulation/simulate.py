@@ -143,11 +143,9 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
 def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
     """Return what the sensors read of a motion."""
     # several plants of one structure move together: its numbers are those of the plant itself
-    motion, rig, duration = (
-        Motion(prepared.plant, motion.y),
-        prepared.plant.rig,
-        prepared.scenario.duration,
-    )
+    motion = Motion(prepared.plant, motion.y)
+    rig = prepared.plant.rig
+    duration = prepared.scenario.duration
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
     stamps = stamps_of(rig, duration)
     rngs = np.random.default_rng(seed).spawn(len(rig.sensors))
@@ -176,7 +174,8 @@ def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Float
 
     The motion is at the times `grid`, the log at the `stamps`, (k,) [s].
     """
-    rig, nj = motion.plant.rig, motion.plant.n_joints
+    rig = motion.plant.rig
+    nj = motion.plant.n_joints
     joints = [joint.name for joint in rig.joints]
     columns = dict(zip(angle_names(joints), motion.q.T)) | dict(
         zip(torque_names(joints), motion.pulls.T)

@@ -100,8 +100,10 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     Raises:
         StudyError: rows are missing, or every run failed.
     """
-    study, n_scenarios = plan.study, len(plan.scenarios)
-    rows, runs = len(columns["met"]), len(space) * study.seeds * n_scenarios
+    study = plan.study
+    n_scenarios = len(plan.scenarios)
+    rows = len(columns["met"])
+    runs = len(space) * study.seeds * n_scenarios
     if rows != runs:
         raise StudyError(f"{rows} rows came of {runs}; run the study to its end")
     names = sorted(study.scenarios)
@@ -127,7 +129,8 @@ def answer_of(plan: Plan, space: Space, columns: Columns) -> Answer:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but problems has no mean
         measures = {name: float(np.nanmean(columns[name].astype(np.float64))) for name in MEASURES}
-    worst, needs = _worst(plan, space, columns), needs_of(plan, space, columns, good)
+    worst = _worst(plan, space, columns)
+    needs = needs_of(plan, space, columns, good)
     sentence = _sentence(plan, overall, of_scenario, influences, needs, regions, problems)
     return Answer(
         sentence, overall, of_scenario, influences, needs, regions, worst, problems, measures
@@ -201,12 +204,11 @@ def _worst(plan: Plan, space: Space, columns: Columns) -> tuple[Case, ...]:
     """Return the cases with the largest RMS errors, run again for their traces."""
     rms = np.nan_to_num(columns["rms_deg"].astype(np.float64), nan=-1.0)
     order = [k for k in np.argsort(-rms, kind="stable")[:CASES] if rms[k] >= 0.0]
-    cases, tasks = [], []
+    cases = []
+    tasks = []
     for k in order:
-        index, scenario = (
-            int(columns["design"][k]),
-            plan.study.scenarios.index(str(columns["scenario"][k])),
-        )
+        index = int(columns["design"][k])
+        scenario = plan.study.scenarios.index(str(columns["scenario"][k]))
         tasks.append(Task(index, space.design(index), int(columns["seed"][k]), scenario))
     for k, task, outcome in zip(order, tasks, run_tasks(plan, tasks)):
         curves = curves_of(outcome, plan.joint)
@@ -236,7 +238,8 @@ def _sentence(
     regions: Sequence[Region],
     problems: dict[str, int],
 ) -> str:
-    asked, count = plan.study.requirement, len(scenarios)
+    asked = plan.study.requirement
+    count = len(scenarios)
     verdict = (
         "yes" if overall.low >= asked.rigs else "no" if overall.high < asked.rigs else "not certain"
     )

@@ -143,7 +143,8 @@ def load_study(name: str | Path) -> Plan:
         RigError: its rig is unknown or wrong.
         ScenarioError: a scenario of it is.
     """
-    shipped, path = shipped_studies(), Path(name)
+    shipped = shipped_studies()
+    path = Path(name)
     if str(name) in shipped:
         text = (
             resources.files("distal.study")

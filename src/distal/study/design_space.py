@@ -22,7 +22,8 @@ from distal.units import to_si
 Value = float | str | bool
 Design = Mapping[str, Value]
 
-ESTIMATOR, FEEDBACK = "estimator", "feedback"
+ESTIMATOR = "estimator"
+FEEDBACK = "feedback"
 """Paths that stand for the estimator, and for what feeds back a controller: encoder, ratio or an
 estimator.
 """
@@ -67,10 +68,8 @@ class Axis:
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
     sensors = [sensor.name for sensor in rig.sensors]
     if path in (ESTIMATOR, FEEDBACK):
-        allowed, names = (
-            [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())],
-            _list(path, raw),
-        )
+        allowed = [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())]
+        names = _list(path, raw)
         for name in names:
             if name not in allowed:
                 raise StudyError(f"vary.{path}: unknown '{name}'{did_you_mean(str(name), allowed)}")
@@ -141,8 +140,10 @@ def _range(path: str, raw: Mapping[str, object], unit: str) -> Axis:
             raise StudyError(f"vary.{path}: unknown key '{key}'{did_you_mean(key, KEYS)}")
     if "from" not in raw or "to" not in raw:
         raise StudyError(f"vary.{path}: a range needs 'from' and 'to'")
-    low, high = to_si(raw["from"], unit), to_si(raw["to"], unit)
-    scale, points = raw.get("scale", "linear"), raw.get("points", POINTS)
+    low = to_si(raw["from"], unit)
+    high = to_si(raw["to"], unit)
+    scale = raw.get("scale", "linear")
+    points = raw.get("points", POINTS)
     if not low < high:
         raise StudyError(
             f"vary.{path}: the range is empty: from {low:g} {unit} must be below to {high:g} {unit}"
@@ -204,10 +205,8 @@ def space_of(plan: Plan) -> Space:
     """
     from scipy.stats import qmc
 
-    study, axes = (
-        plan.study,
-        tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items()),
-    )
+    study = plan.study
+    axes = tuple(_axis(plan.rig, path, raw) for path, raw in plan.study.vary.items())
     if FEEDBACK in study.vary and all(scenario.control is None for scenario in plan.scenarios):
         raise StudyError(
             f"vary.{FEEDBACK}: no scenario of the study has a [control] table; estimator is what "

@@ -48,7 +48,8 @@ def run_study(
         OutputError: rows cannot be written.
     """
     runs_per_design = plan.study.seeds * len(plan.scenarios)
-    finished, total = folder.done(), len(space) * runs_per_design
+    finished = folder.done()
+    total = len(space) * runs_per_design
     chunks = [
         (k, designs) for k, designs in enumerate(space.chunks(runs_per_design)) if k not in finished
     ]

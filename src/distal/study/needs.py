@@ -76,7 +76,8 @@ def _best(good: Bools, inside: Bools, others: Sequence[Bools]) -> Proportion:
 
 
 def _need(plan: Plan, axis: Axis, shares: Sequence[tuple[str, Proportion]]) -> Need:
-    asked, words = plan.study.requirement.rigs, words_of(plan, axis.path)
+    asked = plan.study.requirement.rigs
+    words = words_of(plan, axis.path)
     meets = [share.low >= asked for _, share in shares]
     fails = [share.high < asked for _, share in shares]
     switch = len(axis.choices) == 2 and set(axis.choices) == {True, False}
@@ -109,10 +110,10 @@ def needs_in_short(plan: Plan, needs: Sequence[Need]) -> str:
     """Return which sensors are needed and which are not, for a sentence; empty where nothing is
     certain.
     """
-    sensors, said = (
-        [need for need in needs if need.name.startswith("sensors.") and need.name.count(".") == 1],
-        [],
-    )
+    sensors = [
+        need for need in needs if need.name.startswith("sensors.") and need.name.count(".") == 1
+    ]
+    said = []
     for verdict in (Verdict.NEEDED, Verdict.NOT_NEEDED):
         names = ", ".join(words_of(plan, need.name) for need in sensors if need.verdict is verdict)
         said += [f"{verdict.value}: {names}"] if names else []

@@ -31,7 +31,8 @@ class Draw:
 
 def draws_of(rig: Rig) -> tuple[Draw, ...]:
     """Return what is drawn of a rig: every number with a std, and what several err by together."""
-    draws, common = list[Draw](), dict[str, tuple[float, list[str]]]()
+    draws = list[Draw]()
+    common = dict[str, tuple[float, list[str]]]()
     for kind in KINDS:
         for i, part in enumerate(getattr(rig, kind)):
             for path, parameter in parameters_below(part, f"{kind}.{i}"):
@@ -64,7 +65,8 @@ def built_values(rig: Rig, draws: Sequence[Draw], score: Mapping[str, float]) ->
     values: dict[str, float] = {}
     for draw in sorted(draws, key=lambda draw: not draw.common):
         for path in draw.paths:
-            nominal, bound = number(rig, path).value, number(rig, path).quantity.bound
+            nominal = number(rig, path).value
+            bound = number(rig, path).quantity.bound
             rough = bound == "positive" and known_to_a_factor(
                 path, 1.0 if draw.common else nominal, draw.std
             )

@@ -75,9 +75,11 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
     a run is a row.
     """
     with _TURNS, one_blas_thread():
-        begun, digest = time.perf_counter(), plan.digest
+        begun = time.perf_counter()
+        digest = plan.digest
         space = _SPACES[digest] = _SPACES.get(digest) or space_of(plan)
-        seeds, scenarios = range(plan.study.seeds), range(len(plan.scenarios))
+        seeds = range(plan.study.seeds)
+        scenarios = range(len(plan.scenarios))
         tasks = [
             Task(i, space.design(i), seed, s) for i in designs for seed in seeds for s in scenarios
         ]
@@ -90,7 +92,8 @@ def run_chunk(plan: Plan, designs: Sequence[int]) -> Rows:
 
 
 def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
-    asked, name = plan.study.requirement, plan.study.scenarios[task.scenario]
+    asked = plan.study.requirement
+    name = plan.study.scenarios[task.scenario]
     row: dict[str, Cell] = {"design": task.index, "seed": task.seed, "scenario": name}
     row |= {
         path: setting if isinstance(setting, str) else float(setting)
@@ -100,7 +103,9 @@ def _row(plan: Plan, task: Task, outcome: Outcome) -> dict[str, Cell]:
         f"{BUILT}{draw}": score
         for draw, score in scores(draws_of(plan.rig), _seeds(plan, task)).items()
     }
-    curves, problem, met = curves_of(outcome, plan.joint), "", False
+    curves = curves_of(outcome, plan.joint)
+    problem = ""
+    met = False
     if curves is None:
         problem = str(outcome)
         row |= dict.fromkeys(MEASURES, float("nan"))
@@ -171,7 +176,8 @@ def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) ->
         else:
             structure = id(setup.kernel), len(built.inputs.effort), repr(built.dt)
             plants.setdefault(structure, []).append((k, setup, built))
-    runs, homed = dict[int, list[tuple[int, Run]]](), dict[int, Estimator]()
+    runs = dict[int, list[tuple[int, Run]]]()
+    homed = dict[int, Estimator]()
     for k, setup, log in _logs(plan, tasks, plants.values()):
         try:
             if isinstance(log, DistalError):

@@ -141,7 +141,8 @@ def open_folder(plan: Plan, path: str | Path) -> Folder:
 def _check(label: Path, plan: Plan) -> None:
     try:
         names = json.loads(label.read_text(encoding="utf-8"))
-        digest, version = names["digest"], names["version"]
+        digest = names["digest"]
+        version = names["version"]
     except (OSError, ValueError, KeyError, TypeError):
         raise StudyError(
             f"{label}: cannot be read; give another folder with --out, or remove this one"

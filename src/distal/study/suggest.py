@@ -87,7 +87,8 @@ def suggestions(
             f"suggestions go by the covariance of '{DEFAULT}'; '{plan.study.estimator}' came as "
             "estimator"
         )
-    options, judged = options_of(plan.rig), list[Suggestion]()
+    options = options_of(plan.rig)
+    judged = list[Suggestion]()
     for k, option in enumerate(options, 1):
         judged.append(_judged(plan, option))
         if progress is not None:
@@ -116,7 +117,8 @@ def _told(base: Suggestion, change: Suggestion) -> float:
 
 def options_of(rig: Rig) -> list[Option]:
     """Return what could be done; the first is to leave the rig as it is."""
-    options, groups = [Option("as it is", rig)], dict[str, dict[str, object]]()
+    options = [Option("as it is", rig)]
+    groups = dict[str, dict[str, object]]()
     for draw in draws_of(rig):
         if draw.paths[0].startswith("sensors."):
             continue
@@ -188,9 +190,11 @@ def _with_sensors(rig: Rig) -> list[Option]:
 
 
 def _judged(plan: Plan, option: Option) -> Suggestion:
-    changed, scenarios = replace(plan, rig=option.rig), range(len(plan.scenarios))
+    changed = replace(plan, rig=option.rig)
+    scenarios = range(len(plan.scenarios))
     tasks = [Task(0, {}, seed, s) for s in scenarios for seed in (NOMINAL, *range(PLANTS))]
-    bands, squares = [], []
+    bands = []
+    squares = []
     for task, outcome in zip(tasks, run_tasks(changed, tasks, homing=option.homing)):
         if not isinstance(outcome, Estimate) or outcome.truths is None:
             if task.seed == NOMINAL:

@@ -56,7 +56,8 @@ def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[
         return [
             (setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices
         ]
-    edges, numbers = [float(axis.at(k / BINS)) for k in range(BINS + 1)], values.astype(np.float64)
+    edges = [float(axis.at(k / BINS)) for k in range(BINS + 1)]
+    numbers = values.astype(np.float64)
     return [
         (
             f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}",

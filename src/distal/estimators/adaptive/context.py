@@ -101,7 +101,8 @@ class FilterContext:
         Of all motions of the joints that would follow the drive, the smallest has the shares r_j²/Σ
         r².
         """
-        rig, found = self.mechanism.rig, dict[int, tuple[float, float]]()
+        rig = self.mechanism.rig
+        found = dict[int, tuple[float, float]]()
         name = rig.joints[joint].name
         for i, drive in enumerate(rig.drives):
             tendon = next(
@@ -120,7 +121,8 @@ class FilterContext:
         """Return by how much a force or tension changes for a torque on one joint, drives at rest
         [1/m, or 1]: r_d/r_j times the joint's share of the drive's motion; of a tension 1/r_j.
         """
-        rig, ratios = self.mechanism.rig, self.ratios(joint)
+        rig = self.mechanism.rig
+        ratios = self.ratios(joint)
         of = sensor.of
         if sensor.measures == "tension":
             tendon = next(tendon for tendon in rig.tendons if tendon.name == sensor.of)
@@ -152,7 +154,8 @@ class FilterContext:
         contacts make with it, √(a_τᵀ C_τ a_τ) over the joint's own √C_τ, with a_τ of `by_torque`;
         where it changes at all.
         """
-        shape, changes = self.contact_shape, dict[str, float]()
+        shape = self.contact_shape
+        changes = dict[str, float]()
         for sensor in (*self.channels.forces, *self.channels.tensions):
             alone = np.array([self.by_torque(i, sensor) for i in range(self.n_joints)])
             if shape[joint] @ alone != 0.0:
@@ -247,7 +250,8 @@ class FilterContext:
         """Return the mask of a sensor's value in a sample x, see `distal.kernels.mask`; a wild
         value is missing.
         """
-        k, width = self.channels.names.index(sensor.name), len(self.channels.names)
+        k = self.channels.names.index(sensor.name)
+        width = len(self.channels.names)
         return x[1 + width + k] * self.credible(sensor, x[1 + k])
 
     def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
@@ -329,7 +333,8 @@ class FilterContext:
         load = max(
             abs(part.nominal_force.value) / lever, sum(t.pretension.value for t in tendons), 1.0
         )
-        constant, growing = part.friction.constant, part.friction.load
+        constant = part.friction.constant
+        growing = part.friction.load
         limit = (constant.value + constant.std) / lever + (growing.value + growing.std) * load
         for tendon in tendons:
             if tendon.path is not None and tendon.path.nodes == 0:

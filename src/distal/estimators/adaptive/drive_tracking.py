@@ -103,7 +103,8 @@ class Tracks(Generic[Expression]):
     """
 
     def __init__(self, vector: Expression, n_drives: int) -> None:
-        self.vector, self._n = vector, n_drives
+        self.vector = vector
+        self._n = n_drives
 
     @staticmethod
     def size(n_drives: int) -> int:
@@ -118,7 +119,8 @@ class Tracks(Generic[Expression]):
 
     def of(self, drive: int) -> Expression:
         """Return one drive's numbers as a vector, `TRACKED`."""
-        first, n = MEMORY * drive, self._n
+        first = MEMORY * drive
+        n = self._n
         parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
         numbers: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
         return numbers
@@ -158,12 +160,11 @@ def tracking(states: StateVector) -> ca.Function:
     measures has zeros.
     """
     context = states.context
-    n, p = context.n_drives, ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
-    mean, memory, x = (
-        ca.MX.sym("mean", len(states)),
-        ca.MX.sym("memory", MEMORY * n),
-        ca.MX.sym("x", context.width),
-    )
+    n = context.n_drives
+    p = ca.MX.sym("p", context.mechanism.parameters.symbols.numel())
+    mean = ca.MX.sym("mean", len(states))
+    memory = ca.MX.sym("memory", MEMORY * n)
+    x = ca.MX.sym("x", context.width)
     readings = ca.horzsplit(_readings(states)(mean, memory, x, p))
     drives = [ca.MX.zeros(len(TRACKED))] * n
     for i in range(n):
@@ -198,12 +199,12 @@ def _judged(context: FilterContext, drive: int) -> bool:
 def _readings(states: StateVector) -> ca.Function:
     """Return (mean, memory, x, p) → what is read of each drive, a column each; see `READING`."""
     context = states.context
-    n, p, nj = context.n_drives, context.mechanism.parameters.symbols, context.n_joints
-    mean, memory, x = (
-        ca.SX.sym("mean", len(states)),
-        ca.SX.sym("memory", MEMORY * n),
-        ca.SX.sym("x", context.width),
-    )
+    n = context.n_drives
+    p = context.mechanism.parameters.symbols
+    nj = context.n_joints
+    mean = ca.SX.sym("mean", len(states))
+    memory = ca.SX.sym("memory", MEMORY * n)
+    x = ca.SX.sym("x", context.width)
     led = [
         memory[remembered_place(i, "place")] + memory[remembered_place(i, "speed")] * x[0]
         for i in range(n)
@@ -213,7 +214,8 @@ def _readings(states: StateVector) -> ca.Function:
     _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
     table = ca.SX(len(READING), n)
     for i in range(n):
-        sensor, force = context.position_sensor(i), context.force_sensor(i)
+        sensor = context.position_sensor(i)
+        force = context.force_sensor(i)
         if sensor is None:
             continue
         reading = context.value(x, sensor)
@@ -257,11 +259,9 @@ def _track(robustness: Robustness, judged: bool, follows: bool) -> ca.Function:
 
     Its force may be able to say if a jump is real (`judged`), and the joints may follow the drives.
     """
-    memory, readings, dt = (
-        ca.SX.sym("memory", MEMORY),
-        ca.SX.sym("readings", len(READING)),
-        ca.SX.sym("dt"),
-    )
+    memory = ca.SX.sym("memory", MEMORY)
+    readings = ca.SX.sym("readings", len(READING))
+    dt = ca.SX.sym("dt")
     reading, mask, noise, dead, wandering, missing, force_mask, stiffness, variance, effort = (
         ca.vertsplit(readings)
     )
@@ -314,8 +314,10 @@ def track(
     place, doubt, speed, square, unknown, lost, shift, shift_std, effort = (
         memory[i] for i in range(MEMORY)
     )
-    expected, time = place + speed * dt, lost + dt
-    bridged, read = is_bridge(mask), is_read(mask)
+    expected = place + speed * dt
+    time = lost + dt
+    bridged = is_bridge(mask)
+    read = is_read(mask)
     shift = kept_shift(robustness, shift, reading - expected, doubt > 0, read)
     shift_std = ca.if_else(shift == 0, 0, shift_std * ca.exp(-dt / SETTLED_TIME))
     reading -= shift

@@ -245,7 +245,8 @@ class AdaptiveFilter(KernelEstimator):
     def states_of(self, rig: Rig) -> StateVector:
         """Return the states of this filter for a rig with other numbers."""
         context = self._states.context
-        inputs, references = context.mechanism.parameters.inputs, context.channels.angles
+        inputs = context.mechanism.parameters.inputs
+        references = context.channels.angles
         return state_vector(rig, references, inputs, context.robustness, self._states.kinds)
 
     def _structure(self, trace: bool) -> Structure | None:
@@ -279,7 +280,8 @@ class AdaptiveFilter(KernelEstimator):
         as it comes.
         """
         context = self._states.context
-        channels, drives = context.channels, [drive.name for drive in context.mechanism.rig.drives]
+        channels = context.channels
+        drives = [drive.name for drive in context.mechanism.rig.drives]
         begin = adaptive_layout(self._states)["drives"].start
         placed = [
             begin + remembered_place(drives.index(sensor.of), "place")
@@ -297,7 +299,8 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def contacts(self) -> dict[str, list[int]]:
         """Joint → where in the carry stand the probability of a touch, and since when it is [s]."""
-        at, parts = adaptive_layout(self._states)["torques"].start, ("probability", "since")
+        at = adaptive_layout(self._states)["torques"].start
+        parts = ("probability", "since")
         joints = (self.rig.joints[joint].name for joint in self._states.context.touchable)
         return {
             name: [at + TORQUE.size * k + TORQUE[part].start for part in parts]

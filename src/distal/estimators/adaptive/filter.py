@@ -47,13 +47,16 @@ def adaptive_function(
     The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the
     predicted mean, its covariance and the transition stand behind y, for smoothing.
     """
-    nd, context, layout = states.context.n_drives, states.context, adaptive_layout(states)
+    nd = states.context.n_drives
+    context = states.context
+    layout = adaptive_layout(states)
     filters = [
         (part, adaptive_function(part.states, resolution, trace)) for part in parts_of(states)
     ]
     if filters:
         return filter_by_parts(states, filters, layout, trace)
-    carry, x = ca.MX.sym("carry", layout.size), ca.MX.sym("x", context.width)
+    carry = ca.MX.sym("carry", layout.size)
+    x = ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance, memory = (
         layout.part(carry, name) for name in ("mean", "covariance", "drives")
@@ -102,9 +105,11 @@ def _bounded(
     for j, depth in depths_in_stops(states, mean, p).items():
         # how deep a joint sits in its stop is known no better than the depth
         covariance[j, j] = ca.fmax(covariance[j, j], ca.fmax(depth, 0) ** 2)  # (27b)
-    context, nj = states.context, states.context.n_joints
+    context = states.context
+    nj = states.context.n_joints
     if context.robustness.zeros_jump:
-        free, spread = context.mechanism.free, context.mechanism.spread
+        free = context.mechanism.free
+        spread = context.mechanism.spread
         for j in free:
             covariance[j, j] = ca.fmax(
                 covariance[j, j], shifted_variance(context, j, tracks, p)
@@ -117,8 +122,10 @@ def _moving(states: StateVector, motion: Moved) -> MatrixNode:
     """Return the transition Φ, (n, n), of an interval in which nothing but angles and speeds
     moves.
     """
-    n, nj = len(states), states.context.n_joints
-    transition, numbers = ca.MX(ca.DM.eye(n).full()), len(motion.chosen)
+    n = len(states)
+    nj = states.context.n_joints
+    transition = ca.MX(ca.DM.eye(n).full())
+    numbers = len(motion.chosen)
     transition[: 2 * nj, :] = 0
     transition[: 2 * nj, motion.chosen] = motion.slopes[:numbers, :].T
     for k, (at, slopes) in enumerate(motion.places):

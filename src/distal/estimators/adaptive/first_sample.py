@@ -46,7 +46,8 @@ def prior_function(
     """
     context = states.context
     names = context.channels.names
-    values, is_present = ca.SX.sym("values", len(names)), ca.SX.sym("mask", len(names))
+    values = ca.SX.sym("values", len(names))
+    is_present = ca.SX.sym("mask", len(names))
     sensors = {sensor.name: sensor for sensor in context.mechanism.rig.sensors}
     credible = (context.credible(sensors[name], values[k]) for k, name in enumerate(names))
     mask = ca.vertcat(*(is_present[k] * is_credible for k, is_credible in enumerate(credible)))
@@ -59,10 +60,12 @@ def prior_function(
         return ca.if_else(is_there(sensor), value, otherwise)
 
     means, stds = states.prior()
-    mean, variances = ca.SX(means), ca.SX(stds**2)
+    mean = ca.SX(means)
+    variances = ca.SX(stds**2)
     memory = _memory(context, read, is_there)
     for i in range(context.n_drives):
-        effort, transmitted = context.force_sensor(i), states.transmitted(i)
+        effort = context.force_sensor(i)
+        transmitted = states.transmitted(i)
         if transmitted is not None and effort is not None:
             at, _ = transmitted
             mean[at] = read(effort, mean[at])
@@ -72,7 +75,8 @@ def prior_function(
         first = block.first(begin)
         if first is not None:
             (at,) = states.indices(block)
-            mean[at], variances[at] = first[0], first[1] ** 2
+            mean[at] = first[0]
+            variances[at] = first[1] ** 2
     # maps read the places of drives as the filter has them, without a known offset
     placed = [
         values[k] if at is None else context.corrected(sensors[names[k]], values[k])
@@ -82,7 +86,8 @@ def prior_function(
         readings = ca.vertcat(*placed) if learned.tracked else values
         memory = ca.vertcat(memory, first_memory(learned, readings, mask))
         memory = ca.vertcat(memory, ca.SX.zeros(carried_size(learned, touched)))
-    symbols, p = context.mechanism.parameters.symbols, ca.SX.sym("p", inputs)
+    symbols = context.mechanism.parameters.symbols
+    p = ca.SX.sym("p", inputs)
     prior = ca.substitute([mean, variances, memory], [symbols], [p[: symbols.numel()]])
     return ca.Function("prior", [values, is_present, p], prior)
 
@@ -97,7 +102,8 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
     for k in range(lengths["evidence"] // FORCE.size):
         memory[usual + FORCE.size * k] = UNEXPLAINED_AT_FIRST
     for i, drive in enumerate(context.mechanism.rig.drives):
-        position, effort = context.position_sensor(i), context.force_sensor(i)
+        position = context.position_sensor(i)
+        effort = context.force_sensor(i)
         if position is not None:
             unknown = UNKNOWN_PLACE[drive.kind] ** 2
             memory[remembered_place(i, "place")] = read(position, 0.0)
@@ -113,7 +119,8 @@ def _by_affine_map(
     """Let the map that logs taught say the start, where it knows it better than the rig, in
     place.
     """
-    affine, names = context.mechanism.rig.affine, context.channels.names
+    affine = context.mechanism.rig.affine
+    names = context.channels.names
     if affine is None or not set(affine.channels) <= set(names):
         return
     at = {name: names.index(name) for name in affine.channels}
@@ -129,14 +136,10 @@ def _begin(context: FilterContext, read: Read) -> Begin:
     """Return what is read at the first sample; `read` gives a sensor's value, or what it is given
     where that is missing.
     """
-    drives, cells = (
-        range(context.n_drives),
-        {sensor.of: sensor for sensor in context.channels.tensions},
-    )
-    positions, forces = (
-        [context.position_sensor(i) for i in drives],
-        [context.force_sensor(i) for i in drives],
-    )
+    drives = range(context.n_drives)
+    cells = {sensor.of: sensor for sensor in context.channels.tensions}
+    positions = [context.position_sensor(i) for i in drives]
+    forces = [context.force_sensor(i) for i in drives]
     tensions = [cells.get(tendon.name) for tendon in context.mechanism.rig.tendons]
     efforts, pulls = (
         [None if sensor is None else read(sensor, 0.0) for sensor in sensors]

@@ -18,7 +18,8 @@ def doubted_frictions(states: StateVector) -> dict[int, list[int]]:
     """Return joint → indices of its friction's states, for joints whose friction is known to a
     factor only.
     """
-    p, doubted = states.context.mechanism.parameters, dict[int, list[int]]()
+    p = states.context.mechanism.parameters
+    doubted = dict[int, list[int]]()
     for block in states.blocks:
         if not isinstance(block, UncertainParameter) or block.acts != "value":
             continue
@@ -36,14 +37,16 @@ def friction_stds(
 
     It is at a symbolic `mean`, (n,), with a `covariance`, (n, n).
     """
-    mechanism, doubted = states.context.mechanism, doubted_frictions(states)
+    mechanism = states.context.mechanism
+    doubted = doubted_frictions(states)
     if not doubted:
         return {}
     pulls = mechanism.pulls(q, v)
     limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)
     stds = dict[int, Scalar]()
     for joint, at in doubted.items():
-        frictions, state = ca.SX.sym("frictions", len(at)), ca.SX(mean)
+        frictions = ca.SX.sym("frictions", len(at))
+        state = ca.SX(mean)
         state[at] = frictions
         limit = ca.substitute(
             limits[joint].mean, mechanism.parameters.symbols, states.parameters(state)

@@ -62,12 +62,15 @@ def parts_of(states: StateVector) -> tuple[Apart, ...]:
 
 
 def _apart(states: StateVector, part: Part) -> Apart:
-    context, parameters = states.context, states.context.mechanism.parameters
-    inputs, channels = part.own_paths(parameters.inputs), _channels(part, context.channels)
+    context = states.context
+    parameters = states.context.mechanism.parameters
+    inputs = part.own_paths(parameters.inputs)
+    channels = _channels(part, context.channels)
     part_states = states_of_rig(
         part.rig, inputs, channels, context.robustness, states.kinds, parameters.folded
     )
-    keys, every = _keys(states), context.channels.names
+    keys = _keys(states)
+    every = context.channels.names
     at = [keys.index(key) if key in keys else -1 for key in _keys(part_states)]
     values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
     compared = [sensor.name for sensor in context.channels.compared]
@@ -96,7 +99,8 @@ def _whole_name(part: Part, at: Sequence[int], name: str) -> str:
     """Return the name among the whole filter's inputs of one of a part's, whose states stand `at`
     those of the whole.
     """
-    derived, path = name.startswith(DERIVED), name.removeprefix(DERIVED)
+    derived = name.startswith(DERIVED)
+    path = name.removeprefix(DERIVED)
     if not derived:
         return part.whole_path(name)
     if path.startswith("state."):
@@ -107,7 +111,8 @@ def _whole_name(part: Part, at: Sequence[int], name: str) -> str:
 
 def _keys(states: StateVector) -> list[tuple[object, str, int]]:
     """Return for each state its kind, what it is of, and which of several of that kind it is."""
-    counts, keys = Counter[tuple[object, str]](), list[tuple[object, str, int]]()
+    counts = Counter[tuple[object, str]]()
+    keys = list[tuple[object, str, int]]()
     for kind, part in zip(states.state_kinds, states.state_parts):
         keys.append((kind, part, counts[kind, part]))
         counts[kind, part] += 1
@@ -150,8 +155,10 @@ def filter_by_parts(
 
     With `trace` the predicted mean, its covariance and the transition stand behind y.
     """
-    context, n = states.context, len(states)
-    m, kernels = len(context.channels.compared), []
+    context = states.context
+    n = len(states)
+    m = len(context.channels.compared)
+    kernels = []
     for part, part_filter in filters:
         # matrices stand column by column
         square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")

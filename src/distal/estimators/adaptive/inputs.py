@@ -50,7 +50,8 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     """Yield the numbers of a description that the filter reads beside the equations' parameters,
     by name.
     """
-    rig, channels = context.mechanism.rig, context.channels
+    rig = context.mechanism.rig
+    channels = context.channels
     free = rig.free_motion
     yield "interval", channels.interval
     for sensor in (*channels.forces, *channels.tensions):
@@ -60,7 +61,8 @@ def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     for sensor in (*channels.proximal, *channels.others, *channels.angles):
         yield from _of_sensor(context, sensor)
     for i, joint in enumerate(rig.joints):
-        path, torque = f"joints.{i}", joint.external_torque
+        path = f"joints.{i}"
+        torque = joint.external_torque
         yield f"{path}.initial", joint.initial.value
         yield f"{path}.initial.std", joint.initial.std
         yield f"{path}.unmodelled", joint.unmodelled

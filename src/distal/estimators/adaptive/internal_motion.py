@@ -28,8 +28,12 @@ TINY_STD = 1e-12
 
 def follow(states: StateVector, prediction: Prediction, interval: Interval) -> None:
     """Move everything inside to where it is at the end of an interval, in place."""
-    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
-    tracks, x, p = interval.tracks, interval.x, interval.p
+    state = prediction.state
+    covariance = prediction.covariance
+    transition = prediction.transition
+    tracks = interval.tracks
+    x = interval.x
+    p = interval.p
     for block in _ordered(states):
         at = states.indices(block)[0]
         mean, row, added = following_function(states, block)(
@@ -46,7 +50,8 @@ def _ordered(states: StateVector) -> list[BacklashOrSheathState | Strained]:
     """Return what moves inside in the order in which it moves: points of a sheath from end to end
     and back.
     """
-    mechanism, order = states.context.mechanism, list[BacklashOrSheathState | Strained]()
+    mechanism = states.context.mechanism
+    order = list[BacklashOrSheathState | Strained]()
     blocks = [
         block for block in states.blocks if isinstance(block, (BacklashOrSheathState, Strained))
     ]
@@ -71,11 +76,19 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
     A play: the moments of clip(x_i, x_min, x_max) of a normal x_i (`clip_moments`). A strain: the
     model's, with its slopes.
     """
-    context, n, nd = states.context, len(states), states.context.n_drives
-    mechanism, nj, p = context.mechanism, context.n_joints, context.mechanism.parameters.symbols
-    state, variance, x = ca.SX.sym("state", n), ca.SX.sym("P_z"), ca.SX.sym("x", context.width)
+    context = states.context
+    n = len(states)
+    nd = states.context.n_drives
+    mechanism = context.mechanism
+    nj = context.n_joints
+    p = context.mechanism.parameters.symbols
+    state = ca.SX.sym("state", n)
+    variance = ca.SX.sym("P_z")
+    x = ca.SX.sym("x", context.width)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
-    tracks, q, dt = Tracks(vector, nd), ca.SX.sym("q", mechanism.n_bodies), ca.SX.sym("dt")
+    tracks = Tracks(vector, nd)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    dt = ca.SX.sym("dt")
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
     arguments = [ca.vertcat(state[:nj], *places), states.parameters(state), x[0]]
     at = states.indices(block)[0]
@@ -88,7 +101,8 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
         by_drives = [ca.jacobian(bound, q)[0, nj:] for bound in reached]
         low, high, *slopes = ca.Function("bounds", [q, p, dt], [*reached, *by_drives])(*arguments)
         noises = [_noise(states, i) for i in range(nd)]
-        by_low, by_high = ca.jacobian(low, state), ca.jacobian(high, state)
+        by_low = ca.jacobian(low, state)
+        by_high = ca.jacobian(high, state)
         low -= CREST * _std(slopes[0], noises)
         high += CREST * _std(slopes[1], noises)
         moments = clip_moments(low, high, state[at], ca.sqrt(ca.fmax(variance, 0)) + TINY_STD)

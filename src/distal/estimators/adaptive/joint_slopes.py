@@ -86,15 +86,18 @@ def moving(
 def _joint_by_joint(
     context: FilterContext, kick: Kick, torques: Vector, stds: Vector, uncertain: Sequence[int]
 ) -> Moving:
-    mechanism, nj = context.mechanism, context.n_joints
+    mechanism = context.mechanism
+    nj = context.n_joints
     q, v = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(nj))
-    speeds, rest = [v[j] for j in range(nj)], [ca.SX(0)] * nj
+    speeds = [v[j] for j in range(nj)]
+    rest = [ca.SX(0)] * nj
     if uncertain:
         z, limits, damping = impulses(mechanism, kick)
         for j in uncertain:
             held = 1 + kick.response[j, 1] * damping[j]
             moments = soft_moments(z[j], limits[j], kick.response[j, 1] * stds[j] + TINY_STD)
-            speeds[j], rest[j] = moments.mean / held, moments.rest / held**2
+            speeds[j] = moments.mean / held
+            rest[j] = moments.rest / held**2
     speed = ca.vertcat(*speeds)
     by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
@@ -114,22 +117,29 @@ def _all_at_once(
 
     Z dω⁺ = −∂(Z ω⁺ + h τ_f − b_z).
     """
-    mechanism, nj = context.mechanism, context.n_joints
+    mechanism = context.mechanism
+    nj = context.n_joints
     kicked = kicked_chain(mechanism, kick, rebounds=False, settles=context.joints_settle)
-    count, length, free = len(mechanism.free), kick.length, mechanism.free
+    count = len(mechanism.free)
+    length = kick.length
+    free = mechanism.free
     weight, forward, back = (
         ca.vertsplit(getattr(kicked.slip, part)) for part in ("moving", "forward", "back")
     )
-    after, rest = kicked.v[free], [ca.SX(0)] * nj
-    matrix, load = ca.SX(kicked.matrix), kicked.load
-    stiffness, damping = ca.SX(kicked.contacts.stiffness), ca.SX(kicked.contacts.damping)
+    after = kicked.v[free]
+    rest = [ca.SX(0)] * nj
+    matrix = ca.SX(kicked.matrix)
+    load = kicked.load
+    stiffness = ca.SX(kicked.contacts.stiffness)
+    damping = ca.SX(kicked.contacts.damping)
     for k in (k for k, j in enumerate(free) if j in pushed or j in doubted):
         pressing = ca.SX(0)
         if free[k] in pushed:
             # a hand may take the joint off its stop: the expectation does without it
             pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.place[k])
             matrix[k, k] -= damping[k]
-            stiffness[k], damping[k] = 0, 0
+            stiffness[k] = 0
+            damping[k] = 0
         # what a joint feels beside its own inertia: the others move as they do
         mass = matrix[k, k]
         felt = (
@@ -140,22 +150,19 @@ def _all_at_once(
         limit = Limit(kicked.up[k] / mass, kicked.down[k] / mass)
         moments = soft_moments(felt / mass, limit, length * stds[free[k]] / mass + TINY_STD)
         share = ca.fmax(moments.slope, 1e-12)
-        weight[k], forward[k], back[k] = (
-            ca.sqrt(share),
-            moments.forward / share,
-            moments.back / share,
-        )
+        weight[k] = ca.sqrt(share)
+        forward[k] = moments.forward / share
+        back[k] = moments.back / share
         rest[free[k]] = moments.rest
     symbols = {
         name: ca.SX.sym(name, count)
         for name in ("after", "forward", "back", "kappa", "delta", "place")
     }
     contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["place"])
-    loads, slip = (
-        loads_of(mechanism, kick, context.joints_settle),
-        Slip(symbols["forward"], symbols["back"]),
-    )
-    q, v = kick.q[:nj], ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
+    loads = loads_of(mechanism, kick, context.joints_settle)
+    slip = Slip(symbols["forward"], symbols["back"])
+    q = kick.q[:nj]
+    v = ca.SX.zeros(nj) if context.joints_settle else kick.v[:nj]
     equation = residual(
         mechanism, q, v, symbols["after"], loads, slip=slip, contacts=contacts, h=length
     )

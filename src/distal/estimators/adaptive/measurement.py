@@ -78,20 +78,23 @@ def rows_of(
         rates: mean speed of each drive over the interval, (n_drives,).
         x: the sample.
     """
-    context, mechanism, nj = states.context, states.context.mechanism, states.context.n_joints
+    context = states.context
+    mechanism = states.context.mechanism
+    nj = states.context.n_joints
     places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
-    q, v = ca.vertcat(state[:nj], *places), ca.vertcat(state[nj : 2 * nj], rates)
+    q = ca.vertcat(state[:nj], *places)
+    v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
     rows = []
     for i, drive in enumerate(mechanism.rig.drives):
-        sensor, body, track = context.force_sensor(i), nj + i, tracks[i]
+        sensor = context.force_sensor(i)
+        body = nj + i
+        track = tracks[i]
         unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
         spread = unsure * pull_slopes[body, body] ** 2
-        free, expected = (
-            away_from_stops(context, i, track.place),
-            pulls[body] + states.force(i, state),
-        )
+        free = away_from_stops(context, i, track.place)
+        expected = pulls[body] + states.force(i, state)
         friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
         if sensor is None:
             path = f"drives.{i}.nominal_force"
@@ -110,7 +113,8 @@ def rows_of(
                 )
             )
             continue
-        noise, mask = context.noise(sensor), context.mask(x, sensor) * free
+        noise = context.noise(sensor)
+        mask = context.mask(x, sensor) * free
         transmitted = states.transmitted(i)
         if transmitted is not None:
             damped = dampings[body] * rates[i]
@@ -134,11 +138,14 @@ def rows_of(
         read = context.value(x, sensor)
         residual = read - tensions[t] - states.sensor_error(sensor, read, state)
         rows.append(Row(sensor.name, residual, spread, context.mask(x, sensor)))
-    moment, unknowns = Moment(mechanism, q, v, tensions, pulls), states.unknowns(state)
+    moment = Moment(mechanism, q, v, tensions, pulls)
+    unknowns = states.unknowns(state)
     for sensor in (*context.channels.angles, *context.channels.others):
-        read, trusted = context.value(x, sensor), sensor in context.channels.angles
+        read = context.value(x, sensor)
+        trusted = sensor in context.channels.angles
         residual = read - moment.read(sensor, unknowns) - states.sensor_error(sensor, read, state)
-        noise, mask = context.noise(sensor), context.mask(x, sensor)
+        noise = context.noise(sensor)
+        mask = context.mask(x, sensor)
         # a speed errs alike for as long as the friction that made it
         rate = context.number(f"{context.path(sensor)}.rate")
         lasting = ca.SX(1) if trusted else ca.fmax(1, context.robustness.sticking_time * rate)
@@ -153,10 +160,12 @@ def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar
     """Return 1 where the `place` of a drive is certainly not at a stop: there the contact force is
     unknown, (17).
     """
-    part, sensor = context.mechanism.rig.drives[drive], context.position_sensor(drive)
+    part = context.mechanism.rig.drives[drive]
+    sensor = context.position_sensor(drive)
     if part.stops is None or sensor is None:
         return ca.SX(1)
-    p, path = context.mechanism.parameters, context.path(sensor)
+    p = context.mechanism.parameters
+    path = context.path(sensor)
     low, high = (p[f"drives.{drive}.stops.{end}"] for end in ("low", "high"))
     # one that is held by its stop may read a place before it
     unknown = context.noise(sensor) + context.number(f"{path}.unknown_bias") ** 2
@@ -194,16 +203,13 @@ class Rows:
     @classmethod
     def of(cls, states: StateVector) -> Rows:
         """Return what is compared, as a function of the state."""
-        context, state = states.context, ca.SX.sym("state", len(states))
-        vector, rates = (
-            ca.SX.sym("tracks", Tracks.size(context.n_drives)),
-            ca.SX.sym("rates", context.n_drives),
-        )
+        context = states.context
+        state = ca.SX.sym("state", len(states))
+        vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
+        rates = ca.SX.sym("rates", context.n_drives)
         x = ca.SX.sym("x", context.width)
-        rows, outputs = (
-            rows_of(states, state, Tracks(vector, context.n_drives), rates, x),
-            dict[str, ca.SX](),
-        )
+        rows = rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
+        outputs = dict[str, ca.SX]()
         for k, row in enumerate(rows):
             outputs[f"values_{k}"] = ROW.joined(
                 **{part: ca.SX(getattr(row, part)) for part in ROW.names}

@@ -14,13 +14,12 @@ def mechanics_function(context: FilterContext) -> ca.Function:
     asymmetries, slopes by q.
     """
     mechanism = context.mechanism
-    q, v, p = (
-        ca.SX.sym("q", mechanism.n_bodies),
-        ca.SX.sym("v", mechanism.n_bodies),
-        mechanism.parameters.symbols,
-    )
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    v = ca.SX.sym("v", mechanism.n_bodies)
+    p = mechanism.parameters.symbols
     tendons = mechanism.pulls(q, v, settled=True)
-    nj, tensions = mechanism.n_joints, tendons.drive
+    nj = mechanism.n_joints
+    tensions = tendons.drive
     # cogging is among the passive forces; those of the joints are compared with nothing
     cogging = ca.vertcat(ca.SX.zeros(nj), mechanism.passive_forces(q)[nj:])
     pulls = mechanism.dampings() * v - tendons.forces - cogging

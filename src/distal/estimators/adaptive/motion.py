@@ -61,32 +61,35 @@ def moved(
     states: StateVector, count: int, mean: VectorNode, covariance: MatrixNode, interval: Interval
 ) -> Moved:
     """Return the joints after an interval, moved by `count` sub-steps with their slopes."""
-    context, memory, tracks, x, p = (
-        states.context,
-        interval.memory,
-        interval.tracks,
-        interval.x,
-        interval.p,
-    )
-    nj, acting = context.n_joints, _acting(states)
+    context = states.context
+    memory = interval.memory
+    tracks = interval.tracks
+    x = interval.x
+    p = interval.p
+    nj = context.n_joints
+    acting = _acting(states)
     starts, rates, torques, values, *constant = _interval(states, count)(
         mean, covariance, memory, tracks, x, p
     )
-    step, h = _substep(states), x[0] / count
-    mechanism, numbers = context.mechanism, 2 * nj + len(acting) + context.n_drives
-    angles, speeds, coupling = mean[:nj], mean[nj : 2 * nj], ca.DM.eye(nj)
+    step = _substep(states)
+    h = x[0] / count
+    mechanism = context.mechanism
+    numbers = 2 * nj + len(acting) + context.n_drives
+    angles = mean[:nj]
+    speeds = mean[nj : 2 * nj]
+    coupling = ca.DM.eye(nj)
     if len(mechanism.free) < nj:
         # coupled joints are where the others say, from the start
         coupling = ca.DM(nj, nj)
         coupling[:, mechanism.free] = mechanism.spread
-        angles, speeds = (
-            ca.mtimes(coupling, angles) + mechanism.offsets,
-            ca.mtimes(coupling, speeds),
-        )
-    q, v = ca.vertcat(angles, starts), ca.vertcat(speeds, rates)
+        angles = ca.mtimes(coupling, angles) + mechanism.offsets
+        speeds = ca.mtimes(coupling, speeds)
+    q = ca.vertcat(angles, starts)
+    v = ca.vertcat(speeds, rates)
     by_angle, by_speed = (ca.DM(numbers, nj) for _ in range(2))
     by_angle[:nj, :] = by_speed[nj : 2 * nj, :] = coupling.T
-    of_angles, of_speeds = ca.MX(ca.densify(by_angle)), ca.MX(ca.densify(by_speed))
+    of_angles = ca.MX(ca.densify(by_angle))
+    of_speeds = ca.MX(ca.densify(by_speed))
     speed_variances = ca.MX(ca.DM.zeros(nj))
     for _ in range(count):
         q, v, by_angle, by_speed, added_slopes, added = step(q, v, torques, h, *constant, p)
@@ -95,12 +98,15 @@ def moved(
         if len(mechanism.free) < nj:
             of_angles = ca.mtimes(of_angles[:, mechanism.free], mechanism.spread.T)
         speed_variances = speed_variances + added
-    patterns, places, first = _place_slopes(states), list[tuple[list[int], VectorNode]](), 0
+    patterns = _place_slopes(states)
+    places = list[tuple[list[int], VectorNode]]()
+    first = 0
     for i in range(context.n_drives):
         at = [int(k) for k in patterns[i, :].sparsity().get_triplet()[1]]
         places.append((at, values[first : first + len(at)]))
         first += len(at)
-    slopes, chosen = ca.horzcat(of_angles, of_speeds), [*range(2 * nj), *acting]
+    slopes = ca.horzcat(of_angles, of_speeds)
+    chosen = [*range(2 * nj), *acting]
     return Moved(q[:nj], v[:nj], slopes, chosen, places, speed_variances, rates)
 
 
@@ -108,7 +114,8 @@ def _acting(states: StateVector) -> list[int]:
     """Return which states beside the joints' motion enter the model: its parameters, torques,
     responses.
     """
-    state, nj = ca.SX.sym("state", len(states)), states.context.n_joints
+    state = ca.SX.sym("state", len(states))
+    nj = states.context.n_joints
     changing = _changing(ca.vertcat(states.parameters(state), states.torques(state)), state)
     return [i for i in changing if i >= 2 * nj]
 
@@ -120,7 +127,8 @@ def _changing(expression: Vector, state: Vector) -> list[int]:
 
 def _place_slopes(states: StateVector) -> Matrix:
     """Return the pattern of ∂(places of the drives)/∂state, (n_drives, n)."""
-    mean, reading = ca.SX.sym("mean", len(states)), ca.SX.sym("reading", states.context.n_drives)
+    mean = ca.SX.sym("mean", len(states))
+    reading = ca.SX.sym("reading", states.context.n_drives)
     return ca.vertcat(
         *(
             ca.jacobian(states.place(i, reading[i], mean), mean)
@@ -137,12 +145,21 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     sub-steps, stds of torques and friction limits, the model's parameters, the responses of the
     bodies, and, where a state changes them, slopes of the joints' responses.
     """
-    context, n, nd = states.context, len(states), states.context.n_drives
-    mechanism, p = context.mechanism, context.mechanism.parameters.symbols
-    mean, covariance = ca.SX.sym("mean", n), ca.SX.sym("P", n, n)
-    memory, vector = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("tracks", Tracks.size(nd))
-    x, tracks = ca.SX.sym("x", context.width), Tracks(vector, nd)
-    dt, starts, rates, slopes = x[0], list[Scalar](), list[Scalar](), list[Vector]()
+    context = states.context
+    n = len(states)
+    nd = states.context.n_drives
+    mechanism = context.mechanism
+    p = context.mechanism.parameters.symbols
+    mean = ca.SX.sym("mean", n)
+    covariance = ca.SX.sym("P", n, n)
+    memory = ca.SX.sym("memory", MEMORY * nd)
+    vector = ca.SX.sym("tracks", Tracks.size(nd))
+    x = ca.SX.sym("x", context.width)
+    tracks = Tracks(vector, nd)
+    dt = x[0]
+    starts = list[Scalar]()
+    rates = list[Scalar]()
+    slopes = list[Vector]()
     for i in range(nd):
         first = states.place(i, memory[remembered_place(i, "place")], mean)
         last = states.place(i, tracks[i].place, mean)
@@ -155,9 +172,11 @@ def _interval(states: StateVector, count: int) -> ca.Function:
         )
         slopes.append(ca.jacobian(last, mean))
     values = ca.vertcat(*(slope.nz[k] for slope in slopes for k in range(slope.nnz())), ca.SX(0, 1))
-    parameters, h = states.parameters(mean), ca.SX.sym("h")
+    parameters = states.parameters(mean)
+    h = ca.SX.sym("h")
     respond = ca.Function("responses", [h, p], [responses(mechanism, h, h, rebounds=False)])
-    torques, spreads = states.torques(mean), []
+    torques = states.torques(mean)
+    spreads = []
     for slope in ca.vertsplit(ca.jacobian(torques, mean)):
         # torques are sums of states of their own: their variances add up
         _, at = slope.sparsity().get_triplet()
@@ -165,10 +184,12 @@ def _interval(states: StateVector, count: int) -> ca.Function:
             ca.sqrt(ca.fmax(sum((covariance[i, i] for i in at), ca.SX(0)), 0)) if at else ca.SX(0)
         )
     nj = context.n_joints
-    q, v = ca.vertcat(mean[:nj], *starts), ca.vertcat(mean[nj : 2 * nj], *rates)
+    q = ca.vertcat(mean[:nj], *starts)
+    v = ca.vertcat(mean[nj : 2 * nj], *rates)
     for j, std in friction_stds(states, q, v, mean, covariance).items():
         spreads[j] = ca.sqrt(spreads[j] ** 2 + std**2)
-    response, responding = respond(dt / count, parameters), _responding(states)
+    response = respond(dt / count, parameters)
+    responding = _responding(states)
     outputs = [
         ca.vertcat(*starts),
         ca.vertcat(*rates),
@@ -188,7 +209,9 @@ def _responding(states: StateVector) -> list[int]:
     """Return which states change the responses a_ω and b_F of a joint: its inertia and damping act
     through them alone.
     """
-    mechanism, state, h = states.context.mechanism, ca.SX.sym("state", len(states)), ca.SX.sym("h")
+    mechanism = states.context.mechanism
+    state = ca.SX.sym("state", len(states))
+    h = ca.SX.sym("h")
     if mechanism.chain is not None or states.context.joints_settle:
         return []
     p = mechanism.parameters.symbols
@@ -203,17 +226,20 @@ def _substep(states: StateVector) -> ca.Function:
     (q, v, τ, h, σ_τ, p, response, …, the rig's own p) → (q⁺, v⁺, ∂ω⁺/∂θ, ∂ω⁺/∂ω, slopes of ω⁺ by
     all else that the joints move with, variance added to ω); slopes are transposed.
     """
-    context, nd, nj = states.context, states.context.n_drives, states.context.n_joints
-    mechanism, p, acting = context.mechanism, context.mechanism.parameters.symbols, _acting(states)
-    nb, count = mechanism.n_bodies, 2 * nj + len(acting)
+    context = states.context
+    nd = states.context.n_drives
+    nj = states.context.n_joints
+    mechanism = context.mechanism
+    p = context.mechanism.parameters.symbols
+    acting = _acting(states)
+    nb = mechanism.n_bodies
+    count = 2 * nj + len(acting)
     q, v, torques, spreads = (
         ca.SX.sym(name, k) for name, k in (("q", nb), ("v", nb), ("tau", nj), ("s_tau", nj))
     )
-    response, h, state = (
-        ca.SX.sym("response", nb, 4),
-        ca.SX.sym("h"),
-        ca.SX.sym("state", len(states)),
-    )
+    response = ca.SX.sym("response", nb, 4)
+    h = ca.SX.sym("h")
+    state = ca.SX.sym("state", len(states))
     rig_p = ca.SX.sym("rig_p", p.numel())
     kick = Kick(q, v, ca.vertcat(torques, ca.SX(nd, 1)), response, h, h)
     torque_slopes = ca.jacobian(states.torques(state), state)
@@ -245,6 +271,7 @@ def _parameter_slopes(states: StateVector, rig_p: Vector) -> Matrix:
     """Return ∂p/∂state, (n_p, n), at the rig's own parameters, (n_p,): states enter the parameters
     linearly.
     """
-    p, state = states.context.mechanism.parameters, ca.SX.sym("state", len(states))
+    p = states.context.mechanism.parameters
+    state = ca.SX.sym("state", len(states))
     slopes = ca.jacobian(states.parameters(state), state)
     return ca.substitute(slopes, p.symbols, rig_p)

@@ -25,7 +25,9 @@ def predicted(
 
     Only angles and speeds move: the rest of the covariance stays, but for walks.
     """
-    context, n, x = states.context, len(states), interval.x
+    context = states.context
+    n = len(states)
+    x = interval.x
     nj = context.n_joints
     ahead = ca.mtimes(moved.across(covariance), moved.slopes)
     products = ca.mtimes(moved.across(ahead.T), moved.slopes)
@@ -46,10 +48,12 @@ def predicted(
     after[: 2 * nj, : 2 * nj] = corner
     state = ca.MX(mean)
     for j in range(nj):
-        state[j], state[nj + j] = moved.angles[j], moved.speeds[j]
+        state[j] = moved.angles[j]
+        state[nj + j] = moved.speeds[j]
     walking = [i for i in range(n) if states.walks[i] > 0.0]
     if walking:
-        flat, diagonal = ca.vec(after), [i * (n + 1) for i in walking]
+        flat = ca.vec(after)
+        diagonal = [i * (n + 1) for i in walking]
         walks = context.numbers(interval.p, [f"state.{i}.walk" for i in walking])
         flat[diagonal] = flat[diagonal] + x[0] * walks**2
         after = ca.reshape(flat, n, n)
@@ -63,14 +67,20 @@ def _corner(context: FilterContext) -> ca.Function:
     Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places
     may have been followed.
     """
-    nj, nd = context.n_joints, context.n_drives
-    products, of_places = ca.SX.sym("products", 2 * nj, 2 * nj), ca.SX.sym("S_drives", nd, 2 * nj)
-    speed_variances, vector = ca.SX.sym("speed_variances", nj), ca.SX.sym("tracks", Tracks.size(nd))
-    memory, x = ca.SX.sym("memory", MEMORY * nd), ca.SX.sym("x", context.width)
-    variances, corner = Tracks(vector, nd).variances, ca.SX(2 * nj, 2 * nj)
+    nj = context.n_joints
+    nd = context.n_drives
+    products = ca.SX.sym("products", 2 * nj, 2 * nj)
+    of_places = ca.SX.sym("S_drives", nd, 2 * nj)
+    speed_variances = ca.SX.sym("speed_variances", nj)
+    vector = ca.SX.sym("tracks", Tracks.size(nd))
+    memory = ca.SX.sym("memory", MEMORY * nd)
+    x = ca.SX.sym("x", context.width)
+    variances = Tracks(vector, nd).variances
+    corner = ca.SX(2 * nj, 2 * nj)
     read = [k for k in range(nd) if context.position_sensor(k) is not None]
     # to the angles and to the speeds of the joints that are free; coupled ones err as these
-    free, spread = context.mechanism.free, context.mechanism.spread
+    free = context.mechanism.free
+    spread = context.mechanism.spread
     added = (
         [
             followed_variance(context, j, vector, memory) + context.robustness.angle_walk**2 * x[0]
@@ -112,7 +122,8 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
     again: the longer it is missing, the more the joint has followed it. One missing sample does no
     harm. Equation (12).
     """
-    total, drives = ca.SX(0), Tracks(tracks, context.n_drives)
+    total = ca.SX(0)
+    drives = Tracks(tracks, context.n_drives)
     for i, names in context.moved_by(joint).items():
         grown = ca.fmax(drives[i].unknown - memory[remembered_place(i, "unknown")], 0)
         ratio, share = map(context.number, names)
@@ -126,7 +137,8 @@ def shifted_variance(
     """Return the variance of θ by drives of which nobody knows whether they jumped or the zeros of
     their sensors: (31).
     """
-    total, drives = ca.MX(0), Tracks(tracks, context.n_drives)
+    total = ca.MX(0)
+    drives = Tracks(tracks, context.n_drives)
     for i, (ratio, _) in context.moved_by(joint).items():
         total += (context.numbers(p, [ratio]) * drives[i].shift_std) ** 2
     return total
@@ -150,9 +162,12 @@ def revert(
     values = [part for _, f in fadings for part in (f.factor, f.std**2 * (1 - f.factor**2))]
     symbols = [sample, states.context.mechanism.parameters.symbols]
     fades = ca.Function("fading", symbols, [ca.vertcat(*values)])(interval.x, interval.p)
-    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
+    state = prediction.state
+    covariance = prediction.covariance
+    transition = prediction.transition
     for k, (at, _) in enumerate(fadings):
-        fade, added = fades[2 * k], fades[2 * k + 1]
+        fade = fades[2 * k]
+        added = fades[2 * k + 1]
         joint = states.torque_states.get(at)
         if joint is not None and joint in opened:
             added += (1 - fade**2) * opened[joint]
@@ -174,7 +189,8 @@ def _open_together(
     """Add what contacts make together of the torques on two joints to their covariance, in place.
     Equation (13b).
     """
-    context, covariance = states.context, prediction.covariance
+    context = states.context
+    covariance = prediction.covariance
     torques = [(at, joint) for at, joint in states.torque_states.items() if joint in opened]
     for k, (at, joint) in enumerate(torques):
         for other_at, other in torques[:k]:

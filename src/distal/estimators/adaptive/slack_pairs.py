@@ -39,7 +39,8 @@ def within_play(
             mean, interval.tracks, interval.x, interval.p
         )
         across = updates.times(slope)
-        spread, most = ca.fmax(along(slope, across), 1e-30), width**2 / 12
+        spread = ca.fmax(along(slope, across), 1e-30)
+        most = width**2 / 12
         weight = ca.if_else(
             ca.logic_and(is_read, width > 0), ca.fmax(spread - most, 0) / spread**2, 0
         )
@@ -54,7 +55,8 @@ def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
     """Yield drive and tendons of each pair that may be slack on both sides, of drives whose place
     and force are read.
     """
-    rig, p = context.mechanism.rig, context.mechanism.parameters
+    rig = context.mechanism.rig
+    p = context.mechanism.parameters
     for i, drive in enumerate(rig.drives):
         tendons = [k for k, tendon in enumerate(rig.tendons) if tendon.drive == drive.name]
         plain = all(
@@ -79,18 +81,21 @@ def play_function(states: StateVector, drive: int, pair: list[int]) -> ca.Functi
     The last is the slope of the first by the state, (n, 1), sparse. Both are measured along a
     tendon [m].
     """
-    context, mechanism = states.context, states.context.mechanism
-    nj, body, sensor = context.n_joints, context.n_joints + drive, context.force_sensor(drive)
+    context = states.context
+    mechanism = states.context.mechanism
+    nj = context.n_joints
+    body = context.n_joints + drive
+    sensor = context.force_sensor(drive)
     assert sensor is not None  # `slack_pairs`
-    state, x = ca.SX.sym("state", len(states)), ca.SX.sym("x", context.width)
-    vector, p = ca.SX.sym("tracks", Tracks.size(context.n_drives)), mechanism.parameters
+    state = ca.SX.sym("state", len(states))
+    x = ca.SX.sym("x", context.width)
+    vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
+    p = mechanism.parameters
     tracks = Tracks(vector, context.n_drives)
     places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
-    q, bodies, numbers = (
-        ca.vertcat(state[:nj], *places),
-        ca.SX.sym("q", mechanism.n_bodies),
-        states.parameters(state),
-    )
+    q = ca.vertcat(state[:nj], *places)
+    bodies = ca.SX.sym("q", mechanism.n_bodies)
+    numbers = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])
     stiffness = ca.vertcat(*(p[f"tendons.{k}.stiffness"] for k in pair))
     stretch = mechanism.elastic_forces(bodies)[pair] / stiffness
@@ -102,10 +107,8 @@ def play_function(states: StateVector, drive: int, pair: list[int]) -> ca.Functi
     error = states.sensor_error(sensor, read, state)
     most = ca.fabs(read - error) + limits[body] + states.friction(drive, state)
     beyond = stretch - (most + LIMIT_STDS * ca.sqrt(context.noise(sensor))) / yields
-    residual, known = (
-        (beyond[0] - beyond[1]) / 2,
-        is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0),
-    )
+    residual = (beyond[0] - beyond[1]) / 2
+    known = is_there(context.mask(x, sensor)) * (tracks[drive].lost <= 0)
     slope = ca.sparsify(ca.jacobian((stretch[0] - stretch[1]) / 2, state)).T
     outputs = [residual, -(beyond[0] + beyond[1]), known, slope]
     return ca.Function("play", [state, vector, x, p.symbols], ca.cse(outputs))

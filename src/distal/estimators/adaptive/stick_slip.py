@@ -22,7 +22,8 @@ MOTION_SPAN = MOTION_TIME / 2.5
 """Time over which a drive's motion is compared with its sensor's noise [s]: one sample at 100 Hz.
 """
 
-SLOW_DECLARED, SLOW_UNKNOWN = 0.6, 0.8
+SLOW_DECLARED = 0.6
+SLOW_UNKNOWN = 0.8
 """A drive that moves by so many stds of its sensor in `MOTION_SPAN` sticks half: with friction
 declared, and not [1].
 """
@@ -30,7 +31,8 @@ declared, and not [1].
 CLEAR_STICK = 0.15
 """A drive that sticks by less than this clearly moves."""
 
-TURNING, CLEAR_DIRECTION = 0.5, 0.9
+TURNING = 0.5
+CLEAR_DIRECTION = 0.9
 """Its direction, −1 to 1, is remembered beyond the first of these, and is clear beyond the second.
 """
 
@@ -123,7 +125,8 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
     The `noise` is the variance of its position sensor, `dt` the interval [s], `slow` is
     `SLOW_DECLARED` or `SLOW_UNKNOWN`.
     """
-    mean, square = MOTION_SPAN * drive.speed, MOTION_SPAN**2 * drive.square
+    mean = MOTION_SPAN * drive.speed
+    square = MOTION_SPAN**2 * drive.square
     still = slow**2 * noise
     alone = 2 * noise * (MOTION_SPAN / ca.fmax(dt, 1e-6)) ** 2
     moving = ca.fmax(ca.fmax(square - alone, 0), mean**2)
@@ -142,7 +145,8 @@ def compared(
     if sensor is None:
         # nobody knows how it moves: any friction up to its limit
         return Comparison(residual.value, residual.variance + residual.limit**2, residual.memory)
-    noise, force = context.noise(sensor), context.force_sensor(index)
+    noise = context.noise(sensor)
+    force = context.force_sensor(index)
     interval = context.number("interval")
     if force is not None:
         interval = 1.0 / context.number(f"{context.path(force)}.rate")
@@ -189,14 +193,18 @@ def _declared(
     """Return how a force is compared whose friction the rig declares: a clipped residual while its
     drive sticks, (21).
     """
-    robustness, stuck, direction = context.robustness, motion.stuck, motion.direction
+    robustness = context.robustness
+    stuck = motion.stuck
+    direction = motion.direction
     turning = (
         (1 - stuck) * (1 - direction**2) * TURNING_DECLARED * (robustness.turning_time / interval)
     )
-    doubt, counts = stuck * (robustness.sticking_time / interval) + turning, ca.SX(1)
+    doubt = stuck * (robustness.sticking_time / interval) + turning
+    counts = ca.SX(1)
     if robustness.moving_only:
         # a fit goes by the drives that clearly move: there friction is what it is
-        doubt, counts = ca.if_else(motion.clear, 0, doubt), motion.clear
+        doubt = ca.if_else(motion.clear, 0, doubt)
+        counts = motion.clear
     innovation, variance = _slipping(residual, direction, doubt)
     fade = ca.exp(-dt / MEAN_TIME)
     mean = ca.if_else(

@@ -20,7 +20,8 @@ def depths_in_stops(states: StateVector, mean: VectorNode, p: VectorNode) -> dic
     It is at a `mean`, (n,), with the kernel's parameters p.
     """
     mechanism = states.context.mechanism
-    names, depths = mechanism.parameters.names, dict[int, ScalarNode]()
+    names = mechanism.parameters.names
+    depths = dict[int, ScalarNode]()
     for j, joint in enumerate(mechanism.rig.joints):
         if joint.stops is not None:
             low, high = (p[names.index(f"joints.{j}.stops.{end}")] for end in ("low", "high"))

@@ -35,7 +35,8 @@ changes within its correlation time is followed at once. docs/results/touch.md
 CLOSING_TIME = 0.3
 """Time constant with which the opened std is forgotten [s]: docs/results/touch.md."""
 
-CLEARLY, LASTING_TIME = 3.0, 2.4
+CLEARLY = 3.0
+LASTING_TIME = 2.4
 """A torque beyond so many times the smallest that is felt [1] may come back: its std is forgotten
 with this time constant [s]. docs/results/touch.md
 """
@@ -46,12 +47,14 @@ PACE_TIME = 0.1
 USUAL_TIME = 2.5
 """Time constant of what is usual of a force where no log says what is normal [s]."""
 
-UNEXPLAINED, UNUSUAL = 0.7, 4.0
+UNEXPLAINED = 0.7
+UNUSUAL = 4.0
 """Without such logs, normal is the larger of so many stds and so many times what is usual [1]:
 docs/results/chains.md, "Something happens".
 """
 
-TOUCHING, STILL = 2.0, 0.06
+TOUCHING = 2.0
+STILL = 0.06
 """A torque of so many times the smallest that is felt is a touch with a probability of one half;
 the touch ends where that falls below the second, at the smallest one [1]: docs/results/touch.md.
 """
@@ -175,7 +178,8 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
     is remembered of each changes in place.
     """
     fade = ca.exp(-2 * interval.x[0] / PACE_TIME)
-    total, tracks = ca.MX(0), Tracks(interval.tracks, states.context.n_drives)
+    total = ca.MX(0)
+    tracks = Tracks(interval.tracks, states.context.n_drives)
     for i, memory in enumerate(kept.drives):
         spread = states.context.numbers(interval.p, [f"drives.{i}.spread"])
         memory["pace"] = ca.fmax(memory["pace"] * fade, (tracks[i].speed / spread) ** 2)
@@ -189,7 +193,8 @@ def evidence_function(context: FilterContext) -> ca.Function:
     The mean z̄ of ν/√S over `EVIDENCE_TIME` is compared with z_w of (29) of logs in free
     motion, by `normal` = (z_a, z_b, n_m). One sample alone never exceeds it.
     """
-    kept, normal = ca.SX.sym("kept", FORCE.size), ca.SX.sym("normal", len(NORMAL))
+    kept = ca.SX.sym("kept", FORCE.size)
+    normal = ca.SX.sym("normal", len(NORMAL))
     scalars = [ca.SX.sym(name) for name in ("nu", "S", "used", "pace", "U", "sigma", "dt")]
     innovation, variance, used, speed, reading, noise, dt = scalars
     memory = FORCE.parts(kept)
@@ -233,7 +238,8 @@ def open_torques(
     interval: Interval,
 ) -> None:
     """Change what is remembered of the torques after a sample, in place: (32), (33)."""
-    context, torques = states.context, states.torque_states
+    context = states.context
+    torques = states.torque_states
     of_forces = {sensor.name: sensor for sensor in compared_forces(context)}
     explained = {name: ca.MX(0) for name in evidence}
     for at, joint in torques.items():
@@ -254,7 +260,8 @@ def open_torques(
                 for name in names
             )
         )
-        opening, remembered = opening_function(len(names)), TORQUE.joined(**torque)
+        opening = opening_function(len(names))
+        remembered = TORQUE.joined(**torque)
         after = opening(remembered, mean[at_joints[joint]], weighed, by_contact, interval.x[0])
         torque.update(TORQUE.parts(after))
 
@@ -270,14 +277,18 @@ def opening_function(count: int) -> ca.Function:
     fading, of `OPENED`² Σ excess/b², and of τ₀² (z² − 1); that of a clear torque fades slowly. No
     torque is larger than the forces that are read hold: Σ √most/b.
     """
-    kept, by_contact = ca.SX.sym("kept", TORQUE.size), ca.SX.sym("b", count)
-    torque, dt = ca.SX.sym("torque"), ca.SX.sym("dt")
+    kept = ca.SX.sym("kept", TORQUE.size)
+    by_contact = ca.SX.sym("b", count)
+    torque = ca.SX.sym("torque")
+    dt = ca.SX.sym("dt")
     weighed = ca.SX.sym("weighed", 1 + len(WEIGHED), count)
-    was, square = TORQUE.parts(kept), by_contact**2
+    was = TORQUE.parts(kept)
+    square = by_contact**2
     explained, excess, normal, most, used = (weighed[k, :].T for k in range(1 + len(WEIGHED)))
     least = ca.fmax(normal, SMALLEST_TORQUE)
     felt = ca.sum1(used * square / least)
-    lost, smallest = felt <= 0, 1 / ca.fmax(felt, SMALLEST_TORQUE)
+    lost = felt <= 0
+    smallest = 1 / ca.fmax(felt, SMALLEST_TORQUE)
     z_square = ca.sum1(used * explained**2 / least)
     pushed = (1 - was["share"]) * OPENED**2 * ca.sum1(excess / square)
     held = ca.if_else(lost, 0, smallest * ca.fmax(z_square - 1, 0))

@@ -42,7 +42,9 @@ def play(
     limit. Noise of U does not wear it down. The drives' mean speeds over the interval are `rates`,
     (n_drives,); `remembered` is their smoothed effort.
     """
-    state, covariance, transition = prediction.state, prediction.covariance, prediction.transition
+    state = prediction.state
+    covariance = prediction.covariance
+    transition = prediction.transition
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # `play` is called for drives with hysteresis
     at, _ = transmitted
@@ -75,24 +77,25 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     """Return (state, variance of z, tracks, rates, effort, x, p) → (z⁺, slopes, added variance, is
     it read, effort⁺).
     """
-    context, n, nd = states.context, len(states), states.context.n_drives
-    mechanism, p, nj = context.mechanism, context.mechanism.parameters.symbols, context.n_joints
+    context = states.context
+    n = len(states)
+    nd = states.context.n_drives
+    mechanism = context.mechanism
+    p = context.mechanism.parameters.symbols
+    nj = context.n_joints
     transmitted = states.transmitted(drive)
     assert transmitted is not None  # as above
     at, block = transmitted
-    state, variance_of_z, vector = (
-        ca.SX.sym("state", n),
-        ca.SX.sym("P_z"),
-        ca.SX.sym("tracks", Tracks.size(nd)),
-    )
-    rates, remembered, x = (
-        ca.SX.sym("rates", nd),
-        ca.SX.sym("effort"),
-        ca.SX.sym("x", context.width),
-    )
+    state = ca.SX.sym("state", n)
+    variance_of_z = ca.SX.sym("P_z")
+    vector = ca.SX.sym("tracks", Tracks.size(nd))
+    rates = ca.SX.sym("rates", nd)
+    remembered = ca.SX.sym("effort")
+    x = ca.SX.sym("x", context.width)
     tracks = Tracks(vector, nd)
     places = [states.place(i, tracks[i].place, state) for i in range(nd)]
-    q, still = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    still = ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
     held, dampings = limits(ca.vertcat(state[:nj], *places), states.parameters(state))

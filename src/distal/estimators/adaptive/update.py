@@ -60,18 +60,29 @@ def updated(
         kept: what is remembered of forces and of torques on the joints.
         interval: with its sample.
     """
-    prior, covariance = prediction.state, Downdate(prediction.covariance)
-    tracks, x, p, dt = interval.tracks, interval.x, interval.p, interval.x[0]
-    nj, nd = states.context.n_joints, states.context.n_drives
+    prior = prediction.state
+    covariance = Downdate(prediction.covariance)
+    tracks = interval.tracks
+    x = interval.x
+    p = interval.p
+    dt = interval.x[0]
+    nj = states.context.n_joints
+    nd = states.context.n_drives
     rows = Rows.of(states).at(prior, tracks, rates, x, p)
-    mean, innovations, spreads = prior, list[ScalarNode](), list[ScalarNode]()
+    mean = prior
+    innovations = list[ScalarNode]()
+    spreads = list[ScalarNode]()
     nominal = states.context.numbers(p, ["interval"])
-    pace, evidence = paced(states, kept, interval), dict[str, Evidence]()
-    watch, touched = evidence_function(states.context), kept.touched
+    pace = paced(states, kept, interval)
+    evidence = dict[str, Evidence]()
+    watch = evidence_function(states.context)
+    touched = kept.touched
     fixed = np.flatnonzero(states.lasting).tolist()
     sure = sure_of_stops(states, prior, prediction.covariance, p)
     for at in rows:
-        row, slopes, moved = at.row, at.slopes, mean - prior
+        row = at.row
+        slopes = at.slopes
+        moved = mean - prior
         by_residual, by_limit, by_asymmetry = (
             covariance.times(getattr(slopes, part)) for part in SLOPED
         )
@@ -159,9 +170,12 @@ def comparison_function(states: StateVector, row: Row) -> ca.Function:
     none.
     """
     context = states.context
-    values, since = ca.SX.sym("values", ROW.size), ca.SX.sym("since", SINCE.size)
-    track, dt = ca.SX.sym("track", len(TRACKED)), ca.SX.sym("dt")
-    prior, change = ROW.parts(values), SINCE.parts(since)
+    values = ca.SX.sym("values", ROW.size)
+    since = ca.SX.sym("since", SINCE.size)
+    track = ca.SX.sym("track", len(TRACKED))
+    dt = ca.SX.sym("dt")
+    prior = ROW.parts(values)
+    change = SINCE.parts(since)
     residual, limit, asymmetry = (prior[part] + change[part] for part in SLOPED)
     if row.drive is None:
         comparison = Comparison(residual, prior["variance"], change["memory"])

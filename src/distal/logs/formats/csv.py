@@ -21,7 +21,8 @@ SEPARATORS = (",", ";", "\t")
 SEPARATOR = "\0"
 """Between the cells of a file whose quotes were taken off: a text has no such byte."""
 
-COPIES, CELL = 3, 16
+COPIES = 3
+CELL = 16
 """Memory that reading takes: copies of the file, one more where it has quotes, and bytes for each
 cell; more than `python -m benchmarks.csv_readers` measures.
 """
@@ -51,7 +52,8 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     data = data.removeprefix(b"\xef\xbb\xbf")
     size = len(data)
     blank = data[: size - len(data.lstrip(b"\r\n"))]
-    data, above = data[len(blank) :], blank.count(b"\n")
+    data = data[len(blank) :]
+    above = blank.count(b"\n")
     if not data[:BLOCK].strip() and not data.strip():
         raise LogError(f"{path}: is empty")
     _check_text(path, data, above)
@@ -63,7 +65,8 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     cells = data.count(separator.encode()) + data.count(b"\n") + 1
     check_memory(path, (COPIES + quoted) * len(data) + cells * CELL, f"has {cells:,} cells")
     if quoted:
-        data, separator = _without_quotes(path, data, separator, above), SEPARATOR
+        data = _without_quotes(path, data, separator, above)
+        separator = SEPARATOR
     names = tuple(name.strip() for name in data.split(b"\n", 1)[0].decode().split(separator))
     name, count = Counter(names).most_common(1)[0]
     if count > 1:

@@ -50,7 +50,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
     with source:
         try:
             file = pyarrow.parquet.ParquetFile(source)
-            schema, rows = file.schema_arrow, file.metadata.num_rows
+            schema = file.schema_arrow
+            rows = file.metadata.num_rows
             vectors = _vectors(path, file)
             inside = {name: place for name, place in vectors.items() if needed(name, columns)}
             chosen = [
@@ -143,7 +144,8 @@ def _column(path: Path, name: str, column: Any) -> Column:
 
     kind = column.type
     if types.is_dictionary(kind) and str(kind.value_type) in TEXTS:
-        parts, length = [(chunk.dictionary, chunk.indices) for chunk in column.chunks], 0
+        parts = [(chunk.dictionary, chunk.indices) for chunk in column.chunks]
+        length = 0
         for texts, places in parts:
             lengths = pyarrow.compute.binary_length(texts).take(places)
             length += pyarrow.compute.sum(lengths).as_py() or 0

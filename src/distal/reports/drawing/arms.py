@@ -30,8 +30,10 @@ def changing_arms(rig: Rig) -> Changing:
     """Return (tendon, joint) → angles [rad] and arms [m], of those that change with the joint's own
     angle.
     """
-    mechanism, changing = Mechanism(rig), Changing()
-    q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters
+    mechanism = Mechanism(rig)
+    changing = Changing()
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
     jacobian = ca.Function("arms", [q, p.symbols], [mechanism.length_jacobian(q)])
     start = np.array(
         [*(joint.initial.value for joint in rig.joints), *np.zeros(mechanism.n_drives)]
@@ -63,14 +65,16 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
     """
     first, widths = _columns(rig)
     sheet.write((at[0], at[1] - 0.08), "Moment arms at zero [mm]; + pulls to +θ", bold=True)
-    top, right = at[1] - 0.3, at[0] + first + sum(widths)
+    top = at[1] - 0.3
+    right = at[0] + first + sum(widths)
     ends = [at[0] + first + sum(widths[: j + 1]) for j in range(len(widths))]
     for joint, end in zip(rig.joints, ends):
         sheet.write((end - 0.06, top), joint.name, bold=True, ha="right")
     y = top - 0.6 * PITCH
     sheet.line([(at[0], y), (right, y)], INK, 0.8)
     for i, row in enumerate(arms):
-        y, colour = top - 1.4 * (i + 1) * PITCH, COLOURS[i % len(COLOURS)]
+        y = top - 1.4 * (i + 1) * PITCH
+        colour = COLOURS[i % len(COLOURS)]
         sheet.line([(at[0], y), (at[0] + 0.28, y)], colour, 1.4, ls=DASHES[i % len(DASHES)])
         sheet.write((at[0] + 0.36, y), rig.tendons[i].name, bold=True)
         for joint, end, arm in zip(rig.joints, ends, row):

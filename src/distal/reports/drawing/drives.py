@@ -28,7 +28,8 @@ TRAVEL = 0.4
 
 def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
     """Return what is written beside a drive: name, sizes, sensors."""
-    lines, unit = [Line(drive.name, bold=True)], "m"
+    lines = [Line(drive.name, bold=True)]
+    unit = "m"
     if isinstance(drive, Capstan):
         unit = "rad"
         lines.append(Line(f"spool r {written(drive.radius.value, 'm')}"))

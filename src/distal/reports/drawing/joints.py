@@ -42,7 +42,8 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
     """Return what is written of a joint; `turn` is +1 where a positive angle turns
     counter-clockwise on paper.
     """
-    joint, texts = rig.joints[index], list[str]()
+    joint = rig.joints[index]
+    texts = list[str]()
     if rig.is_chain or joint.gravity is not None:
         texts.append(f"axis {axis_name(joint.axis)} {'⊙' if turn > 0 else '⊗'}")
     if joint.coupled is not None:
@@ -55,10 +56,8 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
     if joint.extension_spring is not None:
         texts.append(f"spring {written(joint.extension_spring.stiffness.value, 'N/m')}")
     if joint.friction is not None:
-        size, mu = (
-            written(joint.friction.radius.value, "m"),
-            rounded(joint.friction.coefficient.value),
-        )
+        size = written(joint.friction.radius.value, "m")
+        mu = rounded(joint.friction.coefficient.value)
         texts.append(f"axle r {size}, μ {mu}")
     if joint.backlash is not None:
         texts.append(f"backlash {written(joint.backlash.width.value, 'rad')}")
@@ -137,7 +136,8 @@ def draw_joint(
     """Draw what turns about a joint's axis, its springs and sensors, at a scale [in/m]; stops stand
     `around` it [in].
     """
-    joint, centre = rig.joints[index], stand.centre
+    joint = rig.joints[index]
+    centre = stand.centre
     _draw_wheels(sheet, rig, joint, stand, scale)
     axle = scale * joint.friction.radius.value if joint.friction is not None else 0.0
     sheet.disc(centre, max(axle, 0.04), FAINT, SOFT, order=2.8)
@@ -181,7 +181,8 @@ def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: 
     """
     from matplotlib.patches import Wedge
 
-    centre, (low, high) = stand.centre, (stand.towards + stand.turn * angle for angle in stops)
+    centre = stand.centre
+    (low, high) = (stand.towards + stand.turn * angle for angle in stops)
     sheet.line(arc(centre, around, low, high), SOFT, 0.7, ls=(0, (4, 2)), zorder=2.95)
     for angle, outwards, stop in ((low, -stand.turn, stops[0]), (high, stand.turn, stops[1])):
         sheet.line(
@@ -224,7 +225,8 @@ def _draw_cam(
 
     low, high = joint.stops or (-REACH, REACH)
     angles = np.linspace(max(low, -REACH), min(high, REACH), 41)
-    places, arms = [], []
+    places = []
+    arms = []
     for meeting in cams:
         # above the axis lie the tendons that pull counter-clockwise
         touches = pi / 2 if meeting.side == stand.turn else -pi / 2
@@ -239,7 +241,8 @@ def _draw_cam(
             [np.ones_like(at), *(f(k * at) for k in orders for f in (np.cos, np.sin))]
         )
 
-    terms, penalty = series(np.array(places)), np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
+    terms = series(np.array(places))
+    penalty = np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
     weights = np.linalg.solve(terms.T @ terms + penalty, terms.T @ np.array(arms))
     round_about = np.linspace(0.0, 2 * pi, 181)
     points = [

@@ -111,7 +111,8 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
         else:
             across, up = _on_paper(np.asarray(joint.offset), views[parent])
             place = centres[parent][0] + across, centres[parent][1] + up
-        moved, near = False, 0.3 if parent is not None else 2.0
+        moved = False
+        near = 0.3 if parent is not None else 2.0
         while any(hypot(place[0] - x, place[1] - y) < near * arm for x, y in centres):
             # on the base below the others, on a link further out
             place = (
@@ -127,8 +128,10 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
         towards, reach, mass_at, described = _link(joint, centres[i], views[i], arm)
         child = next((k for k in range(len(rig.joints)) if rig.parent_of(k) == i), None)
         if child is not None:
-            across, up = centres[child][0] - centres[i][0], centres[child][1] - centres[i][1]
-            towards, reach = atan2(up, across), hypot(across, up)
+            across = centres[child][0] - centres[i][0]
+            up = centres[child][1] - centres[i][1]
+            towards = atan2(up, across)
+            reach = hypot(across, up)
         placed.append(
             Stand(
                 centres[i],
@@ -146,7 +149,8 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
 
 def _on_paper(vector: Floats, view: View) -> Point:
     """Return a vector on paper; one that points out of it is laid down to the right."""
-    across, up = float(vector @ view[0]), float(vector @ view[1])
+    across = float(vector @ view[0])
+    up = float(vector @ view[1])
     length = float(np.linalg.norm(vector))
     return (across, up) if hypot(across, up) > 0.5 * length else (length, 0.0)
 
@@ -168,10 +172,8 @@ def _link(
             )
     elif joint.gravity is not None and joint.gravity.distance.value > 0.0:
         # at its hanging angle the centre of mass is straight below
-        towards, length = (
-            -pi / 2 - view[2] * joint.gravity.hanging_angle.value,
-            joint.gravity.distance.value,
-        )
+        towards = -pi / 2 - view[2] * joint.gravity.hanging_angle.value
+        length = joint.gravity.distance.value
         at = (centre[0] + length * cos(towards), centre[1] + length * sin(towards))
         return towards, max(1.4 * length, 1.5 * arm), at, True
     return 0.0, STUB * arm, None, False
@@ -194,8 +196,10 @@ def gravity_on_paper(rig: Rig) -> tuple[Floats, float] | None:
     for k, angle in reversed(list(enumerate(rig.base.orientation))):
         # turned by roll, pitch and yaw about the world's axes, and here back again, the last one
         # first
-        i, j = (k + 1) % 3, (k + 2) % 3
-        c, s = cos(angle), sin(angle)
+        i = (k + 1) % 3
+        j = (k + 2) % 3
+        c = cos(angle)
+        s = sin(angle)
         pull = pull.copy()
         pull[i], pull[j] = c * pull[i] + s * pull[j], c * pull[j] - s * pull[i]
     right, up, _ = view_along(rig.joints[0].axis)

@@ -37,7 +37,8 @@ def heading(first: Wheel, last: Wheel) -> float:
     """Return the direction of the straight line that leaves one circle and meets the next one
     [rad].
     """
-    across, up = last.centre[0] - first.centre[0], last.centre[1] - first.centre[1]
+    across = last.centre[0] - first.centre[0]
+    up = last.centre[1] - first.centre[1]
     apart = hypot(across, up)
     if apart == 0.0:
         return 0.0

@@ -89,7 +89,8 @@ class Sheet:
             self.figure.set_layout_engine("none")
             self.axes.set_axis_off()
             self.axes.grid(False)
-        self.low, self.high = [0.0, 0.0], [0.0, 0.0]
+        self.low = [0.0, 0.0]
+        self.high = [0.0, 0.0]
         self._taken: list[Box] = []
 
     def reserve(self, *points: Point) -> None:
@@ -159,7 +160,8 @@ class Sheet:
     def block(self, at: Point, lines: Sequence[Line]) -> None:
         """Write lines below one another, from the left end of the first one's middle line."""
         for k, line in enumerate(lines):
-            x, y = at[0], at[1] - k * PITCH
+            x = at[0]
+            y = at[1] - k * PITCH
             if line.badge:
                 self.badge((x + BADGE, y), line.badge)
                 x += 3.0 * BADGE
@@ -233,7 +235,8 @@ class Sheet:
         """
         from matplotlib.patches import Rectangle
 
-        width, height = high[0] - low[0], high[1] - low[1]
+        width = high[0] - low[0]
+        height = high[1] - low[1]
         self.patch(
             Rectangle(low, width, height, facecolor=colour, edgecolor=INK, lw=0.8, zorder=order),
             low,
@@ -259,7 +262,8 @@ class Sheet:
 
     def cut(self) -> None:
         """Give the figure the size of what stands on it."""
-        low, high = [v - MARGIN for v in self.low], [v + MARGIN for v in self.high]
+        low = [v - MARGIN for v in self.low]
+        high = [v + MARGIN for v in self.high]
         self.figure.set_size_inches(high[0] - low[0], high[1] - low[1])
         self.axes.set_position((0.0, 0.0, 1.0, 1.0))
         self.axes.set_xlim(low[0], high[0])
@@ -270,7 +274,8 @@ class Sheet:
         after `cut`.
         """
         (x0, x1), (y0, y1) = self.axes.get_xlim(), self.axes.get_ylim()
-        w, h = x1 - x0, y1 - y0
+        w = x1 - x0
+        h = y1 - y0
         with styled():
             return self.figure.add_axes(
                 ((corner[0] - x0) / w, (corner[1] - y0) / h, width / w, height / h)

@@ -89,11 +89,13 @@ def draw_tendon(
         past: the circles and pins after that.
     """
     tendon = rig.tendons[index]
-    colour, dash = COLOURS[index % len(COLOURS)], DASHES[index % len(DASHES)]
+    colour = COLOURS[index % len(COLOURS)]
+    dash = DASHES[index % len(DASHES)]
     (left, y), (right, _) = level
     lines = tendon_lines(rig, tendon)
     middle = (left + right) / 2
-    proximal, distal = (middle - SPRING / 2, y), (middle + SPRING / 2, y)  # ends of the spring
+    proximal = (middle - SPRING / 2, y)
+    distal = (middle + SPRING / 2, y)  # ends of the spring
     wrap = 0.35 if isinstance(tendon.meetings[-1].shape, Linkage) else WRAP
     begin = route([start, Wheel((left, y))], 0.0)
     if start.radius:  # what is wound on the spool

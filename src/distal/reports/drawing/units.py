@@ -25,7 +25,8 @@ def written(value: float, si: str) -> str:
     elif si in SMALL and abs(value) < SMALL[si][0]:
         _, factor, unit = SMALL[si]
     else:
-        factor, unit = 1.0, si
+        factor = 1.0
+        unit = si
     return f"{rounded(factor * value)} {unit.replace('N m', 'N·m')}".rstrip()
 
 

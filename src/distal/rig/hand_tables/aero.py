@@ -36,7 +36,8 @@ def from_aero(folder: str | Path | None = None) -> Imported:
     """
     root = _root(folder)
     told = _constants(root / "aero_hand.py")
-    joints, motors = told["_JOINT_NAMES"], told["_ACTUATIONS_NAMES"]
+    joints = told["_JOINT_NAMES"]
+    motors = told["_ACTUATIONS_NAMES"]
     module = _module(root / "joints_to_actuations.py")
     try:
         turned: Callable[[list[float]], Sequence[float]] = (

@@ -46,7 +46,8 @@ CURRENT_NOISE = Guess("6 mA", "noise of currents")
 POSITION_NOISE = Guess("0.05 deg", "noise of encoders")
 RATE = Guess(100.0, "rate of the sensors")
 ZERO_STD = "where encoders have their zero (a power-on routine finds it)"
-TOLD_ZERO_STD, UNKNOWN_ZERO_STD = radians(5.0), radians(60.0)
+TOLD_ZERO_STD = radians(5.0)
+UNKNOWN_ZERO_STD = radians(60.0)
 """At the motor, where a table says it and where nobody does [rad]."""
 
 COUNTS = Guess(4096, "counts of encoders")
@@ -72,5 +73,6 @@ def rest_angle(low: float) -> Guess:
 
 def initial_angle(low: float, high: float) -> Guess:
     """Return where a joint may be at the first sample: anywhere from `low` to `high` [rad]."""
-    middle, spread = degrees(low + high) / 2, degrees(high - low) / 4
+    middle = degrees(low + high) / 2
+    spread = degrees(high - low) / 4
     return Guess({"value": f"{middle:.4g} deg", "std": f"{spread:.4g} deg"}, "angles at the start")

@@ -58,7 +58,9 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
             f"{path}: joint_roms: no joint turns by more than {NARROWEST:g}°; they are degrees, "
             "and these look as if they were in radians"
         )
-    rows, notes, guessed = list[Row](), list[str](), 0
+    rows = list[Row]()
+    notes = list[str]()
+    guessed = 0
     for joint, signed in motors.items():
         if not isinstance(signed, int) or signed == 0:
             raise RigError(
@@ -66,7 +68,10 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
                 "came"
             )
         low, high = (radians(end) for end in _pair(path, "joint_roms", joint, ranges.get(joint)))
-        motor, direction, ratio, zero = abs(signed), 1 if signed > 0 else -1, None, None
+        motor = abs(signed)
+        direction = 1 if signed > 0 else -1
+        ratio = None
+        zero = None
         if motor in limits:
             ends = _pair(Path(str(calibration)), "motor_limits", str(motor), limits[motor])
             ratio = LOST * (ends[1] - ends[0]) / (high - low)
@@ -103,7 +108,8 @@ def orca_order(config: str | Path) -> list[list[str]]:
         RigError: the file has no such sequence.
     """
     path = Path(config)
-    steps, order = _mapping(path).get("calibration_sequence"), list[list[str]]()
+    steps = _mapping(path).get("calibration_sequence")
+    order = list[list[str]]()
     if not isinstance(steps, list) or not all(isinstance(step, Mapping) for step in steps):
         raise RigError(f"{path}: 'calibration_sequence' is missing: is this a file of orca_core?")
     for step in steps:

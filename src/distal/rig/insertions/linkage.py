@@ -57,7 +57,9 @@ class Linkage(Description):
         """Return how far it draws its tendon from 0 to an angle θ: r [u + s u²/2 + c u³/3], u = θ −
         θ_c, less that at 0.
         """
-        centre, slope, curvature = size("centre"), size("slope"), size("curvature")
+        centre = size("centre")
+        slope = size("slope")
+        curvature = size("curvature")
 
         def drawn(u: Scalar) -> Scalar:
             return u * (1 + u * (slope / 2 + u * curvature / 3))
@@ -76,8 +78,11 @@ class Linkage(Description):
         """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
         of `elongation`.
         """
-        wanted, radius = side * (displacement - elongated), size("radius")
-        centre, slope, curvature = size("centre"), size("slope"), size("curvature")
+        wanted = side * (displacement - elongated)
+        radius = size("radius")
+        centre = size("centre")
+        slope = size("slope")
+        curvature = size("curvature")
         angle = centre + (wanted - self.excursion(size, centre)) / radius
         for _ in range(NEWTON_STEPS):
             u = angle - centre

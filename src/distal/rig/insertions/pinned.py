@@ -61,7 +61,8 @@ class Pinned(Description):
         sine. Where no angle fits (the drive moved further than the insertion can follow), the
         nearest one is returned.
         """
-        radius, free_length = size("radius"), size("free_length")
+        radius = size("radius")
+        free_length = size("free_length")
         along = free_length + displacement
         length = free_length + elongated
         level = (2 * radius * radius + along * along - length * length) / (2 * radius)

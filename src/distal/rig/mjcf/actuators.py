@@ -23,7 +23,9 @@ def driven_tendons(model: mujoco.MjModel) -> tuple[dict[int, str], list[str]]:
     mujoco = mujoco_module()
     if not model.ntendon:
         raise RigError("the model has no tendon")
-    driven, elsewhere, left = dict[int, str](), list[str](), list[str]()
+    driven = dict[int, str]()
+    elsewhere = list[str]()
+    left = list[str]()
     for a in range(model.nu):
         name = name_of(model.actuator(a).name, f"actuator{a}")
         if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):

@@ -92,7 +92,8 @@ def described_joints(
     mujoco.mj_comPos(model, data)
     frame = data.xmat[int(model.jnt_bodyid[joints[0]])].reshape(3, 3)
     carrier = carried_by(model, joints)
-    root, described = data.xanchor[joints[0]], list[dict[str, object]]()
+    root = data.xanchor[joints[0]]
+    described = list[dict[str, object]]()
     for j in joints:
         parent = parent_of(model, j, joints, carrier)
         place = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)

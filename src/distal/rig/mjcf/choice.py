@@ -77,7 +77,8 @@ def other_joints(
     }
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    slopes, notes = np.abs(tendon_slopes(model, data)), list[str]()
+    slopes = np.abs(tendon_slopes(model, data))
+    notes = list[str]()
     for t, name in driven.items():
         for j in (j for j in range(model.njnt) if j not in hinges):
             dof = int(model.jnt_dofadr[j])
@@ -101,7 +102,8 @@ def check_base(model: mujoco.MjModel, first: int, chain: str | None) -> None:
     """Raise a `RigError` where the base of a chain floats, below the first joint that is kept,
     unless it is asked for.
     """
-    body, free = int(model.jnt_bodyid[first]), int(mujoco_module().mjtJoint.mjJNT_FREE)
+    body = int(model.jnt_bodyid[first])
+    free = int(mujoco_module().mjtJoint.mjJNT_FREE)
     while body > 0 and chain is None:
         for j in range(model.njnt):
             if int(model.jnt_bodyid[j]) == body and int(model.jnt_type[j]) == free:

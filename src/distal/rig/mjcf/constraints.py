@@ -30,7 +30,9 @@ def stiffness_at_rest(
     documentation, "Computation", where a force f = (a_ref − a)/R, R = A (1 − d)/d, a_ref =
     −(d/d_max²) k r at rest. `inverse_inertia` is A.
     """
-    time, ratio, d = float(solref[0]), float(solref[1]), float(np.clip(solimp[1], 1e-4, 0.9999))
+    time = float(solref[0])
+    ratio = float(solref[1])
+    d = float(np.clip(solimp[1], 1e-4, 0.9999))
     # MuJoCo takes no time constant below two steps
     k = 1.0 / (max(time, 2.0 * float(model.opt.timestep)) * ratio) ** 2 if time > 0.0 else -time
     return k / ((1.0 - d) * max(inverse_inertia, 1e-12))

@@ -38,13 +38,15 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
     the range.
     """
     mujoco = mujoco_module()
-    coupled, left = list[Coupled](), list[str]()
+    coupled = list[Coupled]()
+    left = list[str]()
     for i in range(model.neq):
         if not model.eq_active0[i]:
             continue
         name = model.equality(i).name or f"number {i}"
         kind = mujoco.mjtEq(int(model.eq_type[i]))
-        first, second = int(model.eq_obj1id[i]), int(model.eq_obj2id[i])
+        first = int(model.eq_obj1id[i])
+        second = int(model.eq_obj2id[i])
         if int(kind) != int(mujoco.mjtEq.mjEQ_JOINT) or second < 0:
             left.append(f"equality '{name}' ({kind.name.removeprefix('mjEQ_').lower()}): left out")
             continue
@@ -82,8 +84,10 @@ def softened(
     soft = list[Coupled]()
     for pair in coupled:
         spring = springs.get(pair.follower, {})
-        held, pulled = pair.stiffness * units.torque, spring.get("stiffness", 0.0)
-        share, rest = held / (held + pulled), spring.get("rest_angle", 0.0)
+        held = pair.stiffness * units.torque
+        pulled = spring.get("stiffness", 0.0)
+        share = held / (held + pulled)
+        rest = spring.get("rest_angle", 0.0)
         offset = share * pair.offset + (1.0 - share) * rest
         soft.append(
             replace(pair, ratio=round(share * pair.ratio, 9), offset=round(offset, 9) + 0.0)

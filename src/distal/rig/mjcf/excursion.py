@@ -87,7 +87,8 @@ def _shortened(
     """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
     rows, wanted = _equations(full.powers, angles, lengths, arms)
     directions = rows / np.linalg.norm(rows, axis=0)
-    chosen, left = list[int](), wanted
+    chosen = list[int]()
+    left = wanted
     while len(chosen) < len(full.powers):
         gains = np.abs(left @ directions)
         gains[chosen] = -1.0
@@ -134,11 +135,9 @@ def _equations(
     """Return rows and right sides of the least squares: lengths and moment arms of the poses that
     are not kept.
     """
-    used, size, span = (
-        ~_judged(angles),
-        np.abs(arms).max(axis=0),
-        max(float(np.ptp(lengths)), 1e-12),
-    )
+    used = ~_judged(angles)
+    size = np.abs(arms).max(axis=0)
+    span = max(float(np.ptp(lengths)), 1e-12)
     values, slopes = _terms(angles[used], powers)
     rows = np.vstack([values / span, *(slopes[:, j] / size[j] for j in range(len(size)))])
     return rows, np.concatenate(

@@ -58,9 +58,11 @@ def from_mujoco(
             f"from_mujoco takes a mujoco.MjModel or the path of its file, {type(model).__name__} "
             "came"
         )
-    title, units = "model", Units(length_unit)
+    title = "model"
+    units = Units(length_unit)
     if isinstance(model, (str, Path)):
-        title, model = Path(model).stem, load_model(model)
+        title = Path(model).stem
+        model = load_model(model)
     title = _title(model, title)
     driven, notes = driven_tendons(model)
     hinges = turning_joints(model, chain, joints)
@@ -90,7 +92,8 @@ def from_mujoco(
         "joints": described,
         "drives": [described_drive(model, t, name, units) for t, name in pulling.items()],
     }
-    tendons, off = [], dict[str, float]()
+    tendons = []
+    off = dict[str, float]()
     stiffness = series_stiffness(len(pulling), sum("coupled" not in joint for joint in described))
     for t, name in pulling.items():
         tendon, off[name], left = described_tendon(

@@ -28,7 +28,8 @@ def load_model(path: str | Path) -> mujoco.MjModel:
     """Load a MuJoCo model from an XML file; meshes that are not there are left out, since they only
     draw it.
     """
-    package, path = mujoco_module(), Path(path)
+    package = mujoco_module()
+    path = Path(path)
     if not path.is_file():
         raise RigError(f"{path}: there is no such file")
     try:

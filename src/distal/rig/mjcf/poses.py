@@ -56,9 +56,11 @@ def tendon_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> Floats:
     owner = model if hasattr(model, "ten_J_rownnz") else data
     if owner is data and not mujoco_module().mj_isSparse(model):
         return flat.reshape(model.ntendon, model.nv).copy()
-    slopes, columns = np.zeros((model.ntendon, model.nv)), np.ravel(owner.ten_J_colind)
+    slopes = np.zeros((model.ntendon, model.nv))
+    columns = np.ravel(owner.ten_J_colind)
     for i in range(model.ntendon):
-        first, count = int(owner.ten_J_rowadr[i]), int(owner.ten_J_rownnz[i])
+        first = int(owner.ten_J_rowadr[i])
+        count = int(owner.ten_J_rownnz[i])
         slopes[i, columns[first : first + count]] = flat[first : first + count]
     return slopes
 
@@ -71,7 +73,9 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     data = mujoco.MjData(model)
     places = [int(model.jnt_qposadr[j]) for j in joints]
     speeds = [int(model.jnt_dofadr[j]) for j in joints]
-    lengths, arms, wraps = [], [], []
+    lengths = []
+    arms = []
+    wraps = []
     for row in angles:
         data.qpos[places] = row
         mujoco.mj_kinematics(model, data)

@@ -37,7 +37,8 @@ def joint_springs(
     The torque of all that pulls at one joint alone is taken over its range and fitted by −(k x + q
     x² + c x³), x = θ − θ₀.
     """
-    springs, left = dict[int, dict[str, float]](), list[str]()
+    springs = dict[int, dict[str, float]]()
+    left = list[str]()
     poses = over_ranges(model, joints, 50)
     crossing = {t: [joints[k] for k in turned_by(poses, t)] for t in spring_tendons(model)}
     for t, crossed in crossing.items():
@@ -56,7 +57,8 @@ def joint_springs(
             low_length, high_length = (
                 float(end) for end in np.ravel(model.tendon_lengthspring[t])[:2]
             )
-            length, stiffness = along.lengths[:, t], float(np.ravel(model.tendon_stiffness[t])[0])
+            length = along.lengths[:, t]
+            stiffness = float(np.ravel(model.tendon_stiffness[t])[0])
             stretched = np.maximum(length - high_length, 0.0) - np.maximum(low_length - length, 0.0)
             torque = torque - stiffness * stretched * along.arms[:, t, 0]
         if np.abs(torque).max() > 0.0:
@@ -88,10 +90,8 @@ def _as_spring(angles: Floats, torque: Floats) -> dict[str, float]:
         roots = [root for root in relaxed if abs(root - middle) <= FARTHEST * span]
         if roots:
             zero = min(roots, key=lambda root: abs(root - middle))
-            second, third = (
-                fitted.deriv(2)(zero) / 2,
-                fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0,
-            )
+            second = fitted.deriv(2)(zero) / 2
+            third = fitted.deriv(3)(zero) / 6 if degree > 2 else 0.0
             spring = {
                 "stiffness": -slope(zero),
                 "rest_angle": zero,

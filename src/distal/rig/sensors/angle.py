@@ -12,8 +12,11 @@ from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 class Angle(Measurand):
     """θ of a joint [rad]."""
 
-    name, of, role = "angle", "joints", Role.REFERENCE
-    si, badge = "rad", "θ"
+    name = "angle"
+    of = "joints"
+    role = Role.REFERENCE
+    si = "rad"
+    badge = "θ"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

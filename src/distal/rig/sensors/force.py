@@ -13,7 +13,9 @@ from distal.rig.sensors.measurand import Measurand, Motion, Part, Parts, Role
 class Force(Measurand):
     """U of a slider [N], τ of a capstan's motor [N m]."""
 
-    name, of, role = "force", "drives", Role.EFFORT
+    name = "force"
+    of = "drives"
+    role = Role.EFFORT
 
     def unit(self, part: Part) -> str:
         """Return N or N m."""

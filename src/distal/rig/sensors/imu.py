@@ -86,8 +86,11 @@ class Accelerometer(ImuSensor):
 class Imu(Measurand):
     """Rᵀ ω and −Rᵀ g of a link, with R the turn by the mounting angle about the joint's axis."""
 
-    name, of, role = "imu", "joints", Role.COMPARED
-    si, badge = "rad/s", "ω"  # the numbers of an accelerometer have their own unit
+    name = "imu"
+    of = "joints"
+    role = Role.COMPARED
+    si = "rad/s"
+    badge = "ω"  # the numbers of an accelerometer have their own unit
 
     def numbers(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
         """Return a sensor for each of its numbers, all six or those that the table names.

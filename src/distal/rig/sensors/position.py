@@ -16,7 +16,9 @@ class Position(Measurand):
     the drive is.
     """
 
-    name, of, role = "position", "drives", Role.PLACE
+    name = "position"
+    of = "drives"
+    role = Role.PLACE
 
     def unit(self, part: Part) -> str:
         """Return m or rad."""
@@ -53,9 +55,12 @@ def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     if len(tendon.joints) == 1:
         reach = REACH * tendon.total_arm / lever
         return centre - reach, centre + reach
-    low, high, stops = centre, centre, {joint.name: joint.travel for joint in rig.joints}
+    low = centre
+    high = centre
+    stops = {joint.name: joint.travel for joint in rig.joints}
     turned = tendon.winding if part.kind == "capstan" else 1
     for name, arm in tendon.arms().items():
         ends = sorted(turned * arm / lever * angle for angle in stops[name])
-        low, high = low + ends[0], high + ends[1]
+        low = low + ends[0]
+        high = high + ends[1]
     return low, high

@@ -62,7 +62,8 @@ def checked_parts(
                 '("50 ms")'
             )
         raw = {**raw, "measures": "position"}
-    measures, of = raw.get("measures"), raw.get("of")
+    measures = raw.get("measures")
+    of = raw.get("of")
     if measures is None or of is None:
         return [{**raw, "si": "m"}]  # pydantic says what is missing
     kind = MEASURANDS.get(str(measures))

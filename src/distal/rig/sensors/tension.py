@@ -13,8 +13,11 @@ from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role
 class Tension(Measurand):
     """T of a tendon, at the joint's end of its path [N]."""
 
-    name, of, role = "tension", "tendons", Role.TENSION
-    si, badge = "N", "T"
+    name = "tension"
+    of = "tendons"
+    role = Role.TENSION
+    si = "N"
+    badge = "T"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

@@ -18,8 +18,11 @@ LEAST = 0.01
 class Torque(Measurand):
     """τ_ext on a joint [N m]."""
 
-    name, of, role = "torque", "joints", Role.REFERENCE
-    si, badge = "N m", "τ"
+    name = "torque"
+    of = "joints"
+    role = Role.REFERENCE
+    si = "N m"
+    badge = "τ"
 
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]

@@ -62,7 +62,8 @@ class SensorBias(OfSensor):
         if not self._wanders:
             return None
         path = f"{self.context.path(self.sensor)}.bias"
-        std, drift = self.context.number(f"{path}.std"), self.context.number(f"{path}.drift")
+        std = self.context.number(f"{path}.std")
+        drift = self.context.number(f"{path}.drift")
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:

@@ -65,7 +65,8 @@ def external_torques(context: FilterContext) -> list[State]:
     """Return a block for each joint on which a torque can act: one that is declared, or that forces
     may tell of.
     """
-    joints, blocks = context.mechanism.rig.joints, list[State]()
+    joints = context.mechanism.rig.joints
+    blocks = list[State]()
     for j, joint in enumerate(joints):
         if joint.external_torque.std > 0.0 or j in context.touchable:
             blocks.append(ExternalTorque(context, j))

@@ -82,7 +82,8 @@ class Inside(ZeroMean):
     @property
     def stds(self) -> Floats:
         """As where nothing is read; see `first`."""
-        n, nt = self.context.n_drives, self.context.mechanism.n_tendons
+        n = self.context.n_drives
+        nt = self.context.mechanism.n_tendons
         begin = self.first(Begin([0.0] * n, [None] * n, [None] * nt))
         assert begin is not None  # it always says
         p = self.context.mechanism.parameters
@@ -98,7 +99,8 @@ class Inside(ZeroMean):
         return self.context.mechanism.parameters[path]
 
     def _std(self, path: str) -> Scalar:
-        name, inputs = f"{path}.std", self.context.mechanism.parameters
+        name = f"{path}.std"
+        inputs = self.context.mechanism.parameters
         return self.context.number(name) if path in inputs.names else 0.0
 
 
@@ -113,16 +115,21 @@ class BacklashOrSheathState(Inside):
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
         """Return where it is and how unsure that is: in the middle of where it can be."""
-        index, mechanism = self.index, self.context.mechanism
+        index = self.index
+        mechanism = self.context.mechanism
         if self.kind is StateKind.BACKLASH:
             path = f"drives.{index}.backlash.width"
             width = self._value(path) + 2 * self._std(path)
             return begin.places[index], width / sqrt(12.0)
         still = Mechanism(mechanism.rig)
-        p, q, tension = still.parameters, ca.SX.sym("q", still.n_bodies), ca.SX.sym("T")
-        sheath, point = still.sheath(index, q), self.point
+        p = still.parameters
+        q = ca.SX.sym("q", still.n_bodies)
+        tension = ca.SX.sym("T")
+        sheath = still.sheath(index, q)
+        point = self.point
         assert sheath is not None  # it has points
-        position, joints = still.place(q).inside[self.which], still.joints_of[index]
+        position = still.place(q).inside[self.which]
+        joints = still.joints_of[index]
         initial = [f"joints.{j}.initial" for j in range(mechanism.n_joints)]
         slopes = ca.jacobian(position, q)
         stds = ca.SX.sym("stds", mechanism.n_joints)
@@ -153,8 +160,10 @@ class Strained(Inside):
 
     def first(self, begin: Begin) -> tuple[Scalar, Scalar]:
         """Return what of it has come, ``settled`` of γ T/k_t, and how unsure that is."""
-        index, path = self.index, self.name.rpartition(".")[0]
-        share, share_std = self._value(f"{path}.share"), self._std(f"{path}.share")
+        index = self.index
+        path = self.name.rpartition(".")[0]
+        share = self._value(f"{path}.share")
+        share_std = self._std(f"{path}.share")
         stretch = _tension(self.context, index, begin) / self._value(f"tendons.{index}.stiffness")
         settled = self.context.number(f"{path}.settled")
         settled_std = self.context.number(f"{path}.settled.std")
@@ -164,13 +173,13 @@ class Strained(Inside):
 
 def _tension(context: FilterContext, tendon: int, begin: Begin) -> Scalar:
     """Return a tendon's tension at the first sample as far as its drive tells it [N]."""
-    mechanism, path = context.mechanism, f"tendons.{tendon}"
-    part, index = mechanism.rig.tendons[tendon], mechanism.drive_of[tendon] - mechanism.n_joints
-    tension, effort, drive = (
-        begin.tensions[tendon],
-        begin.efforts[index],
-        mechanism.rig.drives[index],
-    )
+    mechanism = context.mechanism
+    path = f"tendons.{tendon}"
+    part = mechanism.rig.tendons[tendon]
+    index = mechanism.drive_of[tendon] - mechanism.n_joints
+    tension = begin.tensions[tendon]
+    effort = begin.efforts[index]
+    drive = mechanism.rig.drives[index]
     if tension is None and effort is not None:
         lever = mechanism.parameters[f"drives.{index}.radius"] if drive.kind == "capstan" else 1.0
         count = sum(neighbour.drive == part.drive for neighbour in mechanism.rig.tendons)

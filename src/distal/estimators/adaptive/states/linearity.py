@@ -61,7 +61,8 @@ class Linearity(State):
     @property
     def means(self) -> Floats:
         """The sensor's known `curve`, else zeros [m, rad]."""
-        weights, curve = np.zeros(len(self.stds)), getattr(self.sensor, "curve", ())
+        weights = np.zeros(len(self.stds))
+        curve = getattr(self.sensor, "curve", ())
         weights[: len(curve)] = curve[: len(weights)]
         return weights
 
@@ -70,7 +71,8 @@ class Linearity(State):
         """Prior standard deviations of the weights [m, rad]; none where the sensor has no
         systematic error.
         """
-        sensor, bias = self.sensor, self.context.bias_std(self.sensor)
+        sensor = self.sensor
+        bias = self.context.bias_std(self.sensor)
         if sensor.linearity == 0.0:
             return np.array([bias]) if bias > 0.0 else np.zeros(0)
         shape = np.exp(-0.5 * (np.arange(BASIS) / SMOOTHNESS) ** 2)
@@ -89,7 +91,8 @@ class Linearity(State):
         if drive != self.drive or count == 0:
             return 0
         path = f"drives.{self.drive}.travel"
-        low, high = self.context.number(f"{path}.low"), self.context.number(f"{path}.high")
+        low = self.context.number(f"{path}.low")
+        high = self.context.number(f"{path}.high")
         terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
         while len(terms) < count:
             terms.append(2 * terms[1] * terms[-1] - terms[-2])

@@ -89,7 +89,8 @@ class UncertainParameter(State):
 
     def parameters(self, numbers: Vector, p: Vector) -> Vector:
         """Return the parameters with this one's value, or these times their factor."""
-        changed, z = ca.SX(p), numbers[0]
+        changed = ca.SX(p)
+        z = numbers[0]
         for i in self.indices:
             changed[i] = {"value": z, "factor": p[i] * z, "deviation": p[i] + z}[self.acts]
         return changed
@@ -105,7 +106,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     is known to a factor only (a std up to the value) keeps its mean, or is multiplied by a state of
     mean 1, whose std is that of its logarithm.
     """
-    p, rig = context.mechanism.parameters, context.mechanism.rig
+    p = context.mechanism.parameters
+    rig = context.mechanism.rig
     values, factors, deviations = (list[UncertainParameter]() for _ in range(3))
     seen = [
         i
@@ -124,7 +126,8 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
     def factor(
         name: str, indices: Sequence[int], relative: float, walked: float
     ) -> UncertainParameter:
-        first, path = p.names[indices[0]], f"{name}.factor"
+        first = p.names[indices[0]]
+        path = f"{name}.factor"
         words = f"common factor of {name}" if name in p.shared else in_words(rig, path)
         rough = known_to_a_factor(first, 1.0, relative)
         logarithmic = rough and number(rig, first).quantity.bound == "positive"
@@ -146,13 +149,16 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         )
 
     for i in seen:
-        name, value, std = p.names[i], float(p.values[i]), float(p.independent_stds[i])
+        name = p.names[i]
+        value = float(p.values[i])
+        std = float(p.independent_stds[i])
         kind = name.split(".", 2)[2]
         if i in sharing:
             if std > 0.0:
                 lowest = -(1.0 - SMALLEST_FACTOR) * value if _bounded(context, name) else -np.inf
                 walked = walk(i, std)
-                words, path = in_words(rig, f"{name}.deviation"), named(rig, f"{name}.deviation")
+                words = in_words(rig, f"{name}.deviation")
+                path = named(rig, f"{name}.deviation")
                 deviations.append(
                     UncertainParameter(words, path, (i,), "deviation", 0.0, std, walked, lowest)
                 )
@@ -161,7 +167,9 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         if of_tendon or number(rig, name).is_rough:
             factors.append(factor(name, (i,), std / value, walk(i, std / value, value)))
             continue
-        mean, spread, lowest = value, std, -np.inf
+        mean = value
+        spread = std
+        lowest = -np.inf
         rough = known_to_a_factor(name, value, std)
         if _bounded(context, name):
             cut, spread = cut_normal(value, std)
@@ -174,7 +182,9 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         alone = context.n_drives <= context.n_joints
         untold = alone and lowest > 0.0 and rough
         doubted = rough and name.startswith("joints.") and kind.startswith("friction.")
-        words, path, walked = in_words(rig, name), named(rig, name), walk(i, spread)
+        words = in_words(rig, name)
+        path = named(rig, name)
+        walked = walk(i, spread)
         values.append(
             UncertainParameter(
                 words, path, (i,), "value", mean, spread, walked, lowest, untold, doubted
@@ -205,7 +215,8 @@ def _without_effect(context: FilterContext, name: str, std: float) -> bool:
     if not name.startswith("drives."):
         return False
     index = int(name.split(".")[1])
-    drive, sensor = context.mechanism.rig.drives[index], context.force_sensor(index)
+    drive = context.mechanism.rig.drives[index]
+    sensor = context.force_sensor(index)
     if name.endswith(("friction.load", "friction.constant")):
         noise = np.sqrt(variance(sensor)) if sensor is not None else drive.nominal_force.std
         force = std * max(abs(drive.nominal_force.value), 1.0) if name.endswith("load") else std
@@ -220,6 +231,7 @@ def cut_normal(mean: float, std: float) -> tuple[float, float]:
     lower = -mean / std
     if lower < -4.0:
         return mean, std
-    density, above = exp(-lower * lower / 2) / sqrt(2 * pi), 0.5 * (1 - erf(lower / sqrt(2)))
+    density = exp(-lower * lower / 2) / sqrt(2 * pi)
+    above = 0.5 * (1 - erf(lower / sqrt(2)))
     ratio = density / above
     return mean + std * ratio, std * sqrt(max(1 + lower * ratio - ratio * ratio, 1e-6))

@@ -24,7 +24,8 @@ class StateVector:
     """
 
     def __init__(self, context: FilterContext, kinds: Sequence[Kind] = KINDS) -> None:
-        self.context, self.kinds = context, tuple(kinds)
+        self.context = context
+        self.kinds = tuple(kinds)
         blocks: list[State] = [JointMotion(context)]
         for kind in kinds:
             blocks += kind(context)
@@ -57,7 +58,8 @@ class StateVector:
     @property
     def structure(self) -> tuple[object, ...]:
         """What a kernel depends on of the states: all but their numbers."""
-        walks, bounded = self.walks > 0.0, np.isfinite(self.lowest)
+        walks = self.walks > 0.0
+        bounded = np.isfinite(self.lowest)
         flags = tuple(zip(walks.tolist(), bounded.tolist()))
         blocks = tuple((type(block).__name__, block.structure) for block in self.blocks)
         shares = tuple(self._considered), tuple(self._untold)
