@@ -16,9 +16,9 @@ from scipy.optimize import minimize
 from benchmarks.fitting import FREE, drawn_plant, logs_of, start_rig
 from benchmarks.report import table
 from distal.fitting import Options
-from distal.fitting.numbers import problem_of
+from distal.fitting.likelihood_search import first_widths, hessian, search, widths_at
+from distal.fitting.parameter_estimates import problem_of
 from distal.fitting.problem import Problem
-from distal.fitting.search import first_widths, hessian, search, widths_at
 
 Floats = NDArray[np.float64]
 

@@ -27,14 +27,18 @@ from benchmarks.strangers.drawn import FITTED
 from benchmarks.strangers.drawn_rigs import drawn_rig
 from benchmarks.strangers.lacking import logs_of
 from distal import Log, Rig, fit
-from distal.fitting import inverse_dynamics, numbers, search
+from distal.fitting import inverse_dynamics, likelihood_search, parameter_estimates
 from distal.rig import build_rig
 
 Floats = NDArray[np.float64]
 
-PLAIN = mock.patch.object(search, "_bent", return_value=[])
+PLAIN = mock.patch.object(likelihood_search, "_bent", return_value=[])
 FIXED = mock.patch.multiple(
-    search, FIRST_DAMPING=0.1, LEAST_DAMPING=0.1, MOST_DAMPING=0.1, DAMPINGS=(1.0, 10.0, 1000.0)
+    likelihood_search,
+    FIRST_DAMPING=0.1,
+    LEAST_DAMPING=0.1,
+    MOST_DAMPING=0.1,
+    DAMPINGS=(1.0, 10.0, 1000.0),
 )
 WAYS = {"four fixed dampings": (PLAIN, FIXED), "around the last": (PLAIN,), "with bends": ()}
 MOST = 200
@@ -44,7 +48,7 @@ FIRST_LACKING = 100
 def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dict[str, Any]]]:
     """Return problem, start and options of the first searches of a fit with all logs."""
     found = list[tuple[Any, Any, dict[str, Any]]]()
-    real = search.search
+    real = likelihood_search.search
 
     def spy(problem: Any, start: Any, progress: Any = None, **options: Any) -> Any:
         whole = isinstance(problem, inverse_dynamics.InverseProblem) and len(problem.data) == len(
@@ -56,7 +60,10 @@ def caught(rig: Rig, logs: Sequence[Log], most: int) -> list[tuple[Any, Any, dic
             )
         return real(problem, start, progress, **options)
 
-    with mock.patch.object(search, "search", spy), mock.patch.object(numbers, "search", spy):
+    with (
+        mock.patch.object(likelihood_search, "search", spy),
+        mock.patch.object(parameter_estimates, "search", spy),
+    ):
         fit(logs, rig)
     return found
 
@@ -70,7 +77,7 @@ def searched(problem: Any, start: Any, options: dict[str, Any]) -> tuple[float, 
         return real(self, tasks)
 
     with mock.patch.object(type(problem), "run", run):
-        end = search.search(problem, start, most=MOST, **options)
+        end = likelihood_search.search(problem, start, most=MOST, **options)
     return end.cost, rows[0] / len(problem.data) / (problem.size + 1)
 
 

@@ -22,11 +22,11 @@ import numpy as np
 
 from distal import Log, Rig, load_rig, simulate, write_log
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.filter import adaptive_function
-from distal.inverse.command import CommandModel
+from distal.estimators.adaptive.filter_function import adaptive_function
 from distal.inverse.held import held_kernel
-from distal.inverse.live_function import live_function, live_structure
+from distal.inverse.live_inverse_function import live_function, live_structure
 from distal.inverse.reached import spread_kernel
+from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Feed, Kernel, Structure, advance_all, lanes_here, structure_of
 from distal.model import Mechanism
 from distal.rig import build_rig, shipped_rigs

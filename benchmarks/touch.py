@@ -28,7 +28,7 @@ from benchmarks.strangers.chain_plants import make_log
 from benchmarks.strangers.coupled_finger import JOINTS, Touch, finger_log, postures
 from distal import Estimate, LiveEstimator, Log, Rig, estimate, load_rig, read_log
 from distal.estimators import affine_samples
-from distal.fitting.free_motion import free_motion_of
+from distal.fitting.learn_free_motion import free_motion_of
 from distal.logs import write_columns
 from distal.regression import YARDSTICKS, Samples, yardstick_error
 from distal.run import Monitor

@@ -75,7 +75,9 @@ def test_coverage_is_counted_by_package() -> None:
     """
     files = {
         "src/distal/rig/rig.py": {"summary": {"covered_lines": 9, "num_statements": 10}},
-        "/other/src/distal/rig/parts.py": {"summary": {"covered_lines": 0, "num_statements": 10}},
+        "/other/src/distal/rig/subsystems.py": {
+            "summary": {"covered_lines": 0, "num_statements": 10}
+        },
         "src/distal/units.py": {"summary": {"covered_lines": 5, "num_statements": 5}},
         "src/distal/paper/__init__.py": {"summary": {"covered_lines": 0, "num_statements": 0}},
     }

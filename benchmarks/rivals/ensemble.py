@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
-from distal.estimators.adaptive.context import LONGEST_SUBSTEP
+from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place, tracking
-from distal.estimators.adaptive.inputs import states_of_rig
+from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
+from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.measurement import Row, rows_of
 from distal.estimators.adaptive.states.external_torque import ExternalTorque
-from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
 from distal.estimators.belief import innovation
-from distal.estimators.channels import UNKNOWN_PLACE
+from distal.estimators.read_channels import UNKNOWN_PLACE
 from distal.estimators.state_kinds import StateKind
 from distal.logs import frozen
 from distal.model import Kick, kick_and_drift, responses

@@ -14,8 +14,8 @@ from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import StateVector
 from distal.estimators.adaptive.drive_tracking import MEMORY, TRACKED, Tracks, tracking
 from distal.estimators.adaptive.interval import Interval, Prediction
+from distal.estimators.adaptive.joint_motion import moved
 from distal.estimators.adaptive.measurement import ROW, SLOPED, Rows
-from distal.estimators.adaptive.motion import moved
 from distal.estimators.adaptive.prediction import predicted, revert
 from distal.estimators.adaptive.touch import DRIVE
 from distal.estimators.adaptive.transmission_play import play

@@ -8,7 +8,7 @@ import numpy as np
 
 from distal import load_rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.filter import adaptive_function
+from distal.estimators.adaptive.filter_function import adaptive_function
 from distal.rig import build_rig
 
 

@@ -15,7 +15,6 @@ from distal import Log, estimate, load_rig, load_scenario, scenario_rig, simulat
 from distal.confidence import BAND
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive import Robustness
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import (
     MEMORY,
     REMEMBERED,
@@ -23,6 +22,7 @@ from distal.estimators.adaptive.drive_tracking import (
     Tracks,
     track,
 )
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.prediction import shifted_variance
 from distal.estimators.adaptive.touch import (

@@ -645,13 +645,12 @@ def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_p
         assert "fault of distal" not in line, line
         assert len(line) <= 400
         assert line.isprintable()
-    from distal.cli import rigs
 
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("by\n\x1b[31m" + "x" * 1000)
 
     monkeypatch.delenv("DISTAL_TRACEBACK")
-    monkeypatch.setattr(rigs, "table", broken)
+    monkeypatch.setattr(rig_commands, "table", broken)
     ran = run("rigs")
     assert ran.code == 70
     (line,) = ran.err.splitlines()

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from distal import ESTIMATORS, shipped_rigs, shipped_scenarios
-from distal.cli.options import ESTIMATOR_NAMES
+from distal.cli.shared_options import ESTIMATOR_NAMES
 
 START = "import sys; sys.argv = ['distal']; from distal_command import main\nmain()"
 

@@ -21,7 +21,7 @@ import distal.control
 import distal.export
 import distal.fitting
 import distal.logs
-import distal.paper.page
+import distal.paper.paper_page
 import distal.reports
 import distal.run
 import distal.simulation
@@ -189,7 +189,7 @@ def _no_work(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) ->
         (distal.control, ("simulate", "closed_loop")),
         (distal.fitting, ("fit",)),
         (distal.reports, ("fit_report",)),
-        (distal.paper.page, ("reproduce",)),
+        (distal.paper.paper_page, ("reproduce",)),
         (distal.export, ("export_c",)),
     ):
         for name in names:

@@ -22,7 +22,7 @@ from distal import (
     simulate_batch,
 )
 from distal.control import ControlledPlant, plot_control, track
-from distal.control.loop import _by_calls, _by_scan
+from distal.control.closed_loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
 from distal.rig import Rig
 from distal.run import Reading

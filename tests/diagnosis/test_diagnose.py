@@ -28,8 +28,8 @@ from distal import (
 from distal.diagnosis import Finding, cannot_test
 from distal.diagnosis.comparison import disagreement
 from distal.diagnosis.diagnose import elsewhere, out_of_range
+from distal.diagnosis.finding_texts import COMPLIANCE, SCALE, ZERO
 from distal.diagnosis.rerun import Change, Rerun
-from distal.diagnosis.sentences import COMPLIANCE, SCALE, ZERO
 from distal.diagnosis.untested import untestable
 from distal.diagnosis.what_if import overconfidence
 from distal.estimators import AdaptiveFilter

@@ -12,7 +12,7 @@ from benchmarks.cases import paper_log, paper_rig
 from distal import Estimate, Log, Rig, diagnose, estimate
 from distal.diagnosis import Finding
 from distal.diagnosis import diagnose_estimate as of_estimate
-from distal.diagnosis.channels import CHANNEL_WINDOW, _neighbours, _since
+from distal.diagnosis.channel_statistics import CHANNEL_WINDOW, _neighbours, _since
 from distal.diagnosis.of_estimate import LONGEST
 from distal.diagnosis.states import left_their_priors
 from distal.errors import EstimationError

@@ -15,8 +15,8 @@ import pytest
 
 from distal import Log, diagnose, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.confidence import BAND
-from distal.diagnosis import sentences
-from distal.diagnosis.channels import channels_of
+from distal.diagnosis import finding_texts as texts
+from distal.diagnosis.channel_statistics import channels_of
 from distal.diagnosis.comparison import stretch
 from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
@@ -45,14 +45,14 @@ def test_each_scale_is_tried_with_its_inverse_and_each_zero_to_both_sides() -> N
             for name, value in values.items():
                 tried.setdefault((group, drives, f"{kind} {name}"), []).append(value)
     assert {group for group, _, _ in tried} == {
-        sentences.SCALE,
-        sentences.COMPLIANCE,
-        sentences.ZERO,
+        texts.SCALE,
+        texts.COMPLIANCE,
+        texts.ZERO,
     }
     names = [drive.name for drive in rig.drives]
     assert {drives for _, drives, _ in tried} == {tuple(names), *((name,) for name in names)}
     for (group, _, what), values in tried.items():
-        if group == sentences.ZERO:
+        if group == texts.ZERO:
             span = np.ptp(log.channels[what.removeprefix("added ")])
             assert values == pytest.approx([0.1 * span, -0.1 * span], rel=1e-6)
         else:
@@ -116,7 +116,7 @@ def test_the_spread_over_starts_is_the_root_of_the_sum_of_squares(total: float, 
     found = overconfidence(cast(Any, Stub((0.6 * total * 0.2 / 0.2, 0.8 * total * 0.2 / 0.5))))
     assert bool(found) is said
     if said:
-        assert found[0].text == sentences.hangs_on_the_start("two", total, is_angle=False).text
+        assert found[0].text == texts.hangs_on_the_start("two", total, is_angle=False).text
 
 
 class Counted(Rerun):
@@ -156,11 +156,9 @@ def test_a_start_that_the_log_rejects_counts_by_its_likelihood() -> None:
     """
     assert overconfidence(cast(Any, Stub((0.0, 1.5 * 0.2 / 0.5), np.log(0.5)))) == []
     (found,) = overconfidence(cast(Any, Stub((0.0, 1.6 * 0.2 / 0.5), np.log(0.5))))
-    assert (
-        found.text == sentences.hangs_on_the_start("two", 1.6 / np.sqrt(2.0), is_angle=False).text
-    )
+    assert found.text == texts.hangs_on_the_start("two", 1.6 / np.sqrt(2.0), is_angle=False).text
     assert overconfidence(cast(Any, Stub((0.0, 1.6 * 0.2 / 0.5), np.log(2.0))))[0].text == (
-        sentences.hangs_on_the_start(
+        texts.hangs_on_the_start(
             "two", 1.6, is_angle=False
         ).text  # more likely than it was: it counts once
     )
@@ -334,7 +332,7 @@ def test_how_far_a_joint_would_turn_is_over_its_stops_or_what_any_turns() -> Non
             build_rig(raw, "rig") if stops is None else rig.with_values({"joints.0.stops": stops})
         )
         (finding,) = out_of_reach(log, each)
-        assert finding.text == sentences.looks_geared_at_least("motor_angle", turned / room).text
+        assert finding.text == texts.looks_geared_at_least("motor_angle", turned / room).text
     assert out_of_reach(Log(log.time, {"motor_angle": np.array([0.0, 1.0, 0.5])}), rig) == []
 
 

@@ -23,7 +23,13 @@ from distal import (
     make_estimator,
 )
 from distal.errors import EstimationError, FitError, RigError
-from distal.estimators.affine import OUTSIDE, affine_function, affine_of, affine_samples, start_of
+from distal.estimators.affine_estimator import (
+    OUTSIDE,
+    affine_function,
+    affine_of,
+    affine_samples,
+    start_of,
+)
 from distal.regression import learn_map, numbers_of, predict
 from distal.rig import Affine, JointMap, build_rig, parse_toml
 from distal.run import samples_of

@@ -15,7 +15,7 @@ from distal import LiveInverse, Rig, load_rig, simulate
 from distal.codegen import Plain
 from distal.errors import ExportError
 from distal.export import export_c
-from distal.export.command import c_command
+from distal.export.command_source import c_command
 from distal.export.source import c_filter
 from distal.inverse.motor_readings import OLDEST
 from distal.kernels.compiler import find_compiler

@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from distal import load_rig
 from distal.cli.app import app
 from distal.errors import ExportError
-from distal.export.plant import ExportedPlant, c_plant, resting_pull
+from distal.export.plant_source import ExportedPlant, c_plant, resting_pull
 from distal.kernels import Kernel
 from distal.model import Mechanism
 from distal.rig import Sensor, gain_of, step_of, travel_of
-from distal.simulation.inputs import BodyInputs
 from distal.simulation.plant import at_rest, plant_function
+from distal.simulation.signal_inputs import BodyInputs
 from tests.export.test_export import CC, STRICT, needs_compiler
 
 pytestmark = needs_compiler

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from distal import load_rig
-from distal.fitting.choice_of_numbers import _coarse
-from distal.fitting.free_number import NOISY, POINTS, Free
+from distal.fitting.choice_of_parameters import _coarse
+from distal.fitting.free_parameter import NOISY, POINTS, Free
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.fitted_number import FittedNumber
-from distal.fitting.free_number import Free
+from distal.fitting.fitted_parameter import FittedNumber
+from distal.fitting.free_parameter import Free
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from distal import Log, Rig, estimate, fit, load_rig
 from distal.errors import DistalWarning, FitError
 from distal.fitting import ALONE, WRITTEN, Doing, groups_of, observability
-from distal.fitting.choice_of_numbers import choose
+from distal.fitting.choice_of_parameters import choose
 from tests.fitting.helpers import FREE, drawn_plant, logs_of, start_rig, without_truth
 
 

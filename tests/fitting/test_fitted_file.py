@@ -15,11 +15,11 @@ from distal import Rig, fit, load_rig
 from distal.errors import DistalWarning, RigError
 from distal.fitting import learn as learning
 from distal.fitting.candidates import Candidate, Training, line_map
+from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain
 from distal.fitting.learn import Judged, Learned, learned_by
-from distal.fitting.missing_physics import Part
-from distal.fitting.numbers import among_models, numbers_of, problem_of
-from distal.fitting.options import Options
+from distal.fitting.missing_terms import Part
+from distal.fitting.parameter_estimates import among_models, numbers_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
 

@@ -14,13 +14,13 @@ from benchmarks.strangers.hands_plants import bowden_log, bowden_rig
 from distal import LiveEstimator, Log, Rig, estimate, load_rig
 from distal.errors import RigError
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.filter import adaptive_layout
+from distal.estimators.adaptive.filter_function import adaptive_layout
 from distal.estimators.adaptive.touch import DRIVE, FORCE
-from distal.fitting.free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
+from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, free_motion_of, widest
 from distal.fitting.touched_logs import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.mask import READ
-from distal.regression.kernel import numbers_of, reporting_function
+from distal.regression.map_function import numbers_of, reporting_function
 from distal.rig import FreeMotion, felt_in_words
 from distal.run import JointContact, Monitor
 from tests.estimators.test_discrepancy import made
@@ -79,7 +79,7 @@ def test_nothing_is_felt_in_free_motion(rig: Rig) -> None:
 
 def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
     """Mean innovations and pace as the kernel remembers them are those that say what is normal."""
-    from distal.fitting import free_motion as module
+    from distal.fitting import learn_free_motion as module
 
     log, runner = finger(1, 4.0, None)[0], closed_filter(rig)
     samples = np.column_stack([log.channels[name] for name in runner.channels])
@@ -99,7 +99,7 @@ def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
 
 def test_normal_is_what_nearly_all_samples_are(rig: Rig) -> None:
     """Of z̄² = a² + b² v² exactly, a and b; of samples, `NORMAL` are below."""
-    from distal.fitting.free_motion import _normal
+    from distal.fitting.learn_free_motion import _normal
 
     pace = np.linspace(0.0, 4.0, 2000)
     a, b = _normal(0.25 + 0.09 * pace, pace)

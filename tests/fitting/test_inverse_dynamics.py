@@ -14,7 +14,7 @@ from benchmarks.strangers.hands_plants import ropes_log, ropes_rig
 
 from distal import Log, Rig, load_rig, simulate
 from distal.fitting import Options
-from distal.fitting.filter import FitFilter
+from distal.fitting.fit_filter import FitFilter
 from distal.fitting.inverse_dynamics import (
     INTERVAL,
     MEMORY,
@@ -23,8 +23,8 @@ from distal.fitting.inverse_dynamics import (
     inverse_problem,
 )
 from distal.fitting.jackknife import numbers_without
-from distal.fitting.missing_physics import Tried, parts_of, tried_parts
-from distal.fitting.numbers import Numbers, among_models, by_equations, problem_of
+from distal.fitting.missing_terms import Tried, parts_of, tried_parts
+from distal.fitting.parameter_estimates import Numbers, among_models, by_equations, problem_of
 from distal.homing.reference import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig

@@ -23,12 +23,12 @@ from distal.fitting.candidates import (
     line_candidate,
     line_map,
 )
+from distal.fitting.fit_options import Options
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import leave_out
 from distal.fitting.map_samples import discrepancy_of, filtered, partly_homed
-from distal.fitting.numbers import Numbers
-from distal.fitting.options import Options
+from distal.fitting.parameter_estimates import Numbers
 from distal.regression import Samples, fit_coefficients, predict
 
 SECONDS = 3.0
@@ -191,7 +191,7 @@ def test_ctrl_c_is_not_taken_for_an_answer(
         return replace(found, interrupted=True)
 
     monkeypatch.setattr(module, name, stopped)
-    monkeypatch.setattr("distal.fitting.missing_physics.UNEXPLAINED", 0.0)
+    monkeypatch.setattr("distal.fitting.missing_terms.UNEXPLAINED", 0.0)
     found = learn(others, finger_rig().bare(), OPTIONS)
     assert found.interrupted
     assert len(calls) == 1

@@ -12,8 +12,8 @@ from benchmarks.strangers.drawn_rigs import Drawn, drawn_rig
 from distal import Log, Rig, estimate, fit
 from distal.fitting import Fit, Options
 from distal.fitting.inverse_dynamics import inverse_problem
-from distal.fitting.numbers import problem_of
-from distal.fitting.search import most_likely
+from distal.fitting.likelihood_search import most_likely
+from distal.fitting.parameter_estimates import problem_of
 from distal.rig import build_rig
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
-from distal.fitting.fitted_number import FittedNumber, assignments
+from distal.fitting.fitted_parameter import FittedNumber, assignments
 from distal.fitting.map_samples import (
     filtered,
     partly_homed,

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting import search as search_module
-from distal.fitting.free_number import Free
+from distal.fitting import likelihood_search as search_module
+from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.search import (
+from distal.fitting.likelihood_search import (
     MOST_BENT,
     Optimum,
     _bent,
@@ -32,8 +32,8 @@ Floats = NDArray[np.float64]
 @pytest.fixture(autouse=True)
 def _exact(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let searches go on to the answer: these functions have no kinks."""
-    monkeypatch.setattr("distal.fitting.search.ENOUGH_OF_EQUATIONS", 1e-3)
-    monkeypatch.setattr("distal.fitting.search.MOST_OF_EQUATIONS", 60)
+    monkeypatch.setattr("distal.fitting.likelihood_search.ENOUGH_OF_EQUATIONS", 1e-3)
+    monkeypatch.setattr("distal.fitting.likelihood_search.MOST_OF_EQUATIONS", 60)
 
 
 class Curve:
@@ -149,7 +149,7 @@ def test_steps_follow_the_bend_of_a_product(monkeypatch: pytest.MonkeyPatch) -> 
     bent, calls = found()
     assert bent.converged
     np.testing.assert_allclose(bent.z, [5.0, 0.2], rtol=0.1 / 15.0)  # a tenth of a standard error
-    monkeypatch.setattr("distal.fitting.search._bent", lambda *_: [])
+    monkeypatch.setattr("distal.fitting.likelihood_search._bent", lambda *_: [])
     straight, more = found()
     assert straight.iterations > 3 * bent.iterations
     assert more > 2 * calls

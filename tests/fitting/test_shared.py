@@ -7,8 +7,8 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.errors import FitError
-from distal.fitting.choice_of_numbers import choose
-from distal.fitting.fitted_number import FittedNumber, assignments
+from distal.fitting.choice_of_parameters import choose
+from distal.fitting.fitted_parameter import FittedNumber, assignments
 
 SPOOL = {"name": "spool", "std": 0.1}
 PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")

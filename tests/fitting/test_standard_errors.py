@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from distal.fitting.free_number import Free
+from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import Derivatives
-from distal.fitting.numbers import _next_held
+from distal.fitting.parameter_estimates import _next_held
 from distal.fitting.standard_errors import Uncertainty, uncertainty_at
 
 Floats = NDArray[np.float64]

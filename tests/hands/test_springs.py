@@ -13,7 +13,7 @@ from benchmarks.strangers.servo_hands import aero_like
 
 from distal import Rig, estimate
 from distal.hands import calibrate
-from distal.hands.springs import _curve, springs_of
+from distal.hands.springs_from_stops import _curve, springs_of
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
 from distal.model import Mechanism
@@ -108,7 +108,7 @@ def test_bends_say_which_spring_is_softer(order: tuple[int, ...]) -> None:
 
 def test_bends_are_tried_at_other_joints(monkeypatch: pytest.MonkeyPatch) -> None:
     """From one start alone the search ends with two springs in each other's place."""
-    monkeypatch.setattr("distal.hands.springs.FACTORS", (1.0,))
+    monkeypatch.setattr("distal.hands.springs_from_stops.FACTORS", (1.0,))
     true = SPRINGS[[1, 0, 2]]
     log, rig = swept(true, 0.03, np.random.default_rng(5)), finger(4.5 * ARMS)
     found = springs_of(log, rig, "one", sweeps_of(log, rig, "one"))

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from distal import Inverse, LiveInverse, Rig, load_rig
 from distal.errors import CommandError
 from distal.inverse import Feedback
-from distal.inverse.command import CommandModel
-from distal.inverse.live import ACROSS
-from distal.inverse.live_function import LEAVES, MOST, SMOOTHED, SPEEDS_UP, _guide
-from distal.inverse.readings import readings
+from distal.inverse.expected_readings import readings
+from distal.inverse.live_inverse import ACROSS
+from distal.inverse.live_inverse_function import LEAVES, MOST, SMOOTHED, SPEEDS_UP, _guide
 from distal.inverse.servo import followable, sent
+from distal.inverse.setpoint_function import CommandModel
 from tests.estimators.test_discrepancy import made
 
 RIG = "paper-2008-observed"

@@ -19,13 +19,13 @@ from distal.cli.app import app
 from distal.confidence import BAND
 from distal.errors import ExportError
 from distal.estimators import external_torques_of, make_estimator
-from distal.export.plant import c_plant
+from distal.export.plant_source import c_plant
 from distal.kernels import Kernel
 from distal.lab import lab_page
 from distal.model import Mechanism
 from distal.rig import number
-from distal.simulation.inputs import BodyInputs
 from distal.simulation.plant import at_rest, plant_function
+from distal.simulation.signal_inputs import BodyInputs
 from tests.browser import BROWSER, Page, opened
 
 pytestmark = [

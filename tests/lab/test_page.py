@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from distal import Rig, load_rig
-from distal.export.plant import ExportedPlant, c_plant
-from distal.lab.page import STIFF, SWING, _largest_load, _motion, _places, _servo
+from distal.export.plant_source import ExportedPlant, c_plant
+from distal.lab.html_page import STIFF, SWING, _largest_load, _motion, _places, _servo
 from distal.reports.moving_chain import chain_script
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"

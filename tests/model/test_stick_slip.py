@@ -12,7 +12,7 @@ import pytest
 
 from distal.kernels import Kernel
 from distal.model import slipping, soft, solver
-from distal.model.stick_slip import EVENTS, SWEEPS, _swept, velocities
+from distal.model.stick_slip_motion import EVENTS, SWEEPS, _swept, velocities
 
 
 def random_case(rng: np.random.Generator, n: int) -> tuple[np.ndarray, ...]:

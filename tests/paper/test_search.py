@@ -11,7 +11,7 @@ import pytest
 
 from distal.paper.claims import Measure, Statement, statements
 from distal.paper.map import described, draw_map, to_json
-from distal.paper.search import UNKNOWNS, Search, margins_of, plant_of
+from distal.paper.rig_search import UNKNOWNS, Search, margins_of, plant_of
 from distal.paper.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 
 COUNT = 12

@@ -38,8 +38,8 @@ from distal.regression.features import (
     middles,
     squared_distances,
 )
-from distal.regression.kernel import map_function, memory_size, numbers_of
 from distal.regression.learn_map import Kind, Terms, choose_terms, frame
+from distal.regression.map_function import map_function, memory_size, numbers_of
 from distal.rig import Discrepancy
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])

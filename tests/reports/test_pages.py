@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from distal import Fit, Log, Rig, estimate, fit, load_scenario, scenario_rig, simulate
-from distal.paper.figures import FIGURES
+from distal.paper.paper_figures import FIGURES
 from distal.reports import fit_report
 from distal.reports.fitting_figures import draw_residuals, draw_traces
 from distal.reports.page import html_table, page, paragraph, picture

@@ -20,9 +20,9 @@ from typer.testing import CliRunner
 from distal import Rig, load_rig
 from distal.cli.app import app
 from distal.reports import draw_rig, rig_svg
+from distal.reports.drawing.labels import written
 from distal.reports.drawing.pose import stands, views_of
 from distal.reports.drawing.routes import WRAP, Wheel, heading, route
-from distal.reports.drawing.units import written
 from distal.results import COLOURS
 from distal.rig import build_rig, shipped_rigs
 

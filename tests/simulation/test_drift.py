@@ -16,7 +16,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.run import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
 from distal.simulation import Scenario, build_scenario, simulate, simulate_pieces
-from distal.simulation.drift import numbers_at
+from distal.simulation.drifting_plant import numbers_at
 
 SWING = {"mean": "5 N", "amplitude": "2 N", "frequency": "0.2 Hz"}
 RAW: dict[str, Any] = {

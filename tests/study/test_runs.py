@@ -11,7 +11,7 @@ import pytest
 from distal import estimate, load_rig, simulate
 from distal.errors import StudyError
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.filter import adaptive_function
+from distal.estimators.adaptive.filter_function import adaptive_function
 from distal.kernels import Kernel
 from distal.results import Estimate
 from distal.run import samples_of

@@ -13,22 +13,22 @@ import typer
 from typer import Option
 
 from distal.cli import (
-    calibrate,
-    command,
-    control,
-    doctor,
-    drift,
-    estimate,
-    export,
-    fit,
-    lab,
-    reproduce,
-    rig_imports,
-    rigs,
-    simulate,
-    stream,
-    study,
-    view,
+    calibrate_command,
+    command_command,
+    control_command,
+    doctor_command,
+    drift_command,
+    estimate_command,
+    export_command,
+    fit_command,
+    lab_command,
+    reproduce_command,
+    rig_commands,
+    rig_import_commands,
+    simulate_command,
+    stream_command,
+    study_command,
+    view_command,
 )
 from distal.cli.console import show_warnings
 from distal.errors import LONGEST_LINE, DistalError, OutputError, one_line
@@ -46,26 +46,26 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("estimate")(estimate.estimate_command)
-app.command("view")(view.view_command)
-app.command("lab")(lab.lab_command)
-app.command("fit")(fit.fit_command)
-app.command("calibrate")(calibrate.calibrate_command)
-app.command("simulate")(simulate.simulate_command)
-app.command("command")(command.command_command)
-app.command("control")(control.control_command)
-app.command("drift")(drift.drift_command)
-app.command("study")(study.study_command)
-app.command("studies")(study.list_command)
-app.command("stream")(stream.stream_command)
-app.command("export-c")(export.export_command)
-app.command("export-fmu")(export.fmu_command)
-app.command("reproduce")(reproduce.reproduce_command)
-app.command("rigs")(rigs.list_command)
-app.add_typer(rig_imports.app, name="rig")
-app.command("scenarios")(simulate.list_command)
-app.add_typer(simulate.app, name="scenario")
-app.command("doctor")(doctor.doctor_command)
+app.command("estimate")(estimate_command.estimate_command)
+app.command("view")(view_command.view_command)
+app.command("lab")(lab_command.lab_command)
+app.command("fit")(fit_command.fit_command)
+app.command("calibrate")(calibrate_command.calibrate_command)
+app.command("simulate")(simulate_command.simulate_command)
+app.command("command")(command_command.command_command)
+app.command("control")(control_command.control_command)
+app.command("drift")(drift_command.drift_command)
+app.command("study")(study_command.study_command)
+app.command("studies")(study_command.list_command)
+app.command("stream")(stream_command.stream_command)
+app.command("export-c")(export_command.export_command)
+app.command("export-fmu")(export_command.fmu_command)
+app.command("reproduce")(reproduce_command.reproduce_command)
+app.command("rigs")(rig_commands.list_command)
+app.add_typer(rig_import_commands.app, name="rig")
+app.command("scenarios")(simulate_command.list_command)
+app.add_typer(simulate_command.app, name="scenario")
+app.command("doctor")(doctor_command.doctor_command)
 
 
 def _version(wanted: bool) -> None:

@@ -6,8 +6,8 @@ from itertools import chain, count
 
 import casadi as ca
 
-from distal.codegen.dialects import Dialect
 from distal.codegen.matrices import write_matrices
+from distal.codegen.number_types import Dialect
 from distal.codegen.operations import CodeError
 from distal.codegen.scalars import write_scalars
 from distal.codegen.workspace import Written

@@ -8,7 +8,7 @@ import re
 
 import casadi as ca
 
-from distal.codegen.dialects import Dialect
+from distal.codegen.number_types import Dialect
 
 _ARGUMENT = re.compile(r"\b[ar]\d+\b")
 

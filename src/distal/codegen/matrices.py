@@ -8,10 +8,10 @@ import casadi as ca
 
 from distal.codegen.calls import call
 from distal.codegen.dataflow import Dataflow
-from distal.codegen.dialects import Dialect
 from distal.codegen.elements import elementwise
 from distal.codegen.frame import framed
 from distal.codegen.memory import Memory, Value
+from distal.codegen.number_types import Dialect
 from distal.codegen.placement import Placement
 from distal.codegen.products import dot, product, rank_one
 from distal.codegen.slices import argument, constant, get, join, put, shape, split, transpose

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from distal.codegen.dialects import Dialect
+from distal.codegen.number_types import Dialect
 from distal.codegen.operations import CodeError
 
 UNROLLED = 3

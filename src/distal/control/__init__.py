@@ -2,9 +2,7 @@
 reference.
 """
 
-from distal.control.controlled_plant import ControlledPlant, SteppedPlant
-from distal.control.figures import plot_control
-from distal.control.loop import (
+from distal.control.closed_loop import (
     COMMAND,
     ENCODER,
     RATIO,
@@ -14,6 +12,8 @@ from distal.control.loop import (
     run_controller,
     simulate,
 )
+from distal.control.control_figures import plot_control
+from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.pid import PID, Held
 from distal.control.tracking import Hunting, Tracking, track
 

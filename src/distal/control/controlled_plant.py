@@ -22,7 +22,6 @@ from distal.model import Mechanism
 from distal.rig import Rig
 from distal.sensor_errors import SensorErrors
 from distal.simulation import Scenario
-from distal.simulation.inputs import initial_angles
 from distal.simulation.plant import (
     Motion,
     at_rest,
@@ -31,6 +30,7 @@ from distal.simulation.plant import (
     rows_of,
 )
 from distal.simulation.readings import Readings, errors_by_rate
+from distal.simulation.signal_inputs import initial_angles
 from distal.simulation.simulate import SIMULATED, prepare, stamps_of, true_motion
 from distal.suggestions import did_you_mean
 

@@ -9,7 +9,7 @@ from math import inf, nan
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control.loop import ClosedLoop
+from distal.control.closed_loop import ClosedLoop
 
 SETTLED = float(np.deg2rad(2.0))
 """A joint has settled where it stays within this of its reference: 5 % of a step of 40° [rad]."""

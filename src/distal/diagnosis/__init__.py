@@ -1,6 +1,6 @@
 """Self-diagnosis: what was tested, what disagrees, and what no sensor there can test."""
 
-from distal.diagnosis.channels import LARGE_RATIO
+from distal.diagnosis.channel_statistics import LARGE_RATIO
 from distal.diagnosis.diagnose import diagnose, why_diverged
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate

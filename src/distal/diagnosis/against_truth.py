@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from distal.confidence import BAND
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.causes import MOST, Cause, DriveResidual
 from distal.diagnosis.drive_residuals import residual_of, swaps
 from distal.diagnosis.finding import Finding
@@ -68,7 +68,7 @@ def against_truth(
     rms = np.sqrt(np.nansum(errors**2, axis=0) / np.maximum(known.sum(axis=0), 1))
     most = int(np.nanargmax(rms))
     if held.sum() < LEAST_INSIDE * known.sum() or shares[worst] < LEAST_OF_JOINT:
-        outside = sentences.outside_the_truth(
+        outside = texts.outside_the_truth(
             result.joint_names[worst], float(rms[worst]), float(shares[worst])
         )
         if rerun is None:
@@ -80,7 +80,7 @@ def against_truth(
     most = int(np.argmax(rms / widths))
     if beyond or rms[most] <= NOISE * widths[most]:
         return beyond
-    inside = sentences.errs_inside(result.joint_names[most], float(rms[most]), float(shares[most]))
+    inside = texts.errs_inside(result.joint_names[most], float(rms[most]), float(shares[most]))
     if rerun is None:
         return [inside]
     trials = tried(rerun(), _of_drives(log, rig, DriveResidual.alone))
@@ -105,8 +105,7 @@ def _named(found: Sequence[Cause]) -> list[Finding]:
     for cause in found:
         named.setdefault(cause.words, []).append(cause.subject)
     return [
-        sentences.looks(" and ".join(subjects), words)
-        for words, subjects in [*named.items()][:MOST]
+        texts.looks(" and ".join(subjects), words) for words, subjects in [*named.items()][:MOST]
     ]
 
 

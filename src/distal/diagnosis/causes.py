@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from distal.arrays import Floats
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.explanations import UNIT_FACTORS
 from distal.diagnosis.rerun import Change
 from distal.rig import Sensor
@@ -246,23 +246,23 @@ def _words(cause: Cause) -> str:
     if cause.kind == "swap":
         return "swapped"
     if cause.kind == "delay":
-        return sentences.like_a_delay(cause.change)
+        return texts.like_a_delay(cause.change)
     if cause.kind == "arm":
-        return sentences.like_an_arm(factor)
+        return texts.like_an_arm(factor)
     if cause.kind == "friction":
-        return sentences.like_friction(factor)
+        return texts.like_friction(factor)
     sensor = cause.sensor
     assert sensor is not None
     if cause.kind == "zero":
-        return sentences.like_a_zero(cause.change, sensor.si)
+        return texts.like_a_zero(cause.change, sensor.si)
     is_place = cause.kind == "scale"
     unit = _unit_words(1 / factor if is_place else factor, sensor, is_place)
     if unit is not None:
         return unit
     if not is_place:
-        return sentences.like_a_compliance(factor, sensor.of)
+        return texts.like_a_compliance(factor, sensor.of)
     gear = getattr(sensor, "gear", 1.0)
-    return sentences.like_a_scale(factor, gear, is_capstan=sensor.si == "rad")
+    return texts.like_a_scale(factor, gear, is_capstan=sensor.si == "rad")
 
 
 def _unit_words(scale: float, sensor: Sensor, is_place: bool) -> str | None:

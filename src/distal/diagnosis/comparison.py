@@ -6,7 +6,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.finding import Finding
 from distal.errors import EstimationError
 from distal.logs import Log
@@ -43,7 +43,7 @@ def disagreement(
         )
         outside |= np.abs(result.angles[:, j] - kinematic.angles[:, j]) > band
     share = float(np.mean(outside))
-    return [] if share <= OFTEN else [sentences.kinematics_disagree(name, share)]
+    return [] if share <= OFTEN else [texts.kinematics_disagree(name, share)]
 
 
 def disagreement_with_map(
@@ -57,7 +57,7 @@ def disagreement_with_map(
         return []
     apart = np.abs(result.angles - affine.angles) > BAND * (result.angle_stds + affine.angle_stds)
     share = float(np.mean(apart.any(axis=1)))
-    return [] if share <= OFTEN else [sentences.map_disagrees(share)]
+    return [] if share <= OFTEN else [texts.map_disagrees(share)]
 
 
 def _estimate(log: Log, rig: Rig, name: str, homing: float | None) -> Estimate | None:

@@ -10,9 +10,9 @@ from functools import cache
 import numpy as np
 
 from distal.arrays import Floats
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.against_truth import LOST, against_truth, causes
-from distal.diagnosis.channels import channels_of
+from distal.diagnosis.channel_statistics import channels_of
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
@@ -146,7 +146,7 @@ def elsewhere(log: Log, rig: Rig) -> list[Finding]:
             readings is not None
             and _share_outside(readings, *place_range(rig, sensor)) > OUTSIDE_SHARE
         ):
-            findings.append(sentences.drive_elsewhere(sensor.name))
+            findings.append(texts.drive_elsewhere(sensor.name))
     return findings
 
 
@@ -158,7 +158,7 @@ def out_of_range(log: Log, ranges: Mapping[str, tuple[float, float]]) -> list[Fi
     for name, (low, high) in ranges.items():
         share = _share_outside(log.channels.get(name, np.zeros(0)), low, high)
         if share > OUTSIDE_SHARE:
-            findings.append(sentences.outside_the_fit(name, share, low, high))
+            findings.append(texts.outside_the_fit(name, share, low, high))
     return findings
 
 

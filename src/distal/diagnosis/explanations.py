@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.diagnosis.what_if import contradictions
@@ -101,7 +101,10 @@ def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
             for factor, words in UNIT_FACTORS.items():
                 like = words.get(sensor.si, words.get(""))
                 if like is not None:
-                    yield sentences.looks(sensor.name, like), Change(channels={sensor.name: factor})
+                    yield (
+                        texts.looks(sensor.name, like),
+                        Change(channels={sensor.name: factor}),
+                    )
 
 
 def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
@@ -118,7 +121,10 @@ def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
         }
         if drive.kind == "capstan" and sensors.get("position") in channels:
             ratio = _best_ratio(rerun, powers)
-            yield sentences.looks(drive.name, sentences.like_a_gear(ratio)), _geared(powers, ratio)
+            yield (
+                texts.looks(drive.name, texts.like_a_gear(ratio)),
+                _geared(powers, ratio),
+            )
 
 
 def _geared(powers: dict[str, int], ratio: float) -> Change:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from distal.arrays import Floats
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.states import LARGEST_TRAVEL
 from distal.logs import Log
@@ -25,8 +25,8 @@ def out_of_reach(log: Log, rig: Rig) -> list[Finding]:
         )
         stops = rig.joints[joint].stops
         least = span / (LARGEST_TRAVEL if stops is None else stops[1] - stops[0])
-        if least > sentences.SMALLEST_GEAR:
-            findings.append(sentences.looks_geared_at_least(sensor.name, least))
+        if least > texts.SMALLEST_GEAR:
+            findings.append(texts.looks_geared_at_least(sensor.name, least))
     return findings
 
 

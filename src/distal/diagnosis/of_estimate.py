@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from distal.diagnosis.channels import Channels, channels_of
+from distal.diagnosis.channel_statistics import Channels, channels_of
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.states import left_their_priors, turning_too_far, undeclared_friction
 from distal.results.estimate import Estimate

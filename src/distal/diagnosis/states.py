@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.finding import Finding
 from distal.estimators import StateKind
 from distal.results.estimate import Estimate
@@ -53,9 +53,9 @@ def left_their_priors(estimate: Estimate) -> list[Finding]:
         # the weights of a sensor's linearity are one thing
         subject = f"linearity_{part}" if kind is StateKind.LINEARITY else name
         if abs(end - prior) - std > LARGE_PRIOR * stds[i]:
-            finding = sentences.left_its_prior(subject, end, std, prior, float(stds[i]))
+            finding = texts.left_its_prior(subject, end, std, prior, float(stds[i]))
         elif abs(change) > WALKS * np.sqrt(learned) and abs(change) > BEGUN * stds[i]:
-            finding = sentences.does_not_settle(subject, change)
+            finding = texts.does_not_settle(subject, change)
         else:
             continue
         if subject not in worst or abs(away) > worst[subject][0]:
@@ -72,9 +72,7 @@ def turning_too_far(estimate: Estimate) -> list[Finding]:
         (joint, float(np.ptp(angles)))
         for joint, angles in zip(estimate.joint_names, estimate.angles.T)
     ]
-    return [
-        sentences.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL
-    ]
+    return [texts.turns_too_far(joint, most) for joint, most in covered if most > LARGEST_TRAVEL]
 
 
 def undeclared_friction(estimate: Estimate) -> list[Finding]:
@@ -85,5 +83,5 @@ def undeclared_friction(estimate: Estimate) -> list[Finding]:
         std = np.sqrt(estimate.variances[-1, i])
         prior = np.sqrt(estimate.variances[0, i])
         if kind is StateKind.FRICTION and friction > 0.25 * prior and friction > 3.0 * std:
-            findings.append(sentences.friction_undeclared(drive, float(friction)))
+            findings.append(texts.friction_undeclared(drive, float(friction)))
     return findings

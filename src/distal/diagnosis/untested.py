@@ -15,9 +15,9 @@ from itertools import zip_longest
 import numpy as np
 
 from distal.confidence import BAND
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
+from distal.diagnosis.changes_in_subsystems import each_apart
 from distal.diagnosis.finding import Finding, Kind
-from distal.diagnosis.parts import each_apart
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.diagnosis.what_if import contradictions
 from distal.estimators import AdaptiveFilter
@@ -81,8 +81,7 @@ def untestable(rerun: Rerun) -> list[Finding]:
                 found[group] += [drive for drive in concerned if drive not in found[group]]
     groups = {group: named for group, named in found.items() if named}
     return [
-        sentences.cannot_test(f"{group} of {_listed(named, drives)}")
-        for group, named in groups.items()
+        texts.cannot_test(f"{group} of {_listed(named, drives)}") for group, named in groups.items()
     ]
 
 
@@ -115,22 +114,22 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
         place = read.get("position")
         force = read.get("force")
         for factor in (*FACTORS, *GROSS) if place is not None else ():
-            yield sentences.SCALE, (drive.name,), Change(channels={str(place): factor})
+            yield texts.SCALE, (drive.name,), Change(channels={str(place): factor})
         for factor in FACTORS:
             for path in arms.get(drive.name, ()):
-                yield sentences.SCALE, (drive.name,), Change(numbers={path: factor})
+                yield texts.SCALE, (drive.name,), Change(numbers={path: factor})
         for factor in (*FACTORS, *GROSS) if force is not None else ():
-            yield sentences.COMPLIANCE, (drive.name,), Change(channels={str(force): factor})
+            yield texts.COMPLIANCE, (drive.name,), Change(channels={str(force): factor})
         for factor in FACTORS if springs.get(drive.name) else ():
             yield (
-                sentences.COMPLIANCE,
+                texts.COMPLIANCE,
                 (drive.name,),
                 Change(numbers=dict.fromkeys(springs[drive.name], factor)),
             )
         for sign in (1.0, -1.0) if place is not None else ():
             shift = sign * ZERO * rerun.covered(str(place))
-            yield sentences.ZERO, (drive.name,), Change(added={str(place): shift})
-    for group, paths_of in ((sentences.SCALE, arms), (sentences.COMPLIANCE, springs)):
+            yield texts.ZERO, (drive.name,), Change(added={str(place): shift})
+    for group, paths_of in ((texts.SCALE, arms), (texts.COMPLIANCE, springs)):
         together = [path for paths in paths_of.values() for path in paths]
         for factor in FACTORS if together else ():
             yield (

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from distal.arrays import Floats
-from distal.diagnosis import sentences
+from distal.diagnosis import finding_texts as texts
+from distal.diagnosis.changes_in_subsystems import each_apart
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
-from distal.diagnosis.parts import each_apart
 from distal.diagnosis.rerun import Change, Outcome, Rerun
 from distal.estimators import StateKind, state_units
 from distal.results import Estimate
@@ -52,7 +52,7 @@ def overconfidence(rerun: Rerun) -> list[Finding]:
     if spread <= HANGS:
         return []
     most = max(moved, key=lambda name: float(moved[name][worst]))
-    return [sentences.hangs_on_the_start(most, spread, is_angle=most in _angles(rerun))]
+    return [texts.hangs_on_the_start(most, spread, is_angle=most in _angles(rerun))]
 
 
 def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:

@@ -1,23 +1,23 @@
 """Estimators behind one contract: belief and sample in, belief and innovation out."""
 
 from distal.estimators.adaptive import AdaptiveFilter, Robustness
-from distal.estimators.affine import AffineEstimator, affine_of, affine_samples
+from distal.estimators.affine_estimator import AffineEstimator, affine_of, affine_samples
+from distal.estimators.affine_samples import WILD, sample_problem, wild_problem
 from distal.estimators.belief import Belief, Innovation
-from distal.estimators.channels import Channels, channels_of
-from distal.estimators.contract import (
+from distal.estimators.directions import Directions, directions
+from distal.estimators.estimator_protocol import (
     LARGEST_ANGLE,
     SHORTEST,
     Estimator,
     KernelEstimator,
     check_time,
 )
-from distal.estimators.directions import Directions, directions
 from distal.estimators.full_state import FullStateFilter, Noise, paper_noise, rig_noise
 from distal.estimators.gaps import first_values
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics
+from distal.estimators.read_channels import Channels, channels_of
 from distal.estimators.registry import DEFAULT, ESTIMATORS, make_estimator
-from distal.estimators.samples import WILD, sample_problem, wild_problem
 from distal.estimators.state_kinds import (
     UNITS_OF_JOINTS,
     StateKind,

@@ -12,10 +12,10 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
-from distal.estimators.contract import KernelEstimator
+from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
 from distal.estimators.kinematic_readings import first_drives
+from distal.estimators.read_channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
 from distal.expressions import Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, substeps, tangent_step

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.estimators.channels import Channels, channels_of, sensor_for
-from distal.estimators.contract import KernelEstimator
+from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kinematic_readings import (
     first_drives,
     levers_of,
@@ -13,6 +12,7 @@ from distal.estimators.kinematic_readings import (
     read_drives,
     tension_share,
 )
+from distal.estimators.read_channels import Channels, channels_of, sensor_for
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name

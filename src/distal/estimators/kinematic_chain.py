@@ -8,9 +8,8 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.channels import Channels, channels_of
-from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
+from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kinematic_readings import (
     first_drives,
     levers_of,
@@ -18,6 +17,7 @@ from distal.estimators.kinematic_readings import (
     read_drives,
     tension_share,
 )
+from distal.estimators.read_channels import Channels, channels_of
 from distal.expressions import Scalar, Vector
 from distal.kernels import Kernel, carry_layout
 from distal.model import Mechanism, solver

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from distal.estimators.channels import Channels, sensor_for
+from distal.estimators.read_channels import Channels, sensor_for
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.model import Mechanism

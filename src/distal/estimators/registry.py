@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from distal.errors import EstimationError
 from distal.estimators.adaptive import AdaptiveFilter
-from distal.estimators.affine import AffineEstimator
-from distal.estimators.contract import KernelEstimator
+from distal.estimators.affine_estimator import AffineEstimator
+from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.full_state import FullStateFilter, paper_noise, rig_noise
 from distal.estimators.kinematic import KinematicEstimator
 from distal.estimators.kinematic_chain import ChainKinematics

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from distal.confidence import BAND
 from distal.errors import OutputError
-from distal.export.health import spoken
+from distal.export.health_source import spoken
 from distal.export.names import c_name
 from distal.export.outputs import angle_fields, comment, filled
 from distal.export.project import check_ours, readme, write_files

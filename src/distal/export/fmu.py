@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 from distal.errors import ExportError
 from distal.estimators import KernelEstimator, make_estimator
 from distal.export.binaries import SUFFIX, binaries_of
-from distal.export.health import spoken
+from distal.export.health_source import spoken
 from distal.export.outputs import angle_fields, filled, outputs, torque_fields
 from distal.export.source import Exported, c_filter
 from distal.logs import LARGEST_READING, write_whole

@@ -2,7 +2,8 @@
 
 from distal.fitting.angle_observability import Observability, observability
 from distal.fitting.fit import fit
-from distal.fitting.fitted_number import FittedNumber
+from distal.fitting.fit_options import Options
+from distal.fitting.fitted_parameter import FittedNumber
 from distal.fitting.learned_maps import (
     LeftOut,
     MapFit,
@@ -11,7 +12,6 @@ from distal.fitting.learned_maps import (
     learn_discrepancy,
 )
 from distal.fitting.leave_out import ALONE, WRITTEN, Compared, Fold, Score
-from distal.fitting.options import Options
 from distal.fitting.progress import Doing
 from distal.fitting.result import Fit
 from distal.regression import groups_of

@@ -9,7 +9,8 @@ import numpy as np
 
 from distal.arrays import Bools
 from distal.estimators import affine_of, affine_samples
-from distal.fitting.fitted_number import assignments, described
+from distal.fitting.fit_options import Options
+from distal.fitting.fitted_parameter import assignments, described
 from distal.fitting.jackknife import numbers_without
 from distal.fitting.learned_maps import MapFit, map_of
 from distal.fitting.log_checks import unknown_joints
@@ -20,9 +21,8 @@ from distal.fitting.map_samples import (
     partly_homed,
     with_reference_error,
 )
-from distal.fitting.missing_physics import Part
-from distal.fitting.numbers import Numbers
-from distal.fitting.options import Options
+from distal.fitting.missing_terms import Part
+from distal.fitting.parameter_estimates import Numbers
 from distal.logs import Log, true_angles
 from distal.regression import (
     Errors,

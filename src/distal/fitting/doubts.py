@@ -9,10 +9,10 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import Robustness
-from distal.fitting.fitted_number import FittedNumber
+from distal.fitting.fitted_parameter import FittedNumber
 from distal.fitting.likelihood import Innovations
+from distal.fitting.likelihood_search import Optimum, search
 from distal.fitting.problem import Problem
-from distal.fitting.search import Optimum, search
 
 LARGEST_NIS = 5.0
 """Mean ν²/S from which on a log does not look like its rig."""

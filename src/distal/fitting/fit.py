@@ -11,8 +11,9 @@ import numpy as np
 
 from distal.errors import DistalWarning, EstimationError, FitError
 from distal.fitting.doubts import far_from_priors
-from distal.fitting.free_motion import free_motion_of, widest
+from distal.fitting.fit_options import Options
 from distal.fitting.learn import Learned, judge, learn, learned_by
+from distal.fitting.learn_free_motion import free_motion_of, widest
 from distal.fitting.learned_maps import MapFit, logs_read
 from distal.fitting.leave_out import (
     WRITTEN,
@@ -22,7 +23,6 @@ from distal.fitting.leave_out import (
     with_written,
 )
 from distal.fitting.log_checks import check_logs
-from distal.fitting.options import Options
 from distal.fitting.progress import Progress, of_part
 from distal.fitting.result import Fit
 from distal.fitting.touched_logs import touched_logs

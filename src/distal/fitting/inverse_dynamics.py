@@ -28,7 +28,7 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.expressions import Scalar
-from distal.fitting.filter import Data, FitFilter
+from distal.fitting.fit_filter import Data, FitFilter
 from distal.fitting.likelihood import Innovations
 from distal.fitting.problem import Problem
 from distal.kernels import Feed, Kernel, kernel_of, structure_of

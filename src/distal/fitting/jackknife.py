@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from distal.fitting.numbers import Numbers, fitted_numbers
-from distal.fitting.search import search
+from distal.fitting.likelihood_search import search
+from distal.fitting.parameter_estimates import Numbers, fitted_numbers
 from distal.logs import Log
 from distal.regression import splits
 

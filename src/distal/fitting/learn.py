@@ -22,11 +22,11 @@ from distal.fitting.candidates import (
     line_candidate,
     line_map,
 )
-from distal.fitting.fitted_number import FittedNumber, assignments, described
+from distal.fitting.fit_options import Options
+from distal.fitting.fitted_parameter import FittedNumber, assignments, described
 from distal.fitting.learned_maps import MapFit, learn_contact
-from distal.fitting.missing_physics import Part, Tried, tried_parts, with_parts
-from distal.fitting.numbers import Numbers, among_models, numbers_of, problem_of
-from distal.fitting.options import Options
+from distal.fitting.missing_terms import Part, Tried, tried_parts, with_parts
+from distal.fitting.parameter_estimates import Numbers, among_models, numbers_of, problem_of
 from distal.fitting.progress import Progress, judging
 from distal.fitting.sensor_curves import curves
 from distal.logs import Log, true_torques

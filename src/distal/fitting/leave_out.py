@@ -10,7 +10,7 @@ import numpy as np
 from distal.errors import DistalError
 from distal.estimators import affine_samples
 from distal.fitting.candidates import Candidate
-from distal.fitting.fitted_number import described
+from distal.fitting.fitted_parameter import described
 from distal.fitting.learn import Learned
 from distal.logs import Log, shown, true_angles
 from distal.regression import YARDSTICKS, splits, yardstick_error

@@ -15,8 +15,8 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.estimators import Robustness, first_values
-from distal.fitting.filter import Data, FitFilter
-from distal.fitting.free_number import Free
+from distal.fitting.fit_filter import Data, FitFilter
+from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import (
     Derivatives,
     Innovations,

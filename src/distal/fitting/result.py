@@ -12,14 +12,14 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
-from distal.fitting.choice_of_numbers import paths_of
+from distal.fitting.choice_of_parameters import paths_of
+from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, fitted_text, plain
-from distal.fitting.fitted_number import FittedNumber, assignments
+from distal.fitting.fitted_parameter import FittedNumber, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import WRITTEN, Compared, Fold
 from distal.fitting.map_samples import reference_offset, reference_std
-from distal.fitting.options import Options
 from distal.logs import Log, shown, write_whole
 from distal.rig import Rig
 from distal.rounded import rounded

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.fitting.free_number import Free
+from distal.fitting.free_parameter import Free
 from distal.fitting.likelihood import Derivatives
+from distal.fitting.likelihood_search import hessian
 from distal.fitting.problem import Problem
-from distal.fitting.search import hessian
 
 TOLD = 0.9
 """A number is told by the logs if its standard error is below this share of its prior's std."""

@@ -11,10 +11,10 @@ import numpy as np
 
 from distal.errors import FitError
 from distal.fitting import Options
-from distal.fitting.fitted_number import assignments
-from distal.fitting.numbers import Numbers, from_starts, problem_of
+from distal.fitting.fitted_parameter import assignments
+from distal.fitting.parameter_estimates import Numbers, from_starts, problem_of
 from distal.hands.findings import LOOSE, longer
-from distal.hands.springs import Springs, springs_of
+from distal.hands.springs_from_stops import Springs, springs_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
 from distal.hands.sweeps import Sweep, channels_of
 from distal.logs import Log

@@ -21,7 +21,7 @@ from distal.estimators import (
     channels_of,
     first_values,
 )
-from distal.estimators.adaptive.filter import adaptive_layout
+from distal.estimators.adaptive.filter_function import adaptive_layout
 from distal.homing.apply import ASTRAY, homing_prior
 from distal.homing.window import Window
 from distal.logs import Log, frozen

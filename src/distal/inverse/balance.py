@@ -15,7 +15,7 @@ import casadi as ca
 
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
-from distal.inverse.command_inputs import DERIVED, command_inputs
+from distal.inverse.setpoint_inputs import DERIVED, command_inputs
 from distal.model import Mechanism
 from distal.model.parameters import Derived, Numbers
 from distal.rig import Rig

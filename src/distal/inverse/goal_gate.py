@@ -22,7 +22,7 @@ from distal.arrays import Bools, Floats
 from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, MotorReadings
 from distal.rig import Rig
 from distal.run.drive_range import motor_range, place_range
-from distal.run.live import LATEST
+from distal.run.live_estimator import LATEST
 from distal.run.monitor import REWOUND
 
 PATIENCE = 1.0

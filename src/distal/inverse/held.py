@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 
 from distal.expressions import Vector
-from distal.inverse.command import CommandModel
 from distal.inverse.distribution import solved
 from distal.inverse.reached import SOFTEST, lacking
+from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Layout
 
 ROUNDS = 12

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 
 from distal.errors import CommandError
-from distal.inverse.command import FARTHEST
+from distal.inverse.setpoint_function import FARTHEST
 from distal.rig import Rig
 from distal.rounded import rounded
 from distal.units import to_si

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from distal.arrays import Bools, Floats
-from distal.inverse.command import CommandModel
-from distal.inverse.command_inputs import radius_of
+from distal.inverse.setpoint_function import CommandModel
+from distal.inverse.setpoint_inputs import radius_of
 from distal.rounded import rounded
 
 NEAR = float(np.deg2rad(0.1))

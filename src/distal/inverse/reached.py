@@ -12,8 +12,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
-from distal.inverse.command import CommandModel
 from distal.inverse.distribution import solved
+from distal.inverse.setpoint_function import CommandModel
 from distal.rig import Rig
 
 SOFTEST = 1e-9

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from distal.kernels.cache import digest
 from distal.model import Mechanism
 from distal.rig import Parameter, Rig
-from distal.rig.chain import Coupling
+from distal.rig.links import Coupling
 
 INPUTS = frozenset(
     {

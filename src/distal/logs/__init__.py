@@ -1,10 +1,10 @@
 """Logs: time series of sensors, read, checked and written."""
 
 from distal.logs.atomic_writes import keep_elsewhere, write_together, write_whole
+from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.datasets import da_vinci_grasper
 from distal.logs.episodes import Episode, episodes_of, is_dataset
 from distal.logs.formats import TABLES
-from distal.logs.frames import pandas_frame, polars_frame
 from distal.logs.header_units import header
 from distal.logs.log import LARGEST_READING, Log, frozen
 from distal.logs.log_files import (
@@ -17,7 +17,7 @@ from distal.logs.log_files import (
     write_columns,
     write_log,
 )
-from distal.logs.memory import MEMORY_VARIABLE, size_of
+from distal.logs.memory_limit import MEMORY_VARIABLE, size_of
 from distal.logs.messages import MessageReader
 from distal.logs.mujoco_recorder import mujoco_recorder
 from distal.logs.output_targets import Output, check_outputs, outputs_in, shown

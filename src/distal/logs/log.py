@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Bools, Floats
 from distal.errors import LogError
-from distal.logs.frames import pandas_frame, polars_frame
+from distal.logs.data_frames import pandas_frame, polars_frame
 from distal.logs.truth import NO_SOURCE, TruthKind, TruthSource, truth_source_of
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Column
 from distal.logs.formats import format_of
 from distal.logs.header_units import needed
-from distal.logs.memory import how_to_allow, memory_limit
+from distal.logs.memory_limit import how_to_allow, memory_limit
 from distal.logs.output_targets import shown
 from distal.logs.recordings import open_recording
 

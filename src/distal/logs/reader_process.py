@@ -19,7 +19,7 @@ from threading import Lock
 
 from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, Column, in_memory
-from distal.logs.memory import how_to_allow, memory_limit
+from distal.logs.memory_limit import how_to_allow, memory_limit
 from distal.logs.output_targets import shown
 from distal.logs.reader import STAMPS, Answer, Request, answer_to, unpacked
 

@@ -28,7 +28,7 @@ from distal.model.stepping import (
     stiffest_frequency,
     substeps,
 )
-from distal.model.stick_slip import Slip, slipping, solver
+from distal.model.stick_slip_motion import Slip, slipping, solver
 from distal.model.stops import restitution
 from distal.model.tangents import tangent_step
 

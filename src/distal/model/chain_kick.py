@@ -18,7 +18,7 @@ import casadi as ca
 
 from distal.expressions import Matrix, Scalar, Vector
 from distal.model.mechanism import Mechanism
-from distal.model.stick_slip import Slip, slipping, solver
+from distal.model.stick_slip_motion import Slip, slipping, solver
 from distal.model.stops import Flight, bounce, restitution
 
 SHORTEST = 1e-15

@@ -14,7 +14,7 @@ import numpy as np
 
 from distal.logs import check_outputs, outputs_in, write_together
 from distal.paper.claims import statements
-from distal.paper.search import READINGS, UNKNOWNS, Search
+from distal.paper.rig_search import READINGS, UNKNOWNS, Search
 from distal.results import BLACK, COLOURS, PALE, figure, figure_bytes, make_folder
 
 if TYPE_CHECKING:

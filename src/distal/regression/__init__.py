@@ -10,14 +10,6 @@ from distal.regression.cross_validation import folds_of, groups_of, splits
 from distal.regression.discrepancy import discrepancy_kind
 from distal.regression.extrapolation import Learner, errors_beyond
 from distal.regression.features import Samples, design, limits, outside, predict
-from distal.regression.kernel import (
-    carried_size,
-    first_memory,
-    map_function,
-    memory_size,
-    numbers_of,
-    reporting_function,
-)
 from distal.regression.learn_map import (
     Kind,
     Terms,
@@ -26,6 +18,14 @@ from distal.regression.learn_map import (
     fit_coefficients,
     learn_map,
     left_out_errors,
+)
+from distal.regression.map_function import (
+    carried_size,
+    first_memory,
+    map_function,
+    memory_size,
+    numbers_of,
+    reporting_function,
 )
 from distal.regression.random_effects import correlated_samples, independent, line
 from distal.regression.servos import servos_of

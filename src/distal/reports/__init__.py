@@ -1,10 +1,10 @@
 """Reports: figures and pages that a person would want to read."""
 
 from distal.reports.fitting import FIT_PAGES, fit_report
+from distal.reports.log_view import check_plotly, view_page
 from distal.reports.page import svg_of
 from distal.reports.rig_drawing import draw_rig, rig_svg
-from distal.reports.study import study_report
-from distal.reports.view import check_plotly, view_page
+from distal.reports.study_report import study_report
 
 __all__ = [
     "FIT_PAGES",

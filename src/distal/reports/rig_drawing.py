@@ -13,25 +13,25 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.reports.drawing.arms import changing_arms, draw_curves, draw_table, table_width
-from distal.reports.drawing.drives import (
+from distal.reports.drawing.draw_drives import (
     draw_capstan,
     draw_slider,
     drive_lines,
     glyph_width,
     motor_half,
 )
-from distal.reports.drawing.joints import (
+from distal.reports.drawing.draw_joints import (
     draw_coupling,
     draw_joint,
     draw_link,
     draw_pin,
     joint_lines,
 )
+from distal.reports.drawing.draw_tendons import draw_tendon, lane_room, wheels
+from distal.reports.drawing.labels import written
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
 from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
-from distal.reports.drawing.tendons import draw_tendon, lane_room, wheels
-from distal.reports.drawing.units import written
 from distal.reports.page import svg_of
 from distal.results import FAINT, INK, PALE, SOFT
 from distal.rig import Capstan, Pinned, Rig

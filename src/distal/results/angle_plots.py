@@ -14,8 +14,8 @@ from distal.arrays import Floats
 from distal.confidence import BAND
 from distal.errors import OutputError
 from distal.logs import Log
+from distal.results.curves import Curves
 from distal.results.innovation_plots import draw_forces, draw_health, draw_innovations
-from distal.results.plot_data import Curves
 from distal.results.style import (
     BAND_ALPHA,
     BLACK,

@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.logs import Log
-from distal.results.plot_data import Curves
+from distal.results.curves import Curves
 from distal.results.style import COLOURS, PALE, SOFT, curve_style, legend_above, plain
 from distal.rig import Rig
 

@@ -37,9 +37,8 @@ from distal.rig.learned_map import (
 )
 from distal.rig.mjcf import compare_lengths, from_mujoco
 from distal.rig.naming import in_words, named, part_at
-from distal.rig.numbers import Number, known_to_a_factor, number
 from distal.rig.overrides import ALL, parse_assignment, set_value
-from distal.rig.parts import Part, independent_parts
+from distal.rig.parameter_references import Number, known_to_a_factor, number
 from distal.rig.plausibility import doubts
 from distal.rig.quantities import Description, In, Parameter
 from distal.rig.rig import Rig, parameters_below
@@ -57,6 +56,7 @@ from distal.rig.sensors import (
     step_of,
     travel_of,
 )
+from distal.rig.subsystems import Part, independent_parts
 from distal.rig.tendons import Creep, Meeting, Tendon
 from distal.rig.validation import validated
 

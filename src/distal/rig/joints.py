@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from distal.rig.chain import AXES, Axis, Coupling, Link, Vector
+from distal.rig.links import AXES, Axis, Coupling, Link, Vector
 from distal.rig.quantities import ZERO, Description, In, Name, Parameter
 
 REACH = 1.2

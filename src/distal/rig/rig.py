@@ -8,11 +8,11 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from distal.errors import RigError
-from distal.rig.chain import BASE, Base
 from distal.rig.drives import Drive
 from distal.rig.free_motion import FreeMotion
 from distal.rig.joints import Joint
 from distal.rig.learned_map import Affine, Contact, Discrepancy
+from distal.rig.links import BASE, Base
 from distal.rig.naming import named
 from distal.rig.overrides import set_value
 from distal.rig.quantities import Description, In, Parameter

@@ -3,9 +3,9 @@ stream.
 """
 
 from distal.run.accuracy_by_hour import Hour, by_hour, plot_hours
-from distal.run.batch import estimate_batch, estimate_on_cluster
+from distal.run.estimate_batch import estimate_batch, estimate_on_cluster
 from distal.run.health import HEALTH
-from distal.run.live import JointContact, LiveEstimator
+from distal.run.live_estimator import JointContact, LiveEstimator
 from distal.run.log_health import log_health
 from distal.run.log_units import LiveInLogUnits, LogUnits
 from distal.run.long_logs import PieceEstimate, estimate_pieces

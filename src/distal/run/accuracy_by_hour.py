@@ -13,7 +13,7 @@ import numpy as np
 from distal.confidence import BAND, COVERED
 from distal.results import COLOURS, DASHES, figure, legend_above, save_figure
 from distal.run.long_logs import PieceEstimate
-from distal.simulation.drift import HOUR
+from distal.simulation.drifting_plant import HOUR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ import numpy as np
 from distal.estimators import DEFAULT
 from distal.logs import Log
 from distal.rig import Rig
-from distal.run.live import LiveEstimator
+from distal.run.live_estimator import LiveEstimator
 from distal.run.monitor import Monitor
 
 

@@ -20,7 +20,7 @@ from distal.logs import LARGEST_READING
 from distal.rig import Rig, Sensor, load_rig, log_factor
 from distal.rig.sensors.by_unit import AngleSensor
 from distal.run.drive_range import motor_range
-from distal.run.live import LiveEstimator
+from distal.run.live_estimator import LiveEstimator
 from distal.run.monitor import Monitor, Reading
 from distal.suggestions import did_you_mean
 

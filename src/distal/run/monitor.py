@@ -18,7 +18,7 @@ from distal.kernels import Evaluation
 from distal.logs import LARGEST_READING
 from distal.rig import Rig
 from distal.run.health import LONGEST_GAP, WORDS, Health, begun, watch_of, word_code
-from distal.run.live import LATEST, JointContact, LiveEstimator
+from distal.run.live_estimator import LATEST, JointContact, LiveEstimator
 
 REWOUND = 3
 """After this many late samples in a row, each newer than the one before, the clock counts as set

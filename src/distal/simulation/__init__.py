@@ -1,7 +1,6 @@
 """Simulation: a rig, a scenario and a seed become a log with truth."""
 
-from distal.simulation.batch import simulate_batch
-from distal.simulation.drift import Piece, simulate_pieces
+from distal.simulation.drifting_plant import Piece, simulate_pieces
 from distal.simulation.scenario import (
     Change,
     Control,
@@ -19,6 +18,7 @@ from distal.simulation.scenario import (
 )
 from distal.simulation.signals import Signal
 from distal.simulation.simulate import simulate
+from distal.simulation.simulate_batch import simulate_batch
 
 __all__ = [
     "Change",

@@ -13,8 +13,8 @@ from distal.errors import ScenarioError
 from distal.expressions import Scalar
 from distal.kernels import Feed, Kernel, advance, advance_all, function_of, kernel_of, structure_of
 from distal.model import Mechanism, interval_step
-from distal.simulation.independent_parts import parts_of_plant, plants_apart
-from distal.simulation.inputs import BodyInputs
+from distal.simulation.independent_plants import parts_of_plant, plants_apart
+from distal.simulation.signal_inputs import BodyInputs
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:

@@ -14,10 +14,10 @@ from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, load_rig, torque_names, travel_of
 from distal.sensor_errors import measure
-from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import Motion, equilibrium, longest_interval, run_plant
 from distal.simulation.readings import Readings
 from distal.simulation.scenario import Scenario, load_scenario
+from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
 
 MOST_STEPS = 4_000_000
 

@@ -23,11 +23,11 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.results import Estimate
 from distal.rig import Rig, named
-from distal.run.batch import run_all
+from distal.run.estimate_batch import run_all
 from distal.run.offline import Run, prepared, runner_for
 from distal.simulation import Scenario
-from distal.simulation.inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.plant import Motion, equilibrium, plant_kernel, run_plants
+from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
 from distal.study.design_space import ESTIMATOR, FEEDBACK, Design, Space, rig_of, space_of

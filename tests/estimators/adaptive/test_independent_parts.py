@@ -9,7 +9,7 @@ import pytest
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.independent_parts import parts_of
+from distal.estimators.adaptive.independent_subsystems import parts_of
 from distal.rig import independent_parts
 from distal.simulation import Scenario
 from tests.hand_rigs import hand

@@ -12,7 +12,7 @@ import pytest
 
 from distal import Log, load_rig, make_estimator, simulate
 from distal.estimators import AdaptiveFilter, StateKind
-from distal.estimators.adaptive import filter as adaptive_filter
+from distal.estimators.adaptive import filter_function as adaptive_filter
 from distal.estimators.adaptive import update
 from distal.kernels import forget
 from distal.run import samples_of

@@ -2,8 +2,8 @@
 of it on one page.
 """
 
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.estimator import AdaptiveFilter, state_vector
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import (
     KINDS,
     Fading,

@@ -12,7 +12,7 @@ from typing import Generic
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import chance_of_jump, is_far, jump_evidence
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.states import StateVector
@@ -23,8 +23,8 @@ from distal.estimators.adaptive.zero_jumps import (
     kept_shift,
     zero_jumped,
 )
-from distal.estimators.channels import UNKNOWN_PLACE
 from distal.estimators.dead_sensors import DEAD_INTERVALS
+from distal.estimators.read_channels import UNKNOWN_PLACE
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 

@@ -13,16 +13,16 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.adaptive.drive_tracking import remembered_place
-from distal.estimators.adaptive.filter import adaptive_function, adaptive_layout
+from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
+from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.first_sample import prior_function
-from distal.estimators.adaptive.independent_parts import Apart, parts_of
-from distal.estimators.adaptive.inputs import states_of_rig
+from distal.estimators.adaptive.independent_subsystems import Apart, parts_of
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.adaptive.tuning import Robustness
-from distal.estimators.channels import Channels, channels_of
-from distal.estimators.contract import KernelEstimator
 from distal.estimators.directions import directions
+from distal.estimators.estimator_protocol import KernelEstimator
+from distal.estimators.read_channels import Channels, channels_of
 from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Structure, kernel_of, structure_of

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import Begin, StateVector
 from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
-from distal.estimators.affine import start_of
-from distal.estimators.channels import UNKNOWN_PLACE
+from distal.estimators.affine_estimator import start_of
+from distal.estimators.read_channels import UNKNOWN_PLACE
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.regression import carried_size, first_memory

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.expressions import Matrix, Vector
 from distal.model import (
     Kick,

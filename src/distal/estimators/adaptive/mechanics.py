@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 
 
 def mechanics_function(context: FilterContext) -> ca.Function:

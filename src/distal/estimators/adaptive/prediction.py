@@ -8,11 +8,11 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.interval import Interval, Prediction
-from distal.estimators.adaptive.motion import Moved
+from distal.estimators.adaptive.joint_motion import Moved
 from distal.estimators.adaptive.states import StateVector
 from distal.expressions import MatrixNode, Scalar, ScalarNode, Vector, VectorNode
 

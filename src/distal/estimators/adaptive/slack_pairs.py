@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.mechanics import mechanics_function
 from distal.estimators.adaptive.states import StateVector

@@ -16,8 +16,8 @@ from functools import reduce
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.states.vector import StateVector
 from distal.expressions import ScalarNode, VectorNode

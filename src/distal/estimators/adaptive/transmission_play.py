@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import casadi as ca
 
-from distal.estimators.adaptive.context import FilterContext
 from distal.estimators.adaptive.drive_tracking import Tracks
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.prediction import set_row
 from distal.estimators.adaptive.states import StateVector, Transmitted

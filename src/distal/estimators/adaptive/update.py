@@ -7,13 +7,13 @@ from dataclasses import fields
 import casadi as ca
 import numpy as np
 
+from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
 from distal.estimators.adaptive.guards import robust_variance
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.measurement import ROW, SLOPED, Row, Rows
 from distal.estimators.adaptive.states import StateVector
-from distal.estimators.adaptive.stick_slip import Comparison, Residual, compared
-from distal.estimators.adaptive.stops import sure_of_stops
+from distal.estimators.adaptive.stop_contact import sure_of_stops
 from distal.estimators.adaptive.touch import (
     FORCE,
     NORMAL,

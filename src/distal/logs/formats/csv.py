@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from distal.errors import LogError
 from distal.logs.cells import Cells
 from distal.logs.formats.format import Format
-from distal.logs.memory import check_memory, memory_limit
+from distal.logs.memory_limit import check_memory, memory_limit
 
 SEPARATORS = (",", ";", "\t")
 

@@ -11,7 +11,7 @@ from typing import Any
 from distal.errors import LogError
 from distal.logs.formats.format import Format, Message
 from distal.logs.formats.ros_messages import field, stamp_of
-from distal.logs.memory import check_memory
+from distal.logs.memory_limit import check_memory
 from distal.logs.messages import find
 
 

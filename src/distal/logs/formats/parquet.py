@@ -16,7 +16,7 @@ from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
 from distal.logs.header_units import needed
-from distal.logs.memory import check_memory
+from distal.logs.memory_limit import check_memory
 from distal.logs.vectors import names_in, numbered
 
 WIDEST = 16

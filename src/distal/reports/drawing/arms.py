@@ -9,8 +9,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.model import Mechanism
+from distal.reports.drawing.labels import rounded
 from distal.reports.drawing.sheet import PITCH, Line, Point, Sheet
-from distal.reports.drawing.units import rounded
 from distal.results import COLOURS, DASHES, INK, SOFT, legend_above, styled
 from distal.rig import Rig
 

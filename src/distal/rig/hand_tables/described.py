@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import degrees, radians
 
 from distal.errors import RigError
-from distal.rig.hand_tables import guesses as guess
+from distal.rig.hand_tables import assumed_values_of_hands as guess
 from distal.rig.hand_tables.row import Row
 from distal.rig.imported import Guess, Imported, name_of
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from distal.errors import RigError
 from distal.rig.imported import name_of
 from distal.rig.mjcf.bodies import tendon_name
+from distal.rig.mjcf.joint_springs import spring_tendons
 from distal.rig.mjcf.loading import mujoco_module
-from distal.rig.mjcf.springs import spring_tendons
 
 if TYPE_CHECKING:
     import mujoco

@@ -12,7 +12,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.rig.imported import name_of
-from distal.rig.mjcf.guesses import FRICTION_COEFFICIENT, JOINT_FRICTION, initial_angle
+from distal.rig.mjcf.assumed_values import FRICTION_COEFFICIENT, JOINT_FRICTION, initial_angle
 from distal.rig.mjcf.loading import mujoco_module
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.state import Prior, State
 from distal.estimators.state_kinds import StateKind
 from distal.rig import Joint, angle_names, speed_names

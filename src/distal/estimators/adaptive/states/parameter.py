@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.state import Learning, State
 from distal.estimators.state_kinds import StateKind
 from distal.expressions import Vector

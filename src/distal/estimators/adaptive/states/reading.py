@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from distal.arrays import Floats
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.state import State
 from distal.expressions import Scalar, Vector
 from distal.rig import Parameter, measurand_of

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.bias import sensor_biases
+from distal.estimators.adaptive.states.drive_friction_state import unknown_frictions
 from distal.estimators.adaptive.states.drive_place import unmeasured_places
 from distal.estimators.adaptive.states.external_torque import external_torques
-from distal.estimators.adaptive.states.friction import unknown_frictions
 from distal.estimators.adaptive.states.internal import inside
 from distal.estimators.adaptive.states.linearity import linearities
 from distal.estimators.adaptive.states.parameter import uncertain_parameters

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import casadi as ca
 import numpy as np
 
-from distal.estimators.adaptive.context import FilterContext
+from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.external_torque import ExternalTorque
 from distal.estimators.adaptive.states.joint import JointMotion
 from distal.estimators.adaptive.states.registry import KINDS, Kind

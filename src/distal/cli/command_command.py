@@ -1,0 +1,85 @@
+"""`distal command`: from wanted angles to what is sent to the drives."""
+
+from __future__ import annotations
+
+from math import degrees
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from distal.cli.console import say, warn, working
+from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.shared_options import RigOption, SetOption, newtons
+from distal.rounded import rounded
+
+NOTHING = 0.01
+"""An angle that is missed by less is reached [°]."""
+
+
+def command_command(
+    wanted: Annotated[
+        Path,
+        Argument(help="Wanted angles: a file with t and theta (theta_JOINT)."),
+    ],
+    rig: RigOption,
+    out: Annotated[
+        Path,
+        Option(
+            help="Where to write the commands (CSV or Parquet), by the rig's own columns and units."
+        ),
+    ],
+    *,
+    least_tension: Annotated[
+        str,
+        Option(
+            "--least-tension",
+            help="Tension that every tendon keeps where the drives can choose it.",
+        ),
+    ] = "1 N",
+    plot: Annotated[
+        Path | None, Option("--plot", help="Draw a picture (PNG, SVG or PDF) of angles and drives.")
+    ] = None,
+    set_: SetOption = None,
+) -> None:
+    """Write what the drives have to do for wanted angles, and the angles that they then reach with
+    their band.
+    """
+    import numpy as np
+
+    from distal.confidence import BAND
+    from distal.inverse import Inverse
+    from distal.logs import read_angles, unit_of_angles
+    from distal.results import plot_kind
+    from distal.rig import angle_names, load_rig
+
+    if plot is not None:
+        plot_kind(plot)
+    check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig)
+    check_ending(out, "a table")
+    inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
+    joints = [joint.name for joint in inverse.rig.joints]
+    columns = {
+        joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints
+    }
+    time, angles = read_angles(wanted, list(columns.values()))
+    with working("finding the commands"):
+        commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
+    # as the desired angles came
+    commands.write(out, unit_of_angles(wanted, list(columns.values())))
+    for j, joint in enumerate(joints):
+        away = degrees(
+            float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2)))
+        )
+        band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
+        reached = (
+            "what is wanted"
+            if away < NOTHING
+            else f"what is wanted but for {rounded(away, 3)}° RMS"
+        )
+        say(f"{joint}: reaches {reached}, 95 % band ± {rounded(band)}° in an open loop")
+    for note in commands.notes:
+        warn(note)
+    if plot is not None:
+        commands.plot(plot)
+    say(f"wrote {out}" + (f" and {plot}" if plot is not None else ""))

@@ -1,0 +1,436 @@
+"""`distal estimate`: the joint angle over a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option
+
+from distal.cli.console import failure, say, table, working
+from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.shared_options import (
+    MemoryOption,
+    PlotOption,
+    RepeatedOption,
+    RigOption,
+    SetOption,
+    TruthOption,
+    UnitOption,
+    estimators,
+    homing_time,
+    joint_angle,
+    settings,
+)
+from distal.errors import DistalError, DivergedError, EstimationError
+
+if TYPE_CHECKING:
+    from distal.logs import Log
+    from distal.results import Estimate
+    from distal.rig import Rig
+
+
+MOST_FULL = 6
+"""With more joints the filters on the full state are compared only where they are asked for."""
+
+
+def estimate_command(
+    logs: Annotated[
+        list[Path],
+        Argument(
+            metavar="LOG...",
+            help="CSV, Parquet, HDF5, MCAP, a ROS bag or a LeRobot dataset, with the columns that "
+            "the rig's sensors name.",
+        ),
+    ],
+    rig: RigOption,
+    *,
+    out: Annotated[
+        Path | None,
+        Option(
+            help="Where to write the first estimator's estimate (CSV or Parquet); of several "
+            "logs, a folder."
+        ),
+    ] = None,
+    estimator: Annotated[
+        list[str] | None,
+        Option(
+            "--estimator",
+            "-e",
+            help=(
+                "adaptive, affine, ekf, ekf-2008, elastic or inextensible; repeatable, the first "
+                "is "
+                "written. Default: adaptive; where the angle is known, all of them, to compare."
+            ),
+            autocompletion=estimators,
+        ),
+    ] = None,
+    truth: TruthOption = None,
+    plot: PlotOption = None,
+    panel: Annotated[
+        list[str] | None,
+        Option(help="What else --plot draws: innovations, forces, health, or all. Repeatable."),
+    ] = None,
+    passes: Annotated[
+        int,
+        Option(
+            min=1,
+            help="ekf and ekf-2008: filter this many times; each pass begins with the covariance "
+            "at the end of the last.",
+        ),
+    ] = 1,
+    smooth: Annotated[
+        bool,
+        Option(
+            "--smooth", help="Write the adaptive estimate smoothed over the whole log (offline)."
+        ),
+    ] = False,
+    homing: Annotated[
+        str | None,
+        Option(help="Use the reference for this long (e.g. 3s), then only compare with it."),
+    ] = None,
+    homing_angle: Annotated[
+        list[str] | None,
+        Option(
+            help="Without a reference: the joint stands here while homing, e.g. '0 deg ± 1 deg', "
+            "or 'pip: 0 deg'."
+        ),
+    ] = None,
+    what_if: Annotated[
+        bool, Option(help="Rerun with one change at a time: what explains it, what is untested.")
+    ] = True,
+    findings: Annotated[
+        bool,
+        Option(
+            "--findings", help="List each finding on the log and the rig, on a line of its own."
+        ),
+    ] = False,
+    unit: UnitOption = "rad",
+    every: Annotated[
+        bool, Option("--all", help="Write all states to --out, not only time, angles and torques.")
+    ] = False,
+    repeated: RepeatedOption = None,
+    scheduler: Annotated[
+        str | None,
+        Option(
+            help="Address of a Dask scheduler, tcp://host:8786: its workers estimate, from the "
+            "same files."
+        ),
+    ] = None,
+    max_memory: MemoryOption = None,
+    set_: SetOption = None,
+) -> None:
+    """Estimate the joint angle over a log, or many; where the truth of one is known, compare all
+    estimators with it.
+    """
+    from distal.estimators import DEFAULT, AdaptiveFilter
+    from distal.logs import episodes_of, file_of, is_dataset, read_log, true_angles, write_together
+    from distal.results import PANELS, check_panels, plot_kind
+    from distal.rig import load_rig
+    from distal.run import smooth as smoothed
+
+    if out is None and (unit != "rad" or every):
+        raise EstimationError(
+            f"{'--all' if every else '--unit'} is about the file of --out, which is not given"
+        )
+    home = homing_time(homing)
+    if smooth and home is not None:
+        raise EstimationError(
+            "--smooth uses the whole log and --homing its beginning; give one of them"
+        )
+    if smooth and set(estimator or ()) - {"adaptive"}:
+        raise EstimationError(
+            f"--smooth is of adaptive; leave out -e {', '.join(estimator or ())}, or --smooth"
+        )
+    if len(logs) > 1 or is_dataset(logs[0]) or scheduler is not None:
+        sources = [
+            source
+            for path in logs
+            for source in (episodes_of(path) if is_dataset(path) else [path])
+        ]
+        _check_for_many(
+            len(sources),
+            {
+                "--homing-angle": bool(homing_angle),
+                "--plot": plot is not None,
+                "--panel": bool(panel),
+                "--smooth": smooth,
+                "--findings": findings,
+                "--passes": passes > 1,
+                "a second --estimator": len(estimator or ()) > 1,
+            },
+        )
+        from distal.cli.many_logs_command import estimate_many, estimates_of
+
+        check_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
+        description = load_rig(rig, settings(set_, repeated))
+        name = (estimator or [DEFAULT])[0]
+        estimate_many(
+            sources,
+            description,
+            name,
+            truth,
+            home,
+            out,
+            unit=unit,
+            every=every,
+            scheduler=scheduler,
+        )
+        return
+    panels = check_panels(PANELS if "all" in (panel or ()) else tuple(dict.fromkeys(panel or ())))
+    if plot is not None:
+        plot_kind(plot)
+    elif panels:
+        raise EstimationError("--panel says what --plot draws; give --plot too")
+    check_outputs(
+        [*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth
+    )
+    check_ending(out, "a table")
+    description = load_rig(rig, settings(set_, repeated))
+    log = read_log(logs[0], description, truth)
+    _describe(log, description)
+    is_known = true_angles(log, [joint.name for joint in description.joints]) is not None
+    names = _names(estimator, description, is_known)
+    origin = log.truth_source
+    if homing_angle:
+        log, description = _at_home(log, description, homing_angle, home)
+    if what_if and home is None and DEFAULT in names:
+        # what a diagnosis runs is compiled beside what the estimate does, which says what is wrong
+        with suppress(DistalError):
+            AdaptiveFilter(description, "lanes").kernel.begin_lanes()
+    results, failed = _estimates(
+        log, description, names, passes, home, comparing=estimator is None, is_known=is_known
+    )
+    if smooth:
+        with working("smoothing"):
+            results.insert(0, smoothed(log, description))
+    files: dict[Path, bytes | str] = {}
+    if out is not None:
+        files[out] = file_of(results[0].columns(unit, every=every), out)
+    if plot is not None:
+        with working("drawing"):
+            files[plot] = _picture(
+                log, description, results if estimator else results[:1], panels, plot
+            )
+    write_together(files)
+    if is_known:
+        read = "not read" if homing_angle else "used"
+        used = (
+            f"; {read} for the first {home:g} s, compared with afterwards"
+            if home is not None
+            else ""
+        )
+        say(f"truth: {origin}{used}")
+        _compare(results, failed)
+    else:
+        for reason in failed.values():
+            failure(reason)
+    _say(
+        results,
+        log,
+        description,
+        home,
+        what_if=what_if,
+        findings=findings,
+        written=(out, plot),
+    )
+
+
+def _check_for_many(count: int, asked: Mapping[str, bool]) -> None:
+    """Refuse options that are for one log."""
+    wrong = [option for option, is_asked in asked.items() if is_asked]
+    if wrong:
+        raise EstimationError(f"{', '.join(wrong)} is for one log, {count} came; give one log")
+
+
+def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
+    """Return the estimators to run: those asked for; else the default, beside all others where the
+    truth is known.
+    """
+    from distal.estimators import DEFAULT, ESTIMATORS, make_estimator
+
+    for name in asked or ():
+        if name not in ESTIMATORS:
+            make_estimator(name, rig)  # says what is allowed
+    names = list(dict.fromkeys(asked or ([DEFAULT, *ESTIMATORS] if is_known else [DEFAULT])))
+    left = [name for name in names if name.startswith("ekf")]
+    if asked or len(rig.joints) <= MOST_FULL or not left:
+        return names
+    # their joints are filtered together, where those of adaptive are finger by finger
+    say(
+        f"{' and '.join(left)} left out: a compiler takes minutes over {len(rig.joints)} joints; "
+        "ask with -e"
+    )
+    return [name for name in names if name not in left]
+
+
+def _at_home(log: Log, rig: Rig, places: list[str], home: float | None) -> tuple[Log, Rig]:
+    """Return log and rig in which joints stand at known angles while homing."""
+    from distal.homing import at_known_angle
+
+    if home is None:
+        raise EstimationError(
+            "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
+        )
+    for place in places:
+        joint, (angle, std) = joint_angle(place)
+        log, rig = at_known_angle(log, rig, home, angle, std, joint)
+        say(
+            f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for "
+            f"the first {home:g} s"
+        )
+    return log, rig
+
+
+def _estimates(
+    log: Log,
+    rig: Rig,
+    names: list[str],
+    passes: int,
+    home: float | None,
+    *,
+    comparing: bool,
+    is_known: bool,
+) -> tuple[list[Estimate], dict[str, str]]:
+    """Return the estimates, and of those that cannot run why; where it is the first, the others are
+    shown all the same.
+    """
+    from distal.estimators.affine_estimator import NEEDS
+    from distal.run import estimate
+
+    # in a comparison that nobody chose, what cannot run is a row that says what it needs
+    missing = comparing and rig.affine is None and home is None and "affine" in names
+    results = list["Estimate"]()
+    failed = {"affine": f"affine {NEEDS}"} if missing else {}
+    lost: DistalError | None = None
+    with working("estimating") as show:
+        for name in (name for name in names if name not in failed):
+            show(f"estimating with {name}")
+            try:
+                results.append(estimate(log, rig, name, passes, homing=home))
+            except DistalError as problem:
+                failed[name] = (
+                    f"{name}: {str(problem).removeprefix(f'{name}: ')}"  # most name themselves
+                )
+                lost = lost or (problem if name == names[0] else None)
+    if lost is not None:
+        if is_known and results:
+            _compare(results, failed)
+        raise _explained(lost, log, rig, home) if isinstance(lost, DivergedError) else lost
+    return results, failed
+
+
+def _explained(problem: DivergedError, log: Log, rig: Rig, home: float | None) -> DivergedError:
+    """Return the error that an estimate left all bounds, with what would explain it, if anything
+    does.
+    """
+    from distal.diagnosis import why_diverged
+
+    with working("looking for what made the estimate leave all bounds"):
+        found = "; ".join(finding.text for finding in why_diverged(log, rig, home))
+    return DivergedError(f"{found}: {problem}") if found else problem
+
+
+def _picture(
+    log: Log, rig: Rig, drawn: list[Estimate], panels: tuple[str, ...], path: Path
+) -> bytes:
+    """Return the figure of some estimates in the format that the path's ending names."""
+    from distal.results import figure_bytes, plot_estimates
+    from distal.run import log_health
+
+    health = log_health(log, rig) if "health" in panels else None
+    return figure_bytes(plot_estimates(drawn, panels=panels, log=log, rig=rig, health=health), path)
+
+
+def _say(
+    results: list[Estimate],
+    log: Log,
+    rig: Rig,
+    home: float | None,
+    *,
+    what_if: bool,
+    findings: bool,
+    written: tuple[Path | None, ...],
+) -> None:
+    """Print the angle in words, notes, what the log says of the rig, and what was written."""
+    from distal.diagnosis import diagnose
+
+    final = results[0]
+    for joint in range(len(final.joint_names)):
+        say(final.in_words(joint))
+    for note in dict.fromkeys(note for result in results for note in result.notes):
+        if note != final.unseen:
+            say(note)
+    # a smoothed estimate is of the same log and rig, and its innovations are the filter's
+    with working("testing what the log says of the rig"):
+        diagnosis = diagnose(final, log, rig, home, what_if=what_if)
+    say(diagnosis.text)
+    for finding in diagnosis.findings if findings else ():
+        say(f"  {finding.text}")
+    for path in filter(None, written):
+        say(f"wrote {path}")
+    if final.unseen is not None:
+        say(final.unseen)
+
+
+def _describe(log: Log, rig: Rig) -> None:
+    """Print what was read: samples, time, rate, missing values, gaps."""
+    import numpy as np
+
+    span = f"{log.time[0]:g} to {log.time[-1]:g} s, {log.rate:.4g} Hz"
+    say(f"read {log.source}: {len(log)} samples, {span}; rig: {rig.name}")
+    if rig.free_motion is not None:
+        say(f"  {rig.free_motion.in_words()}")
+    if log.stamps is not None:
+        begins = np.datetime64(int(log.stamps[0]), "ns").astype("datetime64[ms]")
+        say(
+            f"  begins at {begins} UTC; t counts from there, the column 'stamp' is the original "
+            "[ns]"
+        )
+    from distal.rig import log_unit
+
+    for sensor in rig.sensors:
+        if sensor.name in log.channels:
+            missing = int(np.isnan(log.channels[sensor.name]).sum())
+            unit = sensor.unit or f"{log_unit(sensor)}, or as its header says"
+            column = (
+                f"  {sensor.name}: {sensor.measures} of {sensor.of}, column "
+                f"'{sensor.log_column}' in {unit}"
+            )
+            say(column + (f", {missing} missing" if missing else ""))
+    gaps = log.gaps()
+    if gaps:
+        begin, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+        say(
+            f"  {len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the longest {end - begin:.3g} s at "
+            f"{begin:g} s"
+        )
+
+
+def _compare(results: list[Estimate], failed: dict[str, str]) -> None:
+    """Print a row for each estimator, and of those that could not run why."""
+    import numpy as np
+
+    from distal.confidence import BAND
+
+    rows = [
+        (
+            result.estimator,
+            f"{degrees(result.rms_error()):.3f}",
+            f"{degrees(result.max_error()):.3f}",
+            f"{100 * result.inside_band():.0f} %",
+            f"±{degrees(BAND * np.median(result.angle_stds)):.3f}",
+        )
+        for result in results
+    ]
+    rows += [(name, "–", "–", "–", "–") for name in failed]
+    table(
+        "error against truth",
+        ["estimator", "RMS [°]", "maximum [°]", "inside 95 % band", "median band [°]"],
+        rows,
+    )
+    for reason in failed.values():
+        say(reason)

@@ -1,0 +1,158 @@
+"""`distal export-c` and `distal export-fmu`: the filter as C for a microcontroller, and as an
+FMU.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer import Option
+
+from distal.cli.console import say, table, warn, working
+from distal.cli.paths import check_outputs, to_file, to_folder
+from distal.cli.shared_options import RigArgument, SetOption
+
+ExportedOption = Annotated[
+    str, Option("--estimator", "-e", help="adaptive, ekf, ekf-2008, inextensible or elastic.")
+]
+NameOption = Annotated[
+    str | None,
+    Option("--name", help="What all names begin with; default from the rig and the estimator."),
+]
+
+
+def export_command(
+    rig: RigArgument,
+    *,
+    out: Annotated[
+        Path | None, Option(help="Folder for the .c, the .h and what belongs to them.")
+    ] = None,
+    arduino: Annotated[
+        Path | None, Option(help="Folder for a library for Arduino and PlatformIO, in float.")
+    ] = None,
+    single: Annotated[
+        bool, Option("--float", help="float and float functions only; else double.")
+    ] = False,
+    estimator: ExportedOption = "adaptive",
+    home: Annotated[
+        str | None,
+        Option(
+            help="Home while it runs: how well a joint's angle is known there, such as '1 deg'."
+        ),
+    ] = None,
+    plant: Annotated[
+        bool, Option("--plant", help="Write the simulated rig with its sensors as C too.")
+    ] = False,
+    command: Annotated[
+        bool,
+        Option(
+            "--command",
+            help="Write the inverse as C too: from wanted angles to what the drives do.",
+        ),
+    ] = False,
+    name: NameOption = None,
+    set_: SetOption = None,
+) -> None:
+    """Write an estimator of a rig as C99: no malloc, no globals, for a Cortex-M or any other
+    processor.
+    """
+    from distal.export import c_name, check_ours, export_arduino, export_c, export_files
+    from distal.export.arduino import EDITED
+    from distal.rig import load_rig
+    from distal.units import to_si
+
+    if (out is None) == (arduino is None):
+        raise typer.BadParameter("give one folder: --out for C, or --arduino for a library")
+    name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
+    home_std = None if home is None else to_si(home, "rad")
+    if out is not None:
+        check_outputs(to_folder("--out", out, export_files(name, plant, command)), rig=rig)
+        check_ours(out, export_files(name, plant, command))
+        with working("writing C"):
+            exported = export_c(
+                load_rig(rig, set_ or ()),
+                out,
+                estimator,
+                single=single,
+                name=name,
+                home=home_std,
+                plant=plant,
+                command=command,
+            )
+    else:
+        assert arduino is not None
+        if plant or command or home_std is not None:
+            raise typer.BadParameter("--plant, --command and --home are for --out")
+        edited = [file for file in EDITED if (arduino / file).is_file()]
+        with working("writing C"):
+            exported = export_arduino(load_rig(rig, set_ or ()), arduino, estimator, name=name)
+    rows = [
+        ("states", f"{len(exported.states)}"),
+        ("state, the caller's", f"{exported.state_bytes:,} bytes"),
+        ("arrays on the stack in a step", f"{exported.scratch_bytes:,} bytes"),
+        ("arithmetic operations in a step", f"{exported.operations:,}"),
+        ("calls of the mathematics library", f"{sum(exported.library.values())}"),
+    ]
+    title = (
+        f"{exported.estimator} for {exported.rig}, in {'float' if exported.single else 'double'}"
+    )
+    table(title, ["what", "how much"], rows)
+    if exported.single and exported.jumps:
+        warn(
+            f"in float, {estimator} may differ from double by more than its band, since it jumps "
+            "from sticking to "
+            "slipping; adaptive does not"
+        )
+    if out is not None:
+        say(
+            f"wrote {exported.name}.c, {exported.name}.h, replay.c, CMakeLists.txt and README.md "
+            f"to {out}"
+        )
+    else:
+        say(f"wrote the library {exported.name} with its example joint_angle to {arduino}")
+        if edited:
+            say(f"kept as they were: {', '.join(edited)}; delete one to have it written anew")
+
+
+def fmu_command(
+    rig: RigArgument,
+    *,
+    out: Annotated[Path, Option(help="The file, which ends in .fmu.")],
+    estimator: ExportedOption = "adaptive",
+    name: NameOption = None,
+    here: Annotated[bool, Option("--here", help="A binary for this platform alone.")] = False,
+    set_: SetOption = None,
+) -> None:
+    """Write an estimator of a rig as an FMU (FMI 3.0, co-simulation): for Simulink, OpenModelica,
+    Dymola and others.
+    """
+    from distal.export import c_name, export_fmu
+    from distal.rig import load_rig
+
+    check_outputs(to_file("--out", out), rig=rig)
+    name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
+    what = (
+        "writing C and compiling it"
+        if here
+        else "compiling; with ziglang for all platforms: minutes the first time"
+    )
+    with working(what):
+        fmu = export_fmu(load_rig(rig, set_ or ()), out, estimator, name, everywhere=not here)
+    rows = [
+        ("inputs, NaN where missing", ", ".join(fmu.inputs)),
+        ("outputs", ", ".join(fmu.outputs)),
+    ]
+    rows += [
+        ("step", f"{fmu.exported.interval:g} s"),
+        ("binaries", ", ".join(fmu.platforms) or "none"),
+    ]
+    table(
+        f"{fmu.exported.estimator} for {fmu.exported.rig}, FMI 3.0 co-simulation",
+        ["what", "which"],
+        rows,
+    )
+    if fmu.without:
+        warn(f"no {'other ' * bool(fmu.platforms)}binary: {fmu.without}")
+    say(f"wrote {out}; for other platforms a tool builds it from the sources in it")

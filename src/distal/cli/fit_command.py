@@ -1,0 +1,274 @@
+"""`distal fit`: a rig's parameters and noise from its own logs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import degrees, isnan, sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Argument, Option
+
+from distal.cli.console import err, say, table
+from distal.cli.paths import check_ending, check_outputs, to_file, to_folder, write_each
+from distal.cli.shared_options import (
+    MemoryOption,
+    RepeatedOption,
+    RigOption,
+    SetOption,
+    homing_time,
+    settings,
+)
+from distal.errors import FitError
+
+if TYPE_CHECKING:
+    from distal.fitting import Doing, Fit, MapFit
+
+
+EVERY = 3.0
+"""Where progress goes to a file or a pipe, a line is written so often [s]."""
+
+NOISY = 0.3
+"""A reference whose noise is above this share of the error is told apart from it."""
+
+PROVISIONAL = (
+    "the fit that writes this file has not ended: it has the affine map of the logs, all other "
+    "parameters are as they came"
+)
+"""What a file says of itself until the fit replaces it."""
+
+MOST_ROWS = 14
+MOST_NAMES = 4
+MOST_DOUBTS = 4
+"""So many numbers, names and doubts are printed; all are on the page."""
+
+
+def fit_command(
+    logs: Annotated[
+        list[Path],
+        Argument(
+            help="Logs (CSV, Parquet, HDF5, MCAP, ROS bags, LeRobot datasets); some with the "
+            "joint's angle, or all, or none."
+        ),
+    ],
+    rig: RigOption,
+    *,
+    out: Annotated[Path | None, Option(help="Where to write the fitted rig (TOML).")] = None,
+    free: Annotated[
+        list[str] | None,
+        Option(
+            metavar="PATH",
+            help="Number to fit, e.g. tendons.left.stiffness; default: all with a std. Repeatable.",
+        ),
+    ] = None,
+    per_log: Annotated[
+        list[str] | None,
+        Option(
+            metavar="PATH", help="Number with one value for each log, e.g. tendons.*.pretension."
+        ),
+    ] = None,
+    homing: Annotated[
+        str | None,
+        Option(
+            help="Fit for this use: the reference is known for so long (e.g. 3s), then not read."
+        ),
+    ] = None,
+    truth: Annotated[str | None, Option(help="True joint angle: a column of the logs.")] = None,
+    noise: Annotated[bool, Option(help="Fit the noise too.")] = True,
+    curves: Annotated[
+        bool,
+        Option(
+            "--curves",
+            help="Learn the position sensors' systematic curves: for the same sensors, left in "
+            "place.",
+        ),
+    ] = False,
+    units: Annotated[
+        str | None,
+        Option(
+            metavar="PATTERN",
+            help="Logs of several instruments of one kind: what tells them apart in a log's name, "
+            "e.g. 'tool_(.)'.",
+        ),
+    ] = None,
+    report: Annotated[Path | None, Option(help="Folder for a page on the fit.")] = None,
+    start: Annotated[
+        Path | None,
+        Option(
+            help="Begin the search at the values of an earlier fit; the priors still come from "
+            "--rig."
+        ),
+    ] = None,
+    seed: Annotated[int, Option(min=0, help="Seed of the starts.")] = 0,
+    jobs: Annotated[int, Option(min=1, help="How many logs are run at once.")] = 2,
+    repeated: RepeatedOption = None,
+    max_memory: MemoryOption = None,
+    set_: SetOption = None,
+) -> None:
+    """Fit a rig's parameters and noise to logs, say which ones the logs determine, and write a rig
+    file for later logs.
+    """
+    from distal.fitting import fit as fitted_to
+    from distal.fitting import groups_of
+    from distal.logs import read_log
+    from distal.reports import FIT_PAGES, fit_report
+    from distal.rig import edited_text, load_rig
+
+    check_ending(out, "a rig file")
+    outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
+    check_outputs(
+        outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth
+    )
+    for path, count in Counter(map(os.path.realpath, logs)).items():
+        if count > 1:
+            raise FitError(
+                f"{path}: came more than once; a log that counts twice makes the standard errors "
+                "too small"
+            )
+    if units is not None:
+        groups_of([str(path) for path in logs], units)
+    home = homing_time(homing)
+    changes = settings(set_, repeated)
+    description = load_rig(rig, changes)
+    read = [read_log(path, description, truth) for path in logs]
+    signal.signal(
+        signal.SIGTERM, signal.default_int_handler
+    )  # a job that is ended keeps the best so far, as by Ctrl-C
+
+    text = edited_text(rig, changes)
+
+    def early(line: MapFit) -> None:
+        say(f"at once, {line.text}")
+        if out is not None:
+            line.save(out, text, provisional=PROVISIONAL)
+            say(f"wrote {out} with it (--estimator affine); the fit replaces it")
+
+    with _progress() as show:
+        result = fitted_to(
+            read,
+            description,
+            free or (),
+            per_log or (),
+            homing=home,
+            noise=noise,
+            curves=curves,
+            seed=seed,
+            workers=jobs,
+            units=units,
+            start=start,
+            progress=show,
+            early=early,
+        )
+    _say(result)
+
+    def save() -> None:
+        if out is not None:
+            result.save(out, text)
+            say(f"wrote {out}")
+
+    def save_report() -> None:
+        if report is not None:
+            say(f"wrote {fit_report(result, read, report)}")
+
+    write_each(save, save_report)
+    if result.interrupted:
+        raise typer.Exit(130)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[Doing], None]]:
+    """Show one bar for the whole fit on a terminal; a file or a pipe gets a line now and then."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    printed = began = time.monotonic()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("time left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(
+        *columns,
+        console=err(),
+        transient=True,
+        disable=not err().is_terminal,
+        redirect_stdout=sys.stdout.isatty(),
+    ) as bar:
+        task = bar.add_task("fitting", total=1.0)
+
+        def show(doing: Doing) -> None:
+            nonlocal printed
+            part = "all logs" if doing.part == 0 else f"left out {doing.part} of {doing.parts - 1}"
+            bar.update(task, completed=doing.share, description=f"{part}: {doing.stage}")
+            if not err().is_terminal and time.monotonic() - printed > EVERY:
+                printed = time.monotonic()
+                left = time_left(printed - began, doing.share)
+                err().print(
+                    f"{part}: {doing.stage}, about {100 * doing.share:.0f} % done, {left} left"
+                )
+
+        yield show
+
+
+def time_left(passed: float, share: float) -> str:
+    """Return in words how long a task with a share done takes yet if it goes on as in the time that
+    has passed [s].
+    """
+    seconds = passed * (1.0 - share) / max(share, 0.01)
+    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
+
+
+def _say(result: Fit) -> None:
+    """Print what a fit found, within a screen: the numbers that the logs tell, how it does on logs
+    left out, doubts.
+    """
+    determined = [number for number in result.fitted if number.identified and not number.noise]
+    undetermined = [number.name for number in result.fitted if not number.identified]
+    rows = [(number.name, *number.sizes) for number in determined[:MOST_ROWS]]
+    if rows:
+        table(f"fitted to {result.learned_from}", ["number", "rig file", "fitted", "unit"], rows)
+    if len(determined) > MOST_ROWS:
+        say(f"and {len(determined) - MOST_ROWS} more (--report shows all)")
+    if undetermined:
+        more = (
+            f" and {len(undetermined) - MOST_NAMES} more (--report shows all)"
+            if len(undetermined) > MOST_NAMES
+            else ""
+        )
+        say(f"not determined by these logs: {', '.join(undetermined[:MOST_NAMES])}{more}")
+    _say_scores(result)
+    for line in result.advice()[:MOST_DOUBTS]:
+        say(line)
+    if result.interrupted:
+        say("interrupted: these are the best values so far")
+
+
+def _say_scores(result: Fit) -> None:
+    """Print the one table by which what is written can be compared with all else."""
+    scores = result.scores()
+    if not scores:
+        return
+    noise = result.reference_std if result.folds else 0.0
+    shown = noise > NOISY * scores[0][1]
+    rows = []
+    for name, rms, inside in scores:
+        cells = [name, f"{degrees(rms):.3f}"]
+        if shown:
+            cells.append(f"{degrees(sqrt(max(rms**2 - noise**2, 0.0))):.3f}")
+        rows.append([*cells, "–" if isnan(inside) else f"{100 * inside:.0f} %"])
+    done = len(result.folds)
+    asked = result.folds_asked
+    held_out = "each log held out once" if done == asked else f"{done} of {asked} logs held out"
+    if not result.folds:
+        held_out = "held-out logs, by candidate; the first is written"
+    columns = ["what gives the angle", "RMS error [°]", "inside the 95 % band"]
+    if shown:
+        columns.insert(2, "less the encoder's noise [°]")
+    table(held_out, columns, rows)

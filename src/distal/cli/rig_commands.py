@@ -1,0 +1,167 @@
+"""`distal rigs`, `distal rig check`, `distal rig draw`, `distal rig show`, `distal rig new`."""
+
+from __future__ import annotations
+
+import re
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Argument, Option
+
+from distal.cli.console import say, table, warn, working
+from distal.cli.paths import check_new, check_outputs, to_file
+from distal.cli.shared_options import RigArgument, SetOption
+from distal.rounded import rounded
+
+if TYPE_CHECKING:
+    pass
+
+GEOMETRY = re.compile(
+    r"\.(offset|link\.centre|link\.inertia)\.\d$|\.friction\.reference$|\.terms\.\d+\.coefficient$"
+)
+"""Numbers that are drawn, or follow from others: nobody doubts them one by one."""
+
+app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
+
+
+def list_command() -> None:
+    """List the shipped rigs."""
+    from distal.rig import load_rig, shipped_rigs
+
+    rows = []
+    for name in shipped_rigs():
+        rig = load_rig(name)
+        drives = ", ".join(dict.fromkeys(drive.kind for drive in rig.drives))
+        rows.append(
+            (
+                name,
+                rig.name,
+                f"{len(rig.tendons)}",
+                drives,
+                ", ".join(sensor.name for sensor in rig.sensors),
+            )
+        )
+    table("rigs", ["rig", "title", "tendons", "drives", "sensors"], rows, text=5)
+
+
+@app.command("check")
+def check_command(rig: RigArgument, set_: SetOption = None) -> None:
+    """Check a rig file and say what it holds."""
+    from distal.model import Mechanism, stiffest_frequency, substeps
+    from distal.rig import (
+        doubts,
+        felt_in_words,
+        in_words,
+        load_rig,
+        parameters_below,
+        step_of,
+    )
+
+    description = load_rig(rig, set_ or ())
+    mechanism = Mechanism(description)
+    rate = max((sensor.rate for sensor in description.sensors), default=100.0)
+    count = substeps(mechanism, 1.0 / rate)
+    numbers = mechanism.parameters
+    uncertain = [name for name, std in zip(numbers.names, numbers.stds) if std > 0.0]
+    say(f"{rig}: ok, '{description.name}'")
+    lists = (description.joints, description.drives, description.tendons, description.sensors)
+    counts = [
+        (len(parts), name) for name, parts in zip(("joint", "drive", "tendon", "sensor"), lists)
+    ]
+    say("  " + ", ".join(f"{number} {name}{'s' if number != 1 else ''}" for number, name in counts))
+    for kind, parts in zip(("joints", "drives", "tendons", "sensors"), lists):
+        for at, part in ((f"{kind}.{i}", part) for i, part in enumerate(parts)):
+            # the start and what a sensor errs by are not in the equations of motion
+            stds = {path: number.filter_std for path, number in parameters_below(part, at)}
+            stds[f"{at}.linearity"] = getattr(part, "linearity", 0.0)
+            uncertain += [path for path, std in stds.items() if std > 0.0 and path not in uncertain]
+    say(
+        f"  stiffest mode {stiffest_frequency(mechanism):.4g} rad/s: {count} sub-steps per sample "
+        f"at {rate:g} Hz"
+    )
+    if description.affine is not None:
+        logs = description.affine.logs
+        source = "a homing move" if logs == 0 else f"{logs} log{'s' if logs > 1 else ''}"
+        std = max(degrees(joint.std) for joint in description.affine.joints)
+        say(f"  affine: learned from {source}, residual ±{rounded(std)}° (1σ)")
+    if description.free_motion is not None:
+        say(f"  {description.free_motion.in_words()}")
+    for line in felt_in_words(description):
+        say(f"  {line}")
+    say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
+    exact = [
+        name
+        for name, value, std in zip(numbers.names, numbers.values, numbers.stds)
+        if std == 0.0
+        and value != 0.0
+        and not name.startswith(("sensors.", "base."))
+        and not GEOMETRY.search(name)
+    ]
+    say(f"  taken as exact: {in_words(description, *exact) or 'nothing'}")
+    for sensor in description.sensors:
+        gear = getattr(sensor, "gear", 1.0)
+        if sensor.measures == "position" and gear != 1.0:
+            sides = [
+                f"{_degrees(sensor.resolution)} at the motor, {_degrees(step_of(sensor))} at the "
+                "capstan"
+            ]
+            sides += [
+                f"{name} {_degrees(gear * value)} at the motor, {_degrees(value)} at the capstan"
+                for name, value in (("noise", sensor.noise), ("linearity", sensor.linearity))
+                if value > 0.0
+            ]
+            say(f"  {sensor.name} is before a gear of {gear:g}: resolution {'; '.join(sides)}")
+    for doubt in doubts(description):
+        warn(doubt)
+
+
+def _degrees(angle: float) -> str:
+    return f"{rounded(degrees(angle), 3)}°"
+
+
+@app.command("draw")
+def draw_command(
+    rig: RigArgument,
+    out: Annotated[Path, Option(help="Where to save it (.png, .svg or .pdf).")] = Path("rig.png"),
+    set_: SetOption = None,
+) -> None:
+    """Draw a rig to scale: drives, tendons, pulleys, springs, stops, sensors, with their
+    numbers.
+    """
+    from distal.reports import draw_rig
+    from distal.results import plot_kind, save_figure
+    from distal.rig import load_rig
+
+    plot_kind(out)
+    check_outputs(to_file("--out", out), rig=rig)
+    description = load_rig(rig, set_ or ())
+    with working("drawing"):
+        save_figure(draw_rig(description), out)
+    say(f"wrote {out}")
+
+
+@app.command("show")
+def show_command(name: RigArgument, set_: SetOption = None) -> None:
+    """Print a rig's file, with the values of --set put in, to copy and change."""
+    from distal.rig import edited_text
+
+    print(edited_text(name, set_ or ()), end="")
+
+
+@app.command("new")
+def new_command(
+    out: Annotated[Path | None, Argument(help="Where to write it; default: print it.")] = None,
+) -> None:
+    """Write a commented template of a rig file."""
+    from distal.logs import write_whole
+    from distal.rig import template_text
+
+    if out is None:
+        print(template_text(), end="")
+        return
+    check_outputs(to_file("OUT", out))
+    check_new(out)
+    write_whole(out, template_text())
+    say(f"wrote {out}; edit it, then `distal rig check {out}`")

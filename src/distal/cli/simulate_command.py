@@ -1,0 +1,127 @@
+"""`distal simulate`, `distal scenarios`, `distal scenario show`."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from math import degrees
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from typer import Option
+
+from distal.cli.console import say, table, warn, working
+from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption, rigs
+
+if TYPE_CHECKING:
+    from distal.logs import Log
+    from distal.rig import Rig
+
+app = typer.Typer(help="Look at scenarios.", no_args_is_help=True)
+
+
+def simulate_command(
+    scenario: ScenarioArgument,
+    out: Annotated[
+        Path, Option(help="Where to write the log (CSV or Parquet); with --runs, a folder.")
+    ],
+    seed: SeedOption = 0,
+    *,
+    runs: Annotated[
+        int | None,
+        Option(
+            min=1, max=100_000, help="Simulate with so many seeds, from --seed on, each to a file."
+        ),
+    ] = None,
+    rig_: Annotated[
+        str | None,
+        Option(
+            "--rig",
+            help="A rig instead of the scenario's; its drives have the same names.",
+            autocompletion=rigs,
+        ),
+    ] = None,
+    truth: Annotated[
+        bool, Option(help="Also write true values that no sensor reads, as true_… in SI.")
+    ] = True,
+    set_: SetOption = None,
+) -> None:
+    """Simulate a scenario and write what the sensors read, with the truth beside it."""
+    from distal.control import simulate
+    from distal.errors import ScenarioError
+    from distal.logs import write_log
+    from distal.rig import named, parse_assignment
+    from distal.simulation import load_scenario, scenario_rig
+
+    description = load_scenario(scenario)
+    if rig_ is not None:
+        description = description.model_copy(update={"rig": rig_})
+    rig = scenario_rig(description, set_ or ())
+    values = {
+        **description.set,
+        **dict(parse_assignment(text, ScenarioError) for text in set_ or ()),
+    }
+    settings = [f"--set {shlex.quote(f'{path}={_toml(value)}')}" for path, value in values.items()]
+    if runs is not None:
+        from distal.cli.many_logs_command import logs_of, simulate_many
+
+        check_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
+        simulate_many(rig, description, seed, runs, out, settings, truth=truth)
+        return
+    check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
+    check_ending(out, "a table")
+    with working("simulating"):
+        log = simulate(rig, description, seed)
+    write_log(log if truth else replace(log, truth={}), rig, out)
+    say(f"{rig.name}: {len(log)} samples, {description.duration:g} s, {_ranges(log, rig)}")
+    say(f"wrote {out}")
+    ignored = sorted(
+        {named(rig, path) for path in values} & {named(rig, path) for path in description.plant}
+    )
+    if ignored:
+        warn(f"the scenario's [plant] has its own {', '.join(ignored)}")
+    command = ["distal estimate", shlex.quote(str(out)), "--rig", description.rig, *settings]
+    say(f"estimate from it: {' '.join(command)}")
+
+
+def _toml(value: object) -> str:
+    """Return a value as TOML, on one line."""
+    import tomlkit
+
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{name} = {_toml(field)}" for name, field in value.items()) + " }"
+    return tomlkit.item(value).as_string()
+
+
+def list_command() -> None:
+    """List the shipped scenarios."""
+    from distal.simulation import load_scenario, shipped_scenarios
+
+    shipped = [(name, load_scenario(name)) for name in shipped_scenarios()]
+    rows = [
+        (name, scenario.name, scenario.rig, f"{scenario.duration:g}") for name, scenario in shipped
+    ]
+    table("scenarios", ["scenario", "title", "rig", "duration [s]"], rows, text=3)
+
+
+@app.command("show")
+def show_command(name: ScenarioArgument) -> None:
+    """Print a scenario's file, to copy and change."""
+    from distal.simulation import scenario_text
+
+    print(scenario_text(name)[0], end="")
+
+
+def _ranges(log: Log, rig: Rig) -> str:
+    """Return from where to where each joint's angle goes, as text."""
+    from distal.rig import angle_names
+
+    joints = [joint.name for joint in rig.joints]
+    labels = ["angle"] if len(joints) == 1 else [f"angle of {joint}" for joint in joints]
+    truths = [log.truth[name] for name in angle_names(joints)]
+    return ", ".join(
+        f"{label} from {degrees(theta.min()):.2f}° to {degrees(theta.max()):.2f}°"
+        for label, theta in zip(labels, truths)
+    )

@@ -1,0 +1,81 @@
+"""`distal view`: an interactive page on a log."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from distal.cli.console import say, working
+from distal.cli.paths import check_outputs, to_page
+from distal.cli.shared_options import (
+    EstimatorOption,
+    MemoryOption,
+    RepeatedOption,
+    RigOption,
+    SetOption,
+    TruthOption,
+    homing_time,
+    settings,
+)
+
+
+def view_command(
+    log: Annotated[
+        Path,
+        Argument(help="CSV, Parquet, MCAP or a bag, with the columns that the rig's sensors name."),
+    ],
+    rig: RigOption,
+    *,
+    out: Annotated[
+        Path | None, Option(help="Where to write the page (HTML); default a temporary file.")
+    ] = None,
+    estimator: EstimatorOption = "adaptive",
+    truth: TruthOption = None,
+    homing: Annotated[str | None, Option(help="Use the reference for so long (e.g. 3s).")] = None,
+    open_: Annotated[
+        bool | None,
+        Option(
+            "--open/--no-open",
+            help="Open the page in the browser; default where --out is not given.",
+        ),
+    ] = None,
+    repeated: RepeatedOption = None,
+    max_memory: MemoryOption = None,
+    set_: SetOption = None,
+) -> None:
+    """Estimate over a log and show it in the browser: zoom with the wheel, point at a curve to read
+    it.
+    """
+    from distal.diagnosis import diagnose
+    from distal.logs import read_log
+    from distal.reports import check_plotly, view_page
+    from distal.rig import load_rig
+    from distal.run import estimate
+
+    check_plotly()
+    check_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
+    description = load_rig(rig, settings(set_, repeated))
+    samples = read_log(log, description, truth)
+    home = homing_time(homing)
+    with working(f"estimating with {estimator}") as show:
+        result = estimate(samples, description, estimator, homing=home)
+        show("testing what the log says of the rig")
+        diagnosis = diagnose(result, samples, description, home).text
+    place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
+    try:
+        with working("drawing the page"):
+            view_page(result, samples, description, place, [diagnosis])
+    except BaseException:
+        if out is None:
+            shutil.rmtree(place.parent, ignore_errors=True)
+        raise
+    say(result.in_words())
+    say(diagnosis)
+    say(f"wrote {place}")
+    if (out is None if open_ is None else open_) and not webbrowser.open(place.resolve().as_uri()):
+        say("no browser could be opened; open the file yourself")

@@ -1,0 +1,85 @@
+"""One figure of a joint that is controlled by several feedbacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from distal.confidence import BAND
+from distal.control.closed_loop import ClosedLoop
+from distal.results import (
+    BAND_ALPHA,
+    BLACK,
+    COLOURS,
+    DASHES,
+    SOFT,
+    figure,
+    legend_above,
+    save_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_LIMIT = 3.0
+"""The axis of deviations ends at this many times those of the best run: one that is lost leaves it.
+"""
+
+
+def plot_control(
+    runs: Sequence[ClosedLoop], path: str | Path | None = None, joint: str | None = None
+) -> Figure:
+    """Draw reference and true angle for each feedback, what the first estimate told and its band,
+    and the commands.
+
+    The `runs` are of one scenario with different feedbacks; `joint` is by default the first that is
+    controlled.
+    """
+    first = runs[0]
+    name = joint or next(iter(first.references))
+    j = [part.name for part in first.rig.joints].index(name)
+    reference = np.rad2deg(first.references[name])
+    time = first.time
+    with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):
+        axes[0].plot(time, reference, color=BLACK, lw=1.0, dashes=(4, 2), label="reference")
+        worst = []
+        for k, run in enumerate(runs):
+            angle = np.rad2deg(run.angles[:, j])
+            look = {"color": COLOURS[k], "lw": 1.2, "linestyle": DASHES[k]}
+            axes[0].plot(time, angle, label=f"fed back by {run.feedback}", **look)
+            axes[1].plot(time, angle - reference, **look)
+            worst.append(float(np.quantile(np.abs(angle - reference), 0.98)))
+            effort = next(iter(run.commands))
+            # a feedback that chatters stands behind the others
+            axes[2].plot(time, run.commands[effort], zorder=3 - 0.1 * k, **look)
+        estimated = next((run for run in runs if run.feedback not in ("encoder", "ratio")), None)
+        if estimated is not None:
+            error = np.rad2deg(estimated.estimates[:, j] - estimated.angles[:, j])
+            half = BAND * np.rad2deg(estimated.stds[:, j])
+            axes[1].plot(
+                time,
+                error,
+                color=SOFT,
+                lw=0.8,
+                label=f"error of {estimated.feedback} and its 95 % band",
+            )
+            axes[1].fill_between(
+                time, error - half, error + half, color=SOFT, alpha=BAND_ALPHA, lw=0
+            )
+            legend_above(axes[1])
+        limit = MOST_LIMIT * min(worst)
+        span = float(np.ptp(reference)) or 1.0
+        axes[0].set_ylim(reference.min() - 0.4 * span, reference.max() + 0.4 * span)
+        axes[1].set_ylim(-limit, limit)
+        axes[0].set_ylabel(f"angle of {name} [°]")
+        axes[1].set_ylabel("from reference [°]")
+        drive = first.rig.drives[0]
+        axes[2].set_ylabel(f"command {drive.name} [{'N' if drive.kind == 'slider' else 'N m'}]")
+        axes[2].set_xlabel("time [s]")
+        legend_above(axes[0])
+    if path is not None:
+        save_figure(drawing, path)
+    return drawing

@@ -1,0 +1,74 @@
+"""Changes in parts of a rig that move without one another: a run of the filter has one in each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from itertools import zip_longest
+from operator import and_
+
+import numpy as np
+
+from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.estimators.adaptive.independent_subsystems import Apart
+
+
+def each_apart(rerun: Rerun, changes: Sequence[Change]) -> Iterator[tuple[int, Outcome]]:
+    """Yield the index of each change with what the filter gives as if it were the only one, in any
+    order.
+    """
+    parts = [_part_of(rerun, change) for change in changes]
+    queues = dict[tuple[int, bool], list[int]]()
+    runs = list[list[int]]()
+    for i, (change, part) in enumerate(zip(changes, parts)):
+        if part is None:
+            runs.append([i])
+        else:
+            queues.setdefault((part, change.reads_otherwise), []).append(i)
+    for otherwise in (False, True):
+        alike = (queue for (_, reads), queue in queues.items() if reads is otherwise)
+        runs += [[i for i in run if i is not None] for run in zip_longest(*alike)]
+    while runs:
+        lost = list[list[int]]()
+        made = (reduce(and_, (changes[i] for i in run)) for run in runs)
+        for run, outcome in zip(runs, rerun.each(made)):
+            if len(run) == 1:
+                yield run[0], outcome
+            elif not outcome.bounded:
+                lost += [[i] for i in run]
+            else:
+                chosen = ((i, parts[i]) for i in run)
+                yield from (
+                    (i, _alone(rerun.base, outcome, rerun.runner.parts[part]))
+                    for i, part in chosen
+                    if part is not None
+                )
+        runs = lost
+
+
+def _part_of(rerun: Rerun, change: Change) -> int | None:
+    """Return the part that a change concerns alone; None where there is no such part."""
+    runner = rerun.runner
+    states = [runner.state_names.index(name) for name in change.shifts]
+    numbers = [runner.parameter_names.index(path) for path in change.numbers]
+    read = {*change.channels, *change.added, *change.later, *change.exchanged}
+    for k, part in enumerate(runner.parts):
+        channels = set(part.states.context.channels.names)
+        if set(states) <= {*part.at} and set(numbers) <= {*part.numbers} and read <= channels:
+            return k
+    return None
+
+
+def _alone(base: Outcome, outcome: Outcome, part: Apart) -> Outcome:
+    """Return a run as it would be had nothing changed but one part."""
+    columns = {
+        "means": part.at,
+        "variances": part.at,
+        "innovations": part.compared,
+        "innovation_variances": part.compared,
+    }
+    arrays = {}
+    for name, at in columns.items():
+        arrays[name] = np.array(getattr(base, name))
+        arrays[name][:, at] = getattr(outcome, name)[:, at]
+    return Outcome(**arrays, bounded=True)

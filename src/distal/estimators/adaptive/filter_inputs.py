@@ -1,0 +1,119 @@
+"""The numbers that are inputs of the filter's kernel beside the parameters of the equations.
+
+Rigs that differ in these have the same kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from distal.estimators.adaptive.filter_context import DERIVED, FilterContext, has_gain
+from distal.estimators.adaptive.states.internal import likely_tension
+from distal.estimators.adaptive.states.registry import KINDS, Kind
+from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.adaptive.tuning import Robustness
+from distal.estimators.read_channels import Channels
+from distal.model import Mechanism
+from distal.model.parameters import Derived
+from distal.rig import NOTHING_NORMAL, Rig, Sensor, drive_travel, gain_of, step_of
+from distal.sensor_errors import quantisation_variance
+
+
+def states_of_rig(
+    rig: Rig,
+    inputs: Sequence[str],
+    channels: Channels,
+    robustness: Robustness,
+    kinds: Sequence[Kind] = KINDS,
+    folded: bool = False,
+) -> StateVector:
+    """Return the states of a filter, all numbers of the rig being inputs of its kernel.
+
+    They are made twice: what follows from the states themselves are inputs too. What is no
+    parameter of the equations is a constant where it is to be `folded`.
+    """
+
+    def context_with(numbers: Mapping[str, float]) -> FilterContext:
+        derived = {
+            f"{DERIVED}{name}": value for name, value in numbers.items() if name not in inputs
+        }
+        return FilterContext(
+            Mechanism(rig, inputs, True, Derived(derived, folded)), channels, robustness
+        )
+
+    numbers = dict(numbers_of_rig(context_with({})))
+    states = StateVector(context_with(numbers), kinds)
+    return StateVector(context_with({**numbers, **dict(states.inputs())}), kinds)
+
+
+def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
+    """Yield the numbers of a description that the filter reads beside the equations' parameters,
+    by name.
+    """
+    rig = context.mechanism.rig
+    channels = context.channels
+    free = rig.free_motion
+    yield "interval", channels.interval
+    for sensor in (*channels.forces, *channels.tensions):
+        normal = NOTHING_NORMAL if free is None else free.of_channel(sensor.name)
+        for name, limit in normal.items():
+            yield f"{context.path(sensor)}.normal.{name}", limit
+    for sensor in (*channels.proximal, *channels.others, *channels.angles):
+        yield from _of_sensor(context, sensor)
+    for i, joint in enumerate(rig.joints):
+        path = f"joints.{i}"
+        torque = joint.external_torque
+        yield f"{path}.initial", joint.initial.value
+        yield f"{path}.initial.std", joint.initial.std
+        yield f"{path}.unmodelled", joint.unmodelled
+        yield f"{path}.external_torque.std", torque.std
+        yield f"{path}.external_torque.correlation_time", torque.correlation_time
+        for moving, (ratio, share) in context.ratios(i).items():
+            yield f"drives.{moving}.ratio.{joint.name}", ratio
+            yield f"drives.{moving}.share.{joint.name}", share
+        for other in context.touchable:
+            yield context.loaded_with(i, other), float(context.contact_shape[i, other])
+        by_contact = context.by_contact(i) if i in context.touchable else {}
+        for sensor in (*channels.forces, *channels.tensions):
+            name = f"{context.path(sensor)}.by_torque.{joint.name}"
+            yield name, context.by_torque(i, sensor)
+            if sensor.name in by_contact:
+                name = f"{context.path(sensor)}.by_contact.{joint.name}"
+                yield name, by_contact[sensor.name]
+    for i, drive in enumerate(rig.drives):
+        path = f"drives.{i}"
+        yield f"{path}.spread", 1.0 if free is None else free.of_drive(drive.name)
+        low, high = drive_travel(rig, i)
+        yield f"{path}.travel.low", low
+        yield f"{path}.travel.high", high
+        yield f"{path}.nominal_force", drive.nominal_force.value
+        yield f"{path}.nominal_force.std", drive.nominal_force.std
+    for t in range(len(rig.tendons)):
+        yield f"tendons.{t}.likely_tension", likely_tension(rig, t)
+        yield f"tendons.{t}.pretension", rig.tendons[t].pretension.value
+    for strain in context.mechanism.strains:
+        _, index, part, _ = strain.split(".")
+        creep = getattr(rig.tendons[int(index)], part)
+        yield f"tendons.{index}.{part}.settled", creep.settled.value
+        yield f"tendons.{index}.{part}.settled.std", creep.settled.std
+    p = context.mechanism.parameters
+    for i, name in enumerate(p.names):
+        if name.endswith((".backlash.width", ".share")):
+            yield f"{name}.std", float(p.stds[i])
+
+
+def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, float]]:
+    path = context.path(sensor)
+    yield f"{path}.noise", sensor.noise
+    yield f"{path}.rounding", quantisation_variance(step_of(sensor))
+    yield f"{path}.bias", sensor.bias.value
+    yield f"{path}.unknown_bias", context.bias_std(sensor)
+    yield f"{path}.linearity", sensor.linearity
+    yield f"{path}.rate", sensor.rate
+    yield f"{path}.lag", sensor.lag
+    if has_gain(sensor):
+        yield f"{path}.gain", gain_of(sensor).value
+    if sensor.measures == "position":
+        centre, away = context.possible_places(sensor)
+        yield f"{path}.centre", centre
+        yield f"{path}.farthest", away

@@ -1,0 +1,185 @@
+"""One filter of parts that move without one another: each part's own filter, side by side in one
+kernel.
+
+The covariance between parts is zero and stays so; what one part costs, and what its sensors say,
+does not touch the others.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.adaptive.drive_tracking import MEMORY
+from distal.estimators.adaptive.filter_context import DERIVED
+from distal.estimators.adaptive.filter_inputs import states_of_rig
+from distal.estimators.adaptive.states.vector import StateVector
+from distal.estimators.adaptive.touch import DRIVE, FORCE, TORQUE, compared_forces
+from distal.estimators.read_channels import Channels
+from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
+from distal.rig import Part, independent_parts
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A part of a rig with its own state vector, and where its numbers stand in those of the whole.
+
+    Args:
+        at: of its states, (n,).
+        inputs: of its inputs x = (dt, values, mask).
+        numbers: of its model's parameters.
+        compared: of its innovations.
+        forces: of the forces that are asked for a touch.
+        touchable: of its joints that may be touched, among all that may be.
+    """
+
+    states: StateVector
+    at: Indices
+    drives: Indices
+    inputs: Indices
+    numbers: Indices
+    compared: Indices
+    forces: Indices
+    touchable: Indices
+
+
+@lru_cache(maxsize=32)
+def parts_of(states: StateVector) -> tuple[Apart, ...]:
+    """Return the parts of a filter that do not touch each other; none where there is only one."""
+    mechanism = states.context.mechanism
+    parts = independent_parts(mechanism.rig)
+    if len(parts) == 1 or mechanism.parameters.inside:
+        return ()
+    filters = tuple(_apart(states, part) for part in parts)
+    # a state that two parts have in common, or that neither has, would tie them
+    covered = np.sort(np.concatenate([part.at for part in filters]))
+    return filters if np.array_equal(covered, np.arange(len(states))) else ()
+
+
+def _apart(states: StateVector, part: Part) -> Apart:
+    context = states.context
+    parameters = states.context.mechanism.parameters
+    inputs = part.own_paths(parameters.inputs)
+    channels = _channels(part, context.channels)
+    part_states = states_of_rig(
+        part.rig, inputs, channels, context.robustness, states.kinds, parameters.folded
+    )
+    keys = _keys(states)
+    every = context.channels.names
+    at = [keys.index(key) if key in keys else -1 for key in _keys(part_states)]
+    values = np.array([every.index(name) for name in channels.names], dtype=np.intp)
+    compared = [sensor.name for sensor in context.channels.compared]
+    forces = [sensor.name for sensor in compared_forces(context)]
+    touchable = [j for j in part.indices["joints"] if j in context.touchable]
+    of_part = [sensor.name for sensor in compared_forces(part_states.context)]
+    return Apart(
+        part_states,
+        np.array(at, dtype=np.intp),
+        np.array(part.indices["drives"], dtype=np.intp),
+        np.concatenate([[0], 1 + values, 1 + len(every) + values]).astype(np.intp),
+        np.array(
+            [
+                parameters.index(_whole_name(part, at, name))
+                for name in part_states.context.mechanism.parameters.names
+            ],
+            dtype=np.intp,
+        ),
+        np.array([compared.index(sensor.name) for sensor in channels.compared], dtype=np.intp),
+        np.array([forces.index(name) for name in of_part], dtype=np.intp),
+        np.array([context.touchable.index(j) for j in touchable], dtype=np.intp),
+    )
+
+
+def _whole_name(part: Part, at: Sequence[int], name: str) -> str:
+    """Return the name among the whole filter's inputs of one of a part's, whose states stand `at`
+    those of the whole.
+    """
+    derived = name.startswith(DERIVED)
+    path = name.removeprefix(DERIVED)
+    if not derived:
+        return part.whole_path(name)
+    if path.startswith("state."):
+        _, index, key = path.split(".")
+        return f"{DERIVED}state.{at[int(index)]}.{key}"
+    return f"{DERIVED}{part.whole_path(path)}"
+
+
+def _keys(states: StateVector) -> list[tuple[object, str, int]]:
+    """Return for each state its kind, what it is of, and which of several of that kind it is."""
+    counts = Counter[tuple[object, str]]()
+    keys = list[tuple[object, str, int]]()
+    for kind, part in zip(states.state_kinds, states.state_parts):
+        keys.append((kind, part, counts[kind, part]))
+        counts[kind, part] += 1
+    return keys
+
+
+@dataclass(frozen=True)
+class _PartOfChannels(Channels):
+    """The sensors of a part; its nominal interval is that of the whole rig."""
+
+    nominal_interval: float = 0.0
+
+    @property
+    def interval(self) -> float:
+        """Interval of the fastest sensor of the whole rig [s]."""
+        return self.nominal_interval
+
+
+def _channels(part: Part, channels: Channels) -> Channels:
+    names = {sensor.name for sensor in part.rig.sensors}
+    joints = {joint.name for joint in part.rig.joints}
+
+    positions, forces, tensions, others = (
+        tuple(sensor for sensor in sensors if sensor.name in names)
+        for sensors in (channels.positions, channels.forces, channels.tensions, channels.others)
+    )
+    angles = tuple(sensor for sensor in channels.angles if sensor.of in joints)
+    return _PartOfChannels(positions, forces, tensions, angles, others, channels.interval)
+
+
+def _stretches(which: Indices, size: int) -> Indices:
+    """Return where the numbers of some things stand that have `size` numbers each."""
+    return (size * which[:, None] + np.arange(size)).ravel()
+
+
+def filter_by_parts(
+    states: StateVector, filters: Sequence[tuple[Apart, ca.Function]], layout: Layout, trace: bool
+) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of a rig from the filters of its parts.
+
+    With `trace` the predicted mean, its covariance and the transition stand behind y.
+    """
+    context = states.context
+    n = len(states)
+    m = len(context.channels.compared)
+    kernels = []
+    for part, part_filter in filters:
+        # matrices stand column by column
+        square = (part.at[None, :] * n + part.at[:, None]).ravel(order="F")
+        stretches = {
+            "mean": part.at,
+            "covariance": square,
+            "drives": _stretches(part.drives, MEMORY),
+            "forces": _stretches(part.drives, DRIVE.size),
+            "evidence": _stretches(part.forces, FORCE.size),
+            "torques": _stretches(part.touchable, TORQUE.size),
+        }
+        carry = np.concatenate([layout[name].start + at for name, at in stretches.items()])
+        y = [part.compared, m + part.compared]
+        if trace:
+            y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
+        kernels.append(
+            PlacedKernel(part_filter, carry, part.inputs, part.numbers, np.concatenate(y))
+        )
+    outputs = 2 * m + (n + 2 * n * n if trace else 0)
+    return side_by_side(
+        "adaptive",
+        kernels,
+        (layout.size, context.width, len(context.mechanism.parameters), outputs),
+    )

@@ -1,0 +1,322 @@
+"""`affine`, the baseline estimator: the angle by least squares from the readings, learned from logs
+or a homing move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import EstimationError
+from distal.estimators.estimator_protocol import KernelEstimator
+from distal.estimators.read_channels import channels_of
+from distal.expressions import Scalar
+from distal.kernels import Kernel, carry_layout
+from distal.kernels.mask import is_read
+from distal.logs import Log, frozen, true_angles
+from distal.regression import (
+    EXPECTED,
+    Kind,
+    Samples,
+    affine_kind,
+    calibrate_window,
+    first_memory,
+    fit_coefficients,
+    map_function,
+    memory_size,
+    numbers_of,
+    seen,
+    student,
+)
+from distal.rig import Affine, LearnedMap, Rig, angle_names
+from distal.sensor_errors import variance
+from distal.threads import one_blas_thread
+
+NAME = "affine"
+
+OUTSIDE = "outside_range"
+"""The state that gives how far readings are outside the learned range, in half ranges; 0 inside."""
+
+NOTICED = 0.1
+"""Readings this far outside the learned range (in half ranges) are reported; the band grows from
+the range's end on.
+"""
+
+NEEDS = (
+    "needs [affine] in the rig file (distal fit with logs whose angle is known), or a homing "
+    "move (--homing 3s)"
+)
+"""What to do where there is no map."""
+
+NOWHERE = 1e6
+"""Variance of an angle at the start where the map does not give it [rad²]."""
+
+START_GROWTH = 10.0
+START_REACH = 1.0
+"""At the start: growth of the std outside the learned range, and where the map ends, in half
+ranges.
+"""
+
+
+def affine_of(rig: Rig) -> Kind:
+    """Return the kind of map that gives the joints' angles from a rig's readings."""
+    channels = channels_of(rig, NAME)
+    noise = np.sqrt([variance(sensor) for sensor in channels.proximal])
+    joints = [joint.name for joint in rig.joints]
+    return affine_kind(
+        channels.names, [sensor.name for sensor in channels.positions], joints, noise
+    )
+
+
+def affine_samples(log: Log, rig: Rig) -> Samples:
+    """Return the samples of a log in which every sensor has had a value, missing ones held, with
+    the joints' true angles.
+
+    Raises:
+        EstimationError: a sensor is not in the log or has no value.
+    """
+    names = channels_of(rig, NAME).names
+    for name in names:
+        if name not in log.channels or not np.isfinite(log.channels[name]).any():
+            raise EstimationError(
+                f"{log.source}: affine needs the sensor '{name}', which has no value in this log"
+            )
+    values = np.column_stack([_held(log.channels[name]) for name in names])
+    joints = [joint.name for joint in rig.joints]
+    truth = true_angles(log, joints)
+    angles = np.full((len(log), len(joints)), np.nan) if truth is None else truth
+    started = np.isfinite(values).all(axis=1)
+    count = int(started.sum())
+    time = (log.time - log.time[0])[started]
+    interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
+    no_angles = np.zeros((count, 0))
+    no_variances = np.zeros((count, len(joints)))
+    return Samples(
+        log.source, time, values[started], no_angles, angles[started], no_variances, interval
+    )
+
+
+def _held(values: Floats) -> Floats:
+    """Return the values, each missing one replaced by the last before it."""
+    last = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
+    return np.where(last >= 0, values[np.maximum(last, 0)], np.nan)
+
+
+class AffineEstimator(KernelEstimator):
+    """θ = Σ b_i φ_i of what the sensors read, from `[affine]` of the rig or a homing move; see
+    `map_function`.
+
+    Where a homing move will follow (`after_homing`), no stored map is needed.
+
+    Raises:
+        EstimationError: there is no map, or it is one of other sensors.
+    """
+
+    def __init__(self, rig: Rig, compiled: bool = True, homing: bool = False) -> None:
+        channels = channels_of(rig, NAME)
+        if rig.affine is None and not homing:
+            raise EstimationError(
+                f"affine: '{rig.name}' has no map of what its sensors read; it {NEEDS}"
+            )
+        if rig.affine is not None and rig.affine.channels != channels.names:
+            raise EstimationError(
+                f"affine: [affine] of '{rig.name}' was learned from the sensors "
+                f"{', '.join(rig.affine.channels)}, the rig "
+                f"now has {', '.join(channels.names)}; learn it again (distal fit), or remove "
+                "[affine]"
+            )
+        self._compiled = compiled
+        self.affine = rig.affine
+        self._notes = tuple[str, ...]()
+        names = (*angle_names([joint.name for joint in rig.joints]), OUTSIDE)
+        super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
+        if rig.affine is not None:
+            self._learn(rig.affine)
+
+    def _learn(self, affine: Affine) -> None:
+        """Take a map, with a new kernel where there is none yet."""
+        self.affine = affine
+        self._p = frozen(numbers_of(affine))
+        self._begin = None
+        if self._kernel is None:
+            self._kernel = Kernel(affine_function(affine, len(self.channels)), self._compiled)
+
+    @one_blas_thread()
+    def after_homing(self, log: Log, homing: float) -> AffineEstimator:
+        """Return the estimator with the map that a log's homing move teaches: alone, or as a
+        correction of the rig's.
+
+        The move is the first `homing` s of the log.
+
+        Raises:
+            EstimationError: the window has too few samples.
+        """
+        samples = affine_samples(log, self.rig)
+        notes = tuple[str, ...]()
+        early = samples.time < homing
+        window = samples.part(early)
+        if not np.isfinite(window.targets).any() or len(window.time) < 2:
+            raise EstimationError(
+                f"{log.source}: in the first {homing:g} s there are no samples with all sensors "
+                "and the reference, which "
+                "affine needs; home for longer"
+            )
+        if self.affine is None:
+            corrected = learned_alone(window, affine_of(self.rig))
+            notes = tuple(f"affine: not used, {text}" for text in corrected.dropped)
+        else:
+            calibrated, off = calibrate_window(self.affine, samples, early, by_motion=True)
+            corrected = seen(calibrated, window)
+            if off > EXPECTED:
+                notes = (
+                    f"affine: the homing move is {off:.1f} standard deviations from the map that "
+                    "the rig file has; "
+                    "that map counted less",
+                )
+        assert isinstance(corrected, Affine)
+        taught = copy(self)
+        taught._notes = notes
+        taught._learn(corrected)
+        return taught
+
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first sample.
+
+        Raises:
+            EstimationError: there is no map yet.
+        """
+        if self.affine is None:
+            raise EstimationError(
+                f"affine: '{self.rig.name}' has no map before its homing move; it {NEEDS}"
+            )
+        m = len(self.affine.channels)
+        values = ca.SX.sym("values", m)
+        mask = ca.SX.sym("mask", m)
+        p = ca.SX.sym("p", len(self._p))
+        joints = self.rig.joints
+        mean = ca.SX(ca.DM([*(joint.initial.value for joint in joints), 0.0]))
+        spread = ca.SX(ca.DM([*(joint.initial.std**2 for joint in joints), 0.0]))
+        return ca.Function(
+            "prior", [values, mask, p], [mean, spread, first_memory(self.affine, values, mask)]
+        )
+
+    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
+        """Return what a user should know of an estimate: how much of it was outside the learned
+        range, and of what.
+        """
+        far = means[:, self.state_names.index(OUTSIDE)]
+        if self.affine is None or not np.any(far > NOTICED):
+            return self._notes
+        low = np.asarray(self.affine.low)
+        high = np.asarray(self.affine.high)
+        with np.errstate(invalid="ignore"):
+            beyond = np.any((samples < low) | (samples > high), axis=0)
+        left = [name for name, is_beyond in zip(self.channels, beyond) if is_beyond]
+        causes = ", ".join(left) if left else "the sensors' combination"
+        share = 100.0 * float(np.mean(far > NOTICED))
+        logs = self.affine.logs
+        learned = (
+            "the homing move" if logs == 0 else "the one log" if logs == 1 else f"the {logs} logs"
+        )
+        note = (
+            f"affine: {share:.2g} % of the samples are outside the range of {learned} that it was "
+            f"learned from ({causes}), "
+            f"by up to {float(far.max()):.2g} of half that range; the band is wider there"
+        )
+        return (*self._notes, note)
+
+
+def affine_function(affine: Affine, width: int) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see
+    `map_function`.
+    """
+    nj = len(affine.joints)
+    layout = carry_layout(nj + 1, map=memory_size(affine))
+    carry = ca.SX.sym("carry", layout.size)
+    x = ca.SX.sym("x", 1 + 2 * width)
+    p = ca.SX.sym("p", len(numbers_of(affine)))
+    no = ca.SX.zeros(nj)
+    function = map_function(affine, width, [False] * width)
+    values, _, variances, far, memory = function.call(
+        [layout.part(carry, "map"), x, ca.SX.zeros(width), no, p], True
+    )
+    spread = ca.diag(ca.vertcat(variances, 0))
+    following = layout.joined(mean=ca.vertcat(values, far), covariance=spread, map=memory)
+    return ca.Function(
+        "affine", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
+    )
+
+
+def learned_alone(window: Samples, kind: Kind) -> LearnedMap:
+    """Return the map of a homing move alone: least squares over its window, without directions.
+
+    The window's residuals are correlated: N samples count as one, so k samples tell as much as k/N,
+    and the band is that of Student's distribution with the k/N − n degrees of freedom that n
+    coefficients leave.
+
+    Raises:
+        EstimationError: the window has too few samples.
+    """
+    straight = kind.sets[0]
+    needed = len(straight.terms) + 2
+    count = int(np.isfinite(window.targets).all(axis=1).sum())
+    if count < needed:
+        raise EstimationError(
+            f"{window.source}: the homing window has {count} samples with a reference, affine "
+            "needs "
+            f"{needed} or more; home for longer, or learn from logs (distal fit)"
+        )
+    learned = fit_coefficients([window], kind, straight)
+    freedom = max(
+        len(window.time) * window.interval / learned.correlation_time - len(straight.terms), 1.0
+    )
+    wider = student(freedom)
+    return learned.model_copy(update={"logs": 0, "band": tuple(wider * c for c in learned.band)})
+
+
+def start_of(
+    affine: Affine, joint: int, readings: Mapping[str, tuple[Scalar, Scalar]]
+) -> tuple[Scalar, Scalar]:
+    """Return angle and variance of a joint at the first readings, where the state of plays is
+    unknown.
+
+    Outside the learned range its std grows; far outside, or with a missing reading, the map gives
+    no information. Of each channel `readings` have the first one and 1 where there is one,
+    symbolic.
+    """
+    learned = affine.joints[joint]
+    phi = dict[str, Scalar]()
+    complete = ca.SX(1)
+    far = ca.SX(0)
+    for i, name in enumerate(affine.channels):
+        reading, mask = readings[name]
+        phi[name] = (reading - affine.centre[i]) / affine.scale[i]
+        half = max((affine.high[i] - affine.low[i]) / 2, 1e-12)
+        far = ca.fmax(far, ca.fmax(affine.low[i] - reading, reading - affine.high[i]) / half)
+        complete = ca.logic_and(complete, is_read(mask))
+    # a play is where its reading is, give or take its half-width; a direction is either
+    plays = {f"play({name})": (name, width) for name, width in zip(affine.channels, affine.width)}
+    plain = [
+        i
+        for i, term in enumerate(affine.terms)
+        if term == "1" or term in affine.channels or term in plays
+    ]
+    turns = [i for i in range(len(affine.terms)) if i not in plain]
+    named = [plays.get(affine.terms[i], (affine.terms[i], 0.0)) for i in plain]
+    column = ca.vertcat(*(1 if name == "1" else phi[name] for name, _ in named))
+    covariance = np.asarray(learned.covariance)[np.ix_(plain, plain)]
+    coefficients = np.asarray(learned.coefficients)
+    angle = ca.dot(ca.DM(coefficients[plain]), column)
+    variance_of = affine.band[joint] ** 2 * (
+        ca.bilin(ca.DM(covariance), column, column) + learned.std**2
+    )
+    widths = np.array([width for _, width in named])
+    variance_of += float(
+        np.sum(coefficients[turns] ** 2) + np.sum((coefficients[plain] * widths) ** 2) / 3.0
+    )
+    near = ca.logic_and(complete, far < START_REACH)
+    return angle, ca.if_else(near, variance_of * (1 + START_GROWTH * far) ** 2, NOWHERE)

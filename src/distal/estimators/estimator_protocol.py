@@ -1,0 +1,397 @@
+"""The contract of all estimators: belief and sample in, belief and innovation out, no hidden
+state.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.arrays import Floats
+from distal.errors import EstimationError
+from distal.estimators.affine_samples import WILD, sample_problem, wild_problem
+from distal.estimators.belief import Belief, Innovation, innovation
+from distal.estimators.gaps import rows_of
+from distal.estimators.read_channels import Channels
+from distal.estimators.report import NOTHING_REPORTED
+from distal.estimators.state_kinds import state_units
+from distal.kernels import (
+    Advanced,
+    Evaluation,
+    Feed,
+    Kernel,
+    advance,
+    advance_all,
+    at_samples,
+    covariance_of,
+    mean_of,
+    variances_of,
+)
+from distal.logs import LARGEST_READING, frozen
+from distal.rig import Rig, Role, measurand_of
+
+LARGEST_ANGLE = 50.0
+"""A joint angle beyond this [rad] means that the filter diverged."""
+
+SHORTEST = 1e-9
+"""Two stamps closer to each other than this count as the same [s]."""
+
+_BUILDING = threading.Lock()
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """An estimator of joint angles from proximal sensors; one driver runs any of them offline.
+
+    The first states are the angles of the rig's joints [rad], in their order. ``measured`` names
+    the channels that have an innovation.
+    """
+
+    name: str
+    rig: Rig
+    channels: tuple[str, ...]
+    measured: tuple[str, ...]
+    state_names: tuple[str, ...]
+
+    def initial(self, time: float, sample: Floats) -> Belief:
+        """Return the belief before the first sample: its `time` [s] and values, see `step`."""
+
+    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
+        """Return belief and innovation after a `sample`, (n_channels,), SI, NaN where missing, at a
+        `time` [s].
+        """
+
+    def scan(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means, covariances, innovations and their variances of a whole log, the same
+        numbers as `step`.
+
+        The belief is that before the first sample; `times` rise [s], (k,), `samples` are (k,
+        n_channels).
+        """
+
+
+class KernelEstimator:
+    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y), None where it
+    comes later.
+
+    x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
+    measured channels. A missing value (NaN) becomes a zero in the mask; long intervals are bridged,
+    see `distal.estimators.gaps`. The joints' angles are the first states; p are the kernel's
+    parameters.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        rig: Rig,
+        kernel: Kernel | None,
+        p: Floats,
+        *,
+        channels: Channels,
+        state_names: tuple[str, ...],
+        measured: tuple[str, ...] = (),
+    ) -> None:
+        self.name = name
+        self.rig = rig
+        self._kernel = kernel
+        self.channels = channels.names
+        self.measured = measured
+        self.state_names = state_names
+        self._p = frozen(p)
+        self.interval = channels.interval  # nominal, between samples [s]
+        self._begin: Evaluation | None = None
+        self.report = NOTHING_REPORTED
+
+    @property
+    def has_kernel(self) -> bool:
+        """Whether it has its kernel; `affine` without a map has none before its homing move."""
+        return self._kernel is not None
+
+    @property
+    def kernel(self) -> Kernel:
+        """The function (carry, x, p) → (carry⁺, y).
+
+        Raises:
+            EstimationError: there is none yet; see `has_kernel`.
+        """
+        if self._kernel is None:
+            raise EstimationError(f"{self.name} has no kernel before its homing move")
+        return self._kernel
+
+    def initial(self, time: float, sample: Floats) -> Belief:
+        """Return the belief before the first sample: its `time` [s] and values, as for `step`."""
+        if not np.isfinite(_number(self.name, time)):
+            raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
+        mean, covariance, memory = self.prior(self._checked(sample), self._p)
+        carry = np.concatenate([mean, covariance.ravel(), memory])
+        return Belief(float(time), frozen(carry), len(mean))
+
+    def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return mean, covariance and remembered inputs before the first sample, at the kernel's
+        parameters p, (n_p,).
+
+        The first values, `sample`, (n_channels,), NaN where missing, fill what has no prior.
+        """
+        if self._begin is None:
+            with (
+                _BUILDING
+            ):  # the threads of a batch share a filter, and CasADi's symbols are not counted safely
+                if self._begin is None:
+                    self._begin = Evaluation(self.prior_function())
+        is_finite = np.isfinite(sample)
+        mean, spread, memory = self._begin(np.where(is_finite, sample, 0.0), is_finite, p)
+        n = len(mean)
+        return mean, np.diag(spread) if len(spread) == n > 1 else spread.reshape(n, n), memory
+
+    def prior_function(self) -> ca.Function:
+        """Return (values, mask, p) → (mean, covariance or its diagonal, memory) before the first
+        sample.
+
+        Raises:
+            EstimationError: this estimator has no such function, and cannot be exported.
+        """
+        raise EstimationError(
+            f"{self.name} cannot be exported; adaptive, ekf, ekf-2008, inextensible and elastic can"
+        )
+
+    def step(self, belief: Belief, time: float, sample: Floats) -> tuple[Belief, Innovation]:
+        """Return the belief after a `sample`, (n_channels,), SI, NaN where missing, at a `time`
+        [s], and its innovation.
+
+        The belief before is from `initial` (at the same time as the first sample) or the last
+        `step`.
+
+        Raises:
+            EstimationError: the stamp is not after the belief's, or the sample has the wrong shape
+                or is wild.
+        """
+        sample, time = self._accepted(belief, time, sample)
+        rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
+        carries, ys = advance(self.kernel, Feed(belief.carry, rows, self._p))
+        carry = carries[-1].copy()
+        y = ys[-1].copy()
+        after = Belief(float(time), carry, belief.size, belief.samples + 1, y, self.report)
+        if not (
+            np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()
+        ):
+            raise EstimationError(
+                f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any "
+                "motion"
+            )
+        carry.flags.writeable = False
+        values, variances = self.innovations_of(y[None, :], sample[None, :])
+        return after, innovation(values[0], variances[0])
+
+    def scan(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means (k, n), covariances (k, n, n), innovations (k, m) and their variances (k, m)
+        of a whole log.
+
+        Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
+
+        Raises:
+            EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
+        """
+        (carries, ys), n = self.advanced(belief, times, samples), belief.size
+        values, variances = self.innovations_of(ys, np.asarray(samples, dtype=np.float64))
+        means = self.report.means(mean_of(carries, n).copy(), ys)
+        covariances = self.report.covariances(covariance_of(carries, n).copy(), ys)
+        return means, covariances, values, variances
+
+    def scan_all(
+        self,
+        beliefs: Sequence[Belief],
+        times: Sequence[Floats],
+        samples: Sequence[Floats],
+        numbers: Sequence[Floats],
+    ) -> list[tuple[Floats, Floats, Floats]]:
+        """Return the filter's own means and variances of the states, (k, n), and outputs, (k, n_y),
+        of several runs.
+
+        They are without what maps say (`report`), and go side by side where there are lanes for
+        that. Of each run come belief, `times` and `samples` as for `checked_rows`, and its
+        parameters, `numbers`, (n_p,).
+
+        Raises:
+            EstimationError: as `checked_rows`.
+        """
+        rows = [self.checked_rows(*run) for run in zip(beliefs, times, samples)]
+        n = beliefs[0].size
+        keep = [
+            *range(n),
+            *variances_of(np.arange(n + n * n), n),
+        ]  # of each carry the mean and the variances
+        feeds = [Feed(belief.carry, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)]
+        driven = (
+            at_samples(run, last)
+            for run, (_, last) in zip(advance_all(self.kernel, feeds, keep), rows)
+        )
+        return [(kept[:, :n], kept[:, n:], ys) for kept, ys in driven]
+
+    def advanced(self, belief: Belief, times: Floats, samples: Floats) -> Advanced:
+        """Return the kernel's carries and outputs at each sample of a log.
+
+        Arguments are as for `checked_rows`: `belief`, `times` and `samples`.
+
+        Raises:
+            EstimationError: as `checked_rows`.
+        """
+        rows, last = self.checked_rows(belief, times, samples)
+        return at_samples(advance(self.kernel, Feed(belief.carry, rows, self._p)), last)
+
+    def checked_rows(
+        self, belief: Belief, times: Floats, samples: Floats
+    ) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows of a whole log and the index of each sample's own row.
+
+        The belief is that before the first sample; `times` are stamps [s], rising, (k,), `samples`
+        values of the channels, (k, n_channels).
+
+        Raises:
+            EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
+        """
+        times = np.asarray(times, dtype=np.float64)
+        samples = np.asarray(samples, dtype=np.float64)
+        if samples.shape != (len(times), len(self.channels)):
+            raise EstimationError(
+                f"{self.name}: samples must have shape ({len(times)}, {len(self.channels)}) for "
+                f"{self.channels}, "
+                f"{samples.shape} came"
+            )
+        if np.any(np.abs(samples) > LARGEST_READING):
+            raise EstimationError(f"{self.name}: a sample is wild ({WILD})")
+        steps = np.diff(times, prepend=belief.time)
+        for i in np.flatnonzero(~(steps >= SHORTEST)):
+            check_time(
+                self.name, times[i] - steps[i], times[i], bool(i == 0 and belief.samples == 0)
+            )
+        return self.rows(steps, samples)
+
+    @cached_property
+    def state_units(self) -> tuple[str, ...]:
+        """SI units of its states, (n,), looked up once: a batch asks for each log."""
+        return state_units(self)
+
+    @property
+    def angles(self) -> slice:
+        """The indices of the joints' angles in the state vector."""
+        return slice(0, len(self.rig.joints))
+
+    def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
+        """Return what a user should know of an estimate, a sentence each: by default which sensors
+        it does not read.
+
+        It had the states `means`, (k, n), of the `samples`, (k, n_channels).
+        """
+        compared = (
+            sensor.name for sensor in self.rig.sensors if measurand_of(sensor).role is Role.COMPARED
+        )
+        ignored = ", ".join(name for name in compared if name not in self.channels)
+        return (f"{self.name} does not read {ignored}; adaptive does",) if ignored else ()
+
+    @property
+    def touched(self) -> tuple[int, ...]:
+        """Where in the carry the share stands that a touch has of each joint that may be touched;
+        none where no touch is looked for.
+        """
+        return ()
+
+    @property
+    def contacts(self) -> dict[str, list[int]]:
+        """Joint → where in the carry stand the probability of a touch, and since when it is [s]."""
+        return {}
+
+    @property
+    def bridged(self) -> int:
+        """Number of leading channels that are interpolated along a straight line over a gap."""
+        return 0
+
+    @property
+    def numbers(self) -> Floats:
+        """The kernel's parameters, (n_p,)."""
+        return self._p
+
+    def innovations_of(self, ys: Floats, samples: Floats) -> tuple[Floats, Floats]:
+        """Return innovations, NaN where the value was missing, and their variances, (k, m) each,
+        from the kernel's output.
+
+        It is `ys`, (k, n_y), at the `samples`, (k, n_channels).
+        """
+        m = len(self.measured)
+        columns = [self.channels.index(name) for name in self.measured]
+        return np.where(np.isnan(samples[:, columns]), np.nan, ys[:, :m]), ys[:, m : 2 * m].copy()
+
+    def _accepted(self, belief: Belief, time: float, sample: Floats) -> tuple[Floats, float]:
+        """Return the checked sample and stamp, or raise an error."""
+        sample = self._checked(sample)
+        expected = self.initial_size
+        if not isinstance(belief, Belief) or (
+            expected is not None and belief.carry.shape != (expected,)
+        ):
+            raise EstimationError(
+                f"{self.name}: the belief is not one of this estimator's; begin with "
+                "initial(time, sample)"
+            )
+        time = _number(self.name, time)
+        check_time(self.name, belief.time, time, belief.samples == 0)
+        return sample, time
+
+    @property
+    def initial_size(self) -> int | None:
+        """Size of a belief's carry, or None where only the estimator itself knows."""
+        return self.kernel.n_carry if self.has_kernel else None
+
+    def _checked(self, sample: Floats) -> Floats:
+        with suppress(TypeError, ValueError):
+            sample = np.asarray(sample, dtype=np.float64)
+        problem = sample_problem(sample, self.channels) or wild_problem(sample)
+        if problem is not None:
+            raise EstimationError(f"{self.name}: {problem}")
+        return sample
+
+    def rows(self, steps: Floats, samples: Floats) -> tuple[Floats, NDArray[np.intp]]:
+        """Return the kernel's rows (dt, values, mask), bridges included, and the index of each
+        sample's own row.
+
+        The `steps` are intervals before the samples [s], (k,), the `samples` NaN where missing, (k,
+        n_channels).
+
+        Raises:
+            EstimationError: a gap is too long.
+        """
+        return rows_of(self.name, steps, samples, self.interval, self.bridged)
+
+
+def _number(name: str, time: object) -> float:
+    try:
+        return float(time)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise EstimationError(f"{name}: a stamp is a number of seconds, {time!r} came") from None
+
+
+def check_time(name: str, before: float, now: float, first: bool) -> None:
+    """Refuse a stamp `now` [s] that does not rise from the one `before` [s].
+
+    The first sample may have the belief's own stamp.
+
+    Raises:
+        EstimationError: see above.
+    """
+    if not np.isfinite(now):
+        raise EstimationError(f"{name}: the stamp {now} is not a finite time")
+    if now < before or (now - before < SHORTEST and not first):
+        what = "is late" if now < before else "repeats"
+        raise EstimationError(
+            f"{name}: the stamp {now:.15g} s {what} (the belief is at {before:.15g} s); stamps "
+            "must rise"
+        )

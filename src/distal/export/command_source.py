@@ -1,0 +1,261 @@
+"""The live inverse as C99, beside an exported filter: what the drives do next, from its state and
+the wanted angles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Bools
+from distal.codegen import CodeError, Emitter, Plain
+from distal.errors import ExportError
+from distal.estimators import AdaptiveFilter
+from distal.export.names import checked_name
+from distal.export.outputs import angle_fields, comment, filled, torque_fields
+from distal.inverse.goal_gate import crossed_joints
+from distal.inverse.least_tension import LEAST_TENSION
+from distal.inverse.live_inverse import FIRST, gains_of
+from distal.inverse.live_inverse_function import layouts, live_function
+from distal.inverse.motor_readings import MotorReadings
+from distal.inverse.setpoint_function import CommandModel
+from distal.rig import Rig
+from distal.run import LOST
+
+
+@dataclass(frozen=True)
+class ExportedCommand:
+    """The commands of a rig as C; `operations` in a step, `carry` numbers that are remembered.
+
+    The indices of the joints whose angles are wanted are `joints`.
+    """
+
+    name: str
+    header: str
+    source: str
+    carry: int
+    operations: int
+    joints: tuple[int, ...]
+
+
+def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCommand:
+    """Return the live inverse of a rig as C99, with the numbers of `LiveInverse`, for the filter
+    exported as `filter_name`.
+
+    Args:
+        real: double, or float as that filter is.
+
+    Raises:
+        ExportError: the name is no C identifier, or the inverse has no C.
+        EstimationError: the filter cannot run on this rig.
+    """
+    checked_name(name)
+    runner = AdaptiveFilter(rig, False, folded=True)
+    model = CommandModel(rig, folded=True)
+    layout = layouts(model, runner.states)
+    step = live_function(model, runner.states)
+    emitter = Emitter(real)
+    try:
+        advance = emitter.add(step, in_place=True)
+    except CodeError as problem:
+        raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
+    gains = gains_of(model, LEAST_TENSION, None, None)
+    of_filter = runner.numbers[: len(runner.parameter_names)]
+    numbers = np.concatenate([gains, of_filter, model.derived])
+    at = {sensor.of: runner.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
+    crossed = crossed_joints(rig)
+    moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
+    together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
+    at_touched = layout.x["touched"].start
+    reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
+    reported += [(runner.state_names.index(state), field) for state, field in torque_fields(runner)]
+    values = {
+        "name": name,
+        "NAME": name.upper(),
+        "filter": filter_name,
+        "rig": comment(rig.name),
+        "real": real.type,
+        "joints": "\n".join(
+            f" *   {i}  {comment(rig.joints[j].name)} [rad]" for i, j in enumerate(model.free)
+        ),
+        "drives": "\n".join(
+            f" *   {i}  {comment(drive.name)}" for i, drive in enumerate(rig.drives)
+        ),
+        "n_joints": str(model.nf),
+        "n_drives": str(model.nd),
+        "n_states": str(len(runner.states)),
+        "n_carry": str(layout.carry.size),
+        "n_x": str(layout.x.size),
+        "n_y": str(layout.y.size),
+        "numbers": ", ".join(real.constant(float(number)) for number in numbers),
+        "reported": "\n".join(
+            f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
+        ),
+        "touched": "\n".join(
+            f"  if (x[{at_touched}] < filter->carry[{i}]) x[{at_touched}] = filter->carry[{i}];"
+            for i in runner.touched
+        ),
+        "known": " && ".join(
+            f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)
+        ),
+        "free": ", ".join(map(str, model.free)),
+        "positions": ", ".join(str(at.get(drive.name, -1)) for drive in rig.drives),
+        "oldest": ", ".join(real.constant(float(age)) for age in MotorReadings(rig).oldest),
+        "moves": _matrix(moves),
+        "together": _matrix(together),
+        **{f"c_{part}": str(layout.carry[part].start) for part in ("reference", *MOVING, "at_end")},
+        "zero": real.constant(0.0),
+        "one": real.constant(1.0),
+        "first": str(FIRST),
+        "prelude": real.prelude(emitter.text),
+        "functions": emitter.text,
+        "advance": advance,
+        **{f"x_{part}": str(layout.x[part].start) for part in layout.x.names},
+        **{f"y_{part}": str(layout.y[part].start) for part in layout.y.names},
+    }
+    operations = emitter.functions[advance].cost.operations
+    header = filled(_HEADER, values)
+    source = filled(_SOURCE, values)
+    return ExportedCommand(name, header, source, layout.carry.size, operations, tuple(model.free))
+
+
+MOVING = ("rate", "speed", "acceleration")
+"""What is remembered of a joint that moves."""
+
+
+def _matrix(values: Bools) -> str:
+    return ", ".join(f"{{{', '.join(str(int(value)) for value in row)}}}" for row in values)
+
+
+_HEADER = """\
+/* $name$.h: what the drives of the rig "$rig$" do next, from the filter of $filter$.h and wanted angles
+ *
+ * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state. All numbers are SI.
+ *
+ * wanted, in this order (NAN: as before):
+$joints$
+ *
+ * drives, in this order:
+$drives$
+ */
+#ifndef $NAME$_H
+#define $NAME$_H
+
+#include "$filter$.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define $NAME$_JOINTS $n_joints$
+#define $NAME$_DRIVES $n_drives$
+
+#define $NAME$_MOVES 0  /* all drives get what is wanted */
+#define $NAME$_STANDS 1 /* a drive was not read for too long: it, and those that move the same joints, stand */
+#define $NAME$_UNREAD 2 /* a drive was never read: nothing is to be sent, all commands are NAN */
+
+typedef struct {
+  $real$ carry[$n_carry$];
+  $real$ wanted[$NAME$_JOINTS];
+  $real$ places[$NAME$_DRIVES];
+  $real$ forces[$NAME$_DRIVES];
+  $real$ age[$NAME$_DRIVES];
+  int begun;
+} $name$_state;
+
+typedef struct {
+  $real$ places[$NAME$_DRIVES]; /* as the drives' sensors would read them [m, rad] */
+  $real$ speeds[$NAME$_DRIVES]; /* for drives that follow speeds [m/s, rad/s] */
+  $real$ forces[$NAME$_DRIVES]; /* [N, N m] */
+} $name$_output;
+
+/* Forget everything, when the filter begins. */
+void $name$_begin($name$_state* state);
+
+/* Say what the drives do next, after a step of the filter that returned OK, with its dt, values and output. Where the
+ * estimate is not `trusted` (its health is bad or dead) or its std is large, the correction by feedback stays as it was.
+ * Drives that stand keep the last command. Returns one of the numbers above; how long drives may stand, the caller says. */
+int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
+                const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* $name$.c: what the drives of the rig "$rig$" do next; see $name$.h. Written by `distal export-c`. */
+#include "$name$.h"
+
+#include <math.h>
+#include <string.h>
+
+/* gains, and the rig's parameters as the filter takes them */
+static const $real$ numbers[] = {$numbers$};
+
+$prelude$
+$functions$
+void $name$_begin($name$_state* state) { memset(state, 0, sizeof *state); }
+
+int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
+                const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands) {
+  static const int joints[] = {$free$}, positions[] = {$positions$};
+  static const int moves[][$n_joints$] = {$moves$}, together[][$n_drives$] = {$together$};
+  static const $real$ oldest[] = {$oldest$};
+  int lost[$n_drives$], stands[$n_drives$] = {0}, rests[$n_joints$] = {0};
+  $real$ x[$n_x$], y[$n_y$];
+  int i, j, k, code = $NAME$_MOVES;
+  for (i = 0; i < $n_drives$; ++i) {
+    const int is_read = positions[i] < 0 || values[positions[i]] == values[positions[i]];
+    if (!is_read && !state->begun) code = $NAME$_UNREAD;
+    state->age[i] = is_read ? $zero$ : state->age[i] + dt;
+    lost[i] = state->age[i] > oldest[i];
+  }
+  if (code == $NAME$_UNREAD) {
+    for (i = 0; i < $n_drives$; ++i) commands->places[i] = commands->speeds[i] = commands->forces[i] = ($real$)NAN;
+    return code;
+  }
+  for (i = 0; i < $n_drives$; ++i) {
+    for (j = 0; j < $n_drives$; ++j) stands[i] |= together[i][j] && lost[j];
+    for (j = 0; j < $n_joints$; ++j) rests[j] |= moves[i][j] && stands[i];
+    if (stands[i]) code = $NAME$_STANDS;
+  }
+  memcpy(x + $x_state$, filter->carry, $n_states$ * sizeof *x);
+$reported$
+  for (i = 0; i < $n_joints$; ++i) {
+    if (wanted[i] - wanted[i] == $zero$) state->wanted[i] = wanted[i];
+    else if (!state->begun) state->wanted[i] = x[$x_state$ + joints[i]];
+    x[$x_wanted$ + i] = state->wanted[i];
+    if (rests[i]) {
+      x[$x_wanted$ + i] = state->carry[$c_reference$ + i];
+      state->carry[$c_rate$ + i] = state->carry[$c_speed$ + i] = state->carry[$c_acceleration$ + i] = $zero$;
+      state->carry[$c_at_end$] = $one$; /* feedback does not wind up */
+    }
+    x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->carry[joints[i]];
+  }
+  for (i = 0; i < $n_drives$; ++i) {
+    /* without a reading a drive counts as being where it was sent */
+    const $real$ read = positions[i] < 0 ? state->places[i] : values[positions[i]];
+    x[$x_read$ + i] = read == read ? read : state->places[i];
+  }
+  x[$x_touched$] = $zero$;
+$touched$
+  x[$x_trusted$] = trusted && $known$ ? $one$ : $zero$;
+  x[$x_dt$] = state->begun ? dt : $zero$;
+  for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->carry, x, numbers, y);
+  for (i = 0; i < $n_drives$; ++i) {
+    if (!stands[i]) {
+      state->places[i] = y[$y_places$ + i];
+      state->forces[i] = y[$y_forces$ + i];
+    }
+    commands->places[i] = state->places[i];
+    commands->forces[i] = state->forces[i];
+    commands->speeds[i] = stands[i] ? $zero$ : y[$y_speeds$ + i];
+  }
+  state->begun = 1;
+  return code;
+}
+"""

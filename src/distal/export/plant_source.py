@@ -1,0 +1,297 @@
+"""The simulated plant as C99: the motion between two samples, and what the sensors read, with
+errors from a seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.codegen import CodeError, Emitter, Plain
+from distal.errors import ExportError
+from distal.export.names import checked_name
+from distal.export.outputs import comment, filled
+from distal.kernels import Kernel
+from distal.model import Mechanism
+from distal.rig import Rig, gain_of, step_of, travel_of
+from distal.simulation.plant import at_rest, equilibrium, plant_function
+from distal.simulation.readings import reading_function
+from distal.simulation.signal_inputs import BodyInputs
+from distal.simulation.simulate import intervals_of
+
+
+@dataclass(frozen=True)
+class ExportedPlant:
+    """A plant as C.
+
+    Args:
+        start: coordinates at rest at the start, joints first, (n_bodies,).
+        first: what its kernel puts out there: coordinates, velocities, tensions, pulls, (n_y,).
+        interval: time between samples [s].
+        parts: intervals of the motion in it.
+        count: sub-steps of each.
+    """
+
+    name: str
+    header: str
+    source: str
+    plant: Mechanism
+    sensors: tuple[str, ...]
+    numbers: tuple[str, ...]
+    start: Floats
+    first: Floats
+    interval: float
+    parts: int
+    count: int
+
+
+def resting_pull(plant: Mechanism) -> Floats:
+    """Return the pull on each body that holds a plant at rest: the drives' nominal ones,
+    (n_bodies,).
+    """
+    return np.array(
+        [0.0] * plant.n_joints + [drive.nominal_force.value for drive in plant.rig.drives]
+    )
+
+
+def c_plant(rig: Rig, name: str) -> ExportedPlant:
+    """Return the simulated plant of a rig as C99, in double precision.
+
+    Raises:
+        ExportError: the name is no C identifier, a sensor has a delay, or the plant has no C.
+        ScenarioError: a drive has no equilibrium.
+    """
+    checked_name(name)
+    late = [sensor.name for sensor in rig.sensors if sensor.delay > 0.0]
+    if not rig.sensors:
+        raise ExportError(f"'{rig.name}' has no sensor: there is nothing to simulate; add one")
+    if late:
+        raise ExportError(
+            f"'{rig.name}': the plant in C has no delayed sensors, and a delay is set for "
+            f"{', '.join(late)}; set it to 0"
+        )
+    plant = Mechanism(rig, remembers=True)
+    interval = 1.0 / max(sensor.rate for sensor in rig.sensors)
+    dt, count = intervals_of(plant, interval)
+    kernel = plant_function(plant, count)
+    n = plant.n_bodies
+    pull = resting_pull(plant)
+    held = BodyInputs(pull[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    start = equilibrium(plant, np.array([joint.initial.value for joint in rig.joints]), held)
+    carry, first = at_rest(plant, held, start, Kernel(kernel, False))
+    emitter = Emitter(Plain())
+    dialect = Plain()
+    try:
+        advance = emitter.add(kernel, in_place=True)
+        reading = emitter.add(reading_function(plant))
+    except CodeError as problem:
+        raise ExportError(f"the plant of '{rig.name}' has no C: {problem}") from None
+    names = plant.parameters.names
+    numbers = plant.parameters.values
+    parts = round(interval / dt)
+
+    def table(numbers: Floats | list[float]) -> str:
+        return ", ".join(dialect.constant(float(number)) for number in numbers)
+
+    values = {
+        "name": name,
+        "NAME": name.upper(),
+        "rig": comment(rig.name),
+        "bodies": "\n".join(
+            f" *   {i}  {comment(body.name)}" for i, body in enumerate(plant.bodies)
+        ),
+        "sensors": "\n".join(
+            f" *   {i}  {comment(s.name)}: {s.measures} of {comment(s.of)} [{s.si}]"
+            for i, s in enumerate(rig.sensors)
+        ),
+        "names": "\n".join(
+            f" *   {i:3d}  {comment(parameter)}" for i, parameter in enumerate(names)
+        ),
+        "n_bodies": str(n),
+        "n_joints": str(plant.n_joints),
+        "n_tendons": str(plant.n_tendons),
+        "n_sensors": str(len(rig.sensors)),
+        "n_numbers": str(len(names)),
+        "n_carry": str(len(carry)),
+        "n_y": str(first.size),
+        "interval": dialect.constant(interval),
+        "dt": dialect.constant(dt),
+        "parts": str(parts),
+        "numbers": table(numbers[: len(names)]),
+        "carry": table(carry),
+        "first": table(first[0]),
+        "errors": ",\n  ".join(f"{{{table(row)}}}" for row in _errors(plant)),
+        "every": ", ".join(
+            str(max(round(1.0 / interval / sensor.rate), 1)) for sensor in rig.sensors
+        ),
+        "prelude": dialect.prelude(emitter.text),
+        "functions": emitter.text,
+        "advance": advance,
+        "reading": reading,
+    }
+    header = filled(_HEADER, values)
+    source = filled(_SOURCE, values)
+    sensors = tuple(sensor.name for sensor in rig.sensors)
+    return ExportedPlant(
+        name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count
+    )
+
+
+def _errors(plant: Mechanism) -> list[list[float]]:
+    """Return gain, bias, noise, step, ends of the travel and largest linearity of each sensor."""
+    return [
+        [gain_of(s).value, s.bias.value, s.noise, step_of(s), *travel_of(s, plant.rig), s.linearity]
+        for s in plant.rig.sensors
+    ]
+
+
+_HEADER = """\
+/* $name$.h: the simulated rig "$rig$", with its sensors
+ *
+ * Written by `distal export-c`. C99 in double precision, no malloc, no globals: the caller owns the state. All is SI.
+ *
+ * bodies, in this order:
+$bodies$
+ *
+ * sensors, in this order:
+$sensors$
+ *
+ * numbers, in this order; any may be changed between two steps:
+$names$
+ */
+#ifndef $NAME$_H
+#define $NAME$_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define $NAME$_BODIES $n_bodies$
+#define $NAME$_JOINTS $n_joints$
+#define $NAME$_TENDONS $n_tendons$
+#define $NAME$_SENSORS $n_sensors$
+#define $NAME$_NUMBERS $n_numbers$
+#define $NAME$_INTERVAL $interval$ /* time between samples [s] */
+
+/* What acts on each body: a force or torque, and a spring and damper to a target. */
+typedef struct {
+  double effort[$NAME$_BODIES], inertia[$NAME$_BODIES]; /* inertia is that of hung weights, added to the body's own */
+  double stiffness[$NAME$_BODIES], target[$NAME$_BODIES], damping[$NAME$_BODIES];
+} $name$_pull;
+
+/* What is true after a step. */
+typedef struct {
+  double position[$NAME$_BODIES], velocity[$NAME$_BODIES], tension[$NAME$_TENDONS], pull[$NAME$_BODIES];
+} $name$_truth;
+
+typedef struct {
+  double carry[$n_carry$], numbers[$NAME$_NUMBERS], errors[$NAME$_SENSORS][12];
+  $name$_truth truth;
+  uint64_t random;
+  long samples;
+} $name$_state;
+
+/* Set the plant to rest at the rig's initial angles, and read the sensors once; a seed gives their errors. */
+void $name$_begin($name$_state* state, uint64_t seed, double* values);
+
+/* Move until the next sample and read the sensors, NAN where one is not due; 0 if the motion left all bounds. */
+int $name$_step($name$_state* state, const $name$_pull* pull, double* values);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* $name$.c: the simulated rig "$rig$"; see $name$.h. Written by `distal export-c`. */
+#include "$name$.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double numbers[] = {$numbers$};
+static const double resting[] = {$carry$};
+static const double first[] = {$first$};
+
+/* of each sensor: gain, bias, noise, step, ends of the travel, largest deviation of its curve */
+static const double errors[][7] = {
+  $errors$};
+/* each is read at every so many samples */
+static const int every[] = {$every$};
+
+$prelude$
+$functions$
+/* splitmix64 (Steele, Lea, Flood, OOPSLA 2014): uniform in (0, 1] */
+static double uniform(uint64_t* random) {
+  uint64_t z = (*random += 0x9E3779B97F4A7C15u);
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+  z ^= z >> 31;
+  return ((double)(z >> 11) + 1.0) * 0x1p-53;
+}
+
+/* Box and Muller, 1958 */
+static double normal(uint64_t* random) {
+  const double length = sqrt(-2.0 * log(uniform(random)));
+  return length * cos(6.283185307179586 * uniform(random));
+}
+
+/* the curve of a sensor: three harmonics over its travel, scaled to its largest deviation */
+static void draw_curve(double* row, double largest, uint64_t* random) {
+  double peak = 0.0;
+  int i, j;
+  for (j = 0; j < 3; ++j) {
+    row[6 + j] = normal(random) / (j + 1);
+    row[9 + j] = 6.283185307179586 * uniform(random);
+  }
+  for (i = 0; i <= 500; ++i) {
+    double value = 0.0;
+    for (j = 0; j < 3; ++j) value += row[6 + j] * sin(3.141592653589793 * (j + 1) * i / 500.0 + row[9 + j]);
+    if (fabs(value) > peak) peak = fabs(value);
+  }
+  for (j = 0; j < 3; ++j) row[6 + j] *= row[5] > row[4] ? largest / peak : 0.0;
+  if (!(row[5] > row[4])) row[5] = row[4] + 1.0;
+}
+
+static void read_sensors($name$_state* state, double* values) {
+  double draws[$n_sensors$];
+  int i;
+  for (i = 0; i < $n_sensors$; ++i) draws[i] = normal(&state->random);
+  $reading$((const double*)&state->truth, state->errors[0], draws, values);
+  for (i = 0; i < $n_sensors$; ++i)
+    if (state->samples % every[i]) values[i] = NAN;
+  state->samples += 1;
+}
+
+void $name$_begin($name$_state* state, uint64_t seed, double* values) {
+  int i;
+  memset(state, 0, sizeof *state);
+  memcpy(state->carry, resting, sizeof resting);
+  memcpy(state->numbers, numbers, sizeof numbers);
+  memcpy(&state->truth, first, sizeof first);
+  state->random = seed;
+  for (i = 0; i < $n_sensors$; ++i) {
+    memcpy(state->errors[i], errors[i], 6 * sizeof(double));
+    draw_curve(state->errors[i], errors[i][6], &state->random);
+  }
+  read_sensors(state, values);
+}
+
+int $name$_step($name$_state* state, const $name$_pull* pull, double* values) {
+  double x[5 * $n_bodies$ + 1];
+  int i;
+  memcpy(x, pull, 5 * $n_bodies$ * sizeof(double));
+  x[5 * $n_bodies$] = $dt$;
+  for (i = 0; i < $parts$; ++i) $advance$(state->carry, x, state->numbers, (double*)&state->truth);
+  read_sensors(state, values);
+  for (i = 0; i < $n_y$; ++i)
+    if (!(fabs(((const double*)&state->truth)[i]) < 1e9)) return 0;
+  return 1;
+}
+"""

@@ -1,0 +1,282 @@
+"""Which numbers of a rig a fit varies: what has a std, what is asked for, and the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from distal.errors import FitError, RigError
+from distal.estimators import Robustness, channels_of
+from distal.estimators.adaptive import FilterContext, uncertain_parameters
+from distal.fitting.free_parameter import NOISY, POINTS, Free
+from distal.model import Mechanism
+from distal.rig import REFERENCES, Number, Rig, Sensor, in_words, named, number, part_at
+
+NOISE_RANGE = 25.0
+"""A noise stays within this factor of where it starts: a model that is trusted wholly has standard
+errors of nothing.
+"""
+
+NOISE_PRIOR = 1.0
+"""Standard deviation of a noise's prior, as a share of where it starts: a factor of two either way.
+"""
+
+EXACT = np.deg2rad(0.02)
+"""No truth is taken as better than this [rad]: the model's own steps are not."""
+
+SMALLEST_NUMBER = 1e-3
+"""A positive parameter stays above this share of where it starts."""
+
+
+def choose(
+    rig: Rig,
+    references: Sequence[Sensor],
+    asked: Sequence[str],
+    per_log: Sequence[str],
+    *,
+    noise: bool,
+    homing: bool,
+    several: bool = False,
+) -> tuple[Free, ...]:
+    """Return what a fit varies, of a rig with `references`, sensors of joints' angles.
+
+    Without a wish it is every parameter with a std that has an effect on the joint, tendons that
+    err together by one factor (as the filter has them), and the noise of the sensors that are
+    compared, of the unmodelled torque and of the hysteresis.
+
+    Args:
+        asked: paths, ``*`` for all parts of a kind; empty for every parameter with a std.
+        per_log: paths of which each log has its own.
+        homing: whether the fit is to what is predicted after homing: then sensors' own noise is
+            left as it is.
+        several: whether there are several logs: each has sensors' offsets of its own then, and what
+            they scatter by is their std.
+
+    Raises:
+        FitError: nothing is free, or a path cannot be.
+    """
+    own_of_each = [_asked(rig, path, True) for path in per_log]
+    free = [_asked(rig, path, False) for path in asked] or _uncertain(
+        rig, references, own_of_each, several
+    )
+    free += own_of_each
+    if noise:
+        paths = {path for part in free for path in part.paths}
+        free += [
+            part for part in _noises(rig, references, homing) if not paths.intersection(part.paths)
+        ]
+    seen: dict[str, str] = {}
+    for part in free:
+        for path in part.paths:
+            if path in seen:
+                names = f"'{seen[path]}' and '{part.name}'"
+                raise FitError(f"'{named(rig, path)}' is asked for twice, by {names}; name it once")
+            seen[path] = part.name
+    if not asked and all(part.noise for part in free):
+        raise FitError(
+            f"{rig.name}: no parameter that shows in these sensors has a std, so there is nothing "
+            "to fit; give the "
+            f"unknown ones one (--set 'joints.{rig.joints[0].name}.damping.std=…') or name them "
+            "with --free"
+        )
+    return tuple(_coarse(rig, part) for part in free)
+
+
+def _coarse(rig: Rig, part: Free) -> Free:
+    """Return what is varied with the share of it that the model leaves uncertain, where that is
+    more than elsewhere.
+    """
+    for path in part.paths:
+        kind, index, *fields = path.split(".")
+        if kind == "drives" and fields in (["damping"], ["backlash", "width"]):
+            return replace(part, coarse=NOISY)
+        if kind == "tendons" and fields[0] == "path":
+            along = rig.tendons[int(index)].path
+            if along is not None and along.nodes > 0:
+                return replace(part, coarse=POINTS / along.nodes)
+    return part
+
+
+def _uncertain(
+    rig: Rig, references: Sequence[Sensor], own_of_each: Sequence[Free], several: bool
+) -> list[Free]:
+    mechanism = Mechanism(rig)
+    per_log_paths = {path for part in own_of_each for path in part.paths}
+    free = [part for part in _biases(rig, several) if not per_log_paths.intersection(part.paths)]
+    context = FilterContext(
+        mechanism, channels_of(rig, "fit", references, others=True), Robustness.fitting()
+    )
+    for state in uncertain_parameters(context):
+        paths = [mechanism.parameters.names[i] for i in state.indices]
+        if per_log_paths.intersection(paths) or (
+            len(paths) == 1 and any(paths[0] in part.paths for part in free)
+        ):
+            continue  # what shares its error with nothing, and errs alone too, is varied once
+        numbers = [number(rig, path) for path in paths]
+        if state.acts == "factor" and len(paths) > 1:
+            # what also errs alone is varied alone, with the spread of both
+            numbers = [parameter for parameter in numbers if parameter.independent_std == 0.0]
+        if numbers:
+            free.append(_free(rig, numbers, False))
+    taken = {path for part in free for path in part.paths} | per_log_paths
+    alike: dict[tuple[str, float, float], list[Number]] = {}
+    for path in _held(rig):
+        if path not in taken:
+            held = number(rig, path)
+            # one pulley serves all its tendons: insertions with the same number are varied together
+            shared = path.split(".", 2)[2] if ".insertion." in path else path
+            alike.setdefault((shared, held.value, held.std), []).append(held)
+    return free + [_free(rig, numbers, False) for numbers in alike.values()]
+
+
+def _biases(rig: Rig, several: bool) -> list[Free]:
+    """Return the offsets and gains of the sensors that estimators read, where they have a std;
+    gains are no log's own.
+    """
+    read = [
+        (i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES
+    ]
+    numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
+    numbers += [
+        (number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")
+    ]
+    uncertain = [(bias, per_log) for bias, per_log in numbers if bias.std > 0.0 and not bias.hold]
+    return [_free(rig, [bias], per_log) for bias, per_log in uncertain]
+
+
+def _held(rig: Rig) -> list[str]:
+    """Return the paths of what estimators take as it is, but a fit may vary: held parameters and
+    hysteresis.
+    """
+    held = []
+    for path in Mechanism(rig, ()).parameters.all_names:
+        try:
+            parameter = number(rig, path)
+        except RigError:
+            continue  # stops and what follows from other numbers
+        if parameter.std > 0.0 and (parameter.hold or ".hysteresis." in path):
+            held.append(path)
+    return held
+
+
+def paths_of(rig: Rig, wanted: str) -> list[str]:
+    """Return the paths, by indices, that a wish names, its parts by name or index; ``*`` stands for
+    all parts of a kind.
+
+    Raises:
+        FitError: ``*`` stands for nothing.
+        RigError: the path is not that of a number.
+    """
+    before, star, after = wanted.partition(".*.")
+    if not star:
+        return [number(rig, wanted).path]
+    items = part_at(rig, before)
+    if not isinstance(items, tuple):
+        raise FitError(
+            f"'{wanted}': '{before}' is no list that '*' could stand for; write e.g. "
+            "tendons.*.stiffness"
+        )
+    return [path for i in range(len(items)) for path in paths_of(rig, f"{before}.{i}.{after}")]
+
+
+def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
+    try:
+        numbers = [number(rig, path) for path in paths_of(rig, wanted)]
+    except RigError as problem:
+        raise FitError(f"{'--per-log' if per_log else '--free'} {problem}") from None
+    return _free(rig, numbers, per_log)
+
+
+def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
+    first = numbers[0]
+    paths = tuple(parameter.path for parameter in numbers)
+    starts = tuple(parameter.value for parameter in numbers)
+    name = in_words(rig, *paths)
+    place = named(rig, first.path)
+    if not first.is_parameter:
+        return _noise(rig, numbers)
+    if first.value == 0.0 and first.std == 0.0:
+        raise FitError(
+            f"'{place}' is zero without a std, so its size is unknown; give it one "
+            f"(--set {place}.std=…) to say how large it may be"
+        )
+    if per_log and first.std == 0.0:
+        raise FitError(
+            f"'{place}' has no std; what differs from log to log needs one (--set {place}.std=…)"
+        )
+    low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[
+        first.quantity.bound
+    ]
+    if 0.0 in starts and len(set(starts)) > 1:
+        raise FitError(
+            f"'{name}' varies its numbers by one factor, but some are zero; name them one by one"
+        )
+    scale = first.std if first.std > 0.0 else 0.1 * abs(first.value)
+    std = first.std if first.std > 0.0 else float("nan")
+    rough = first.is_rough
+    si = first.quantity.si
+    low = SMALLEST_NUMBER * first.value if rough else low
+    return Free(
+        name, paths, starts, std, scale, low, np.inf, si, logarithmic=rough, per_log=per_log
+    )
+
+
+def _noise(rig: Rig, numbers: Sequence[Number], prior: bool = True) -> Free:
+    first = numbers[0]
+    if first.value <= 0.0:
+        raise FitError(
+            f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
+        )
+    start = first.value
+    paths = tuple(parameter.path for parameter in numbers)
+    starts = tuple(parameter.value for parameter in numbers)
+    std = NOISE_PRIOR * start if prior else float("nan")
+    low = start / NOISE_RANGE
+    high = start * NOISE_RANGE
+    si = first.quantity.si
+    name = in_words(rig, *paths)
+    return Free(name, paths, starts, std, start, low, high, si, logarithmic=True, noise=True)
+
+
+def _noises(rig: Rig, references: Sequence[Sensor], homing: bool) -> list[Free]:
+    """Return the noises: of sensors alike by one factor, of the reference, of what no model knows.
+
+    Displacements are inputs: their noise shows only in what it shakes, and comes out too small; the
+    file keeps what it had, as it keeps what the model does not know. An effort that moves a play is
+    smoothed and nothing that is compared: its noise stays.
+    """
+    if homing:
+        return []  # what is predicted after homing tells nothing of a sensor's own noise
+    angles = {reference.name for reference in references}
+    playing = {drive.name for drive in rig.drives if drive.hysteresis is not None}
+    groups: dict[tuple[str, str, float], list[int]] = {}
+    for i, sensor in enumerate(rig.sensors):
+        smooth = sensor.measures == "force" and sensor.of in playing
+        if sensor.measures not in ("position", *REFERENCES) and sensor.noise > 0.0 and not smooth:
+            groups.setdefault((sensor.measures, sensor.si, sensor.noise), []).append(i)
+    free = []
+    for indices in groups.values():
+        paths = [f"sensors.{i}.noise" for i in indices]
+        free.append(_noise(rig, [number(rig, path) for path in paths]))
+    for at, sensor in enumerate(rig.sensors):
+        if sensor.name in angles and sensor.noise > 0.0:
+            reference_noise = _noise(rig, [number(rig, f"sensors.{at}.noise")], prior=False)
+            free.append(
+                replace(
+                    reference_noise, low=min(max(reference_noise.low, EXACT), reference_noise.start)
+                )
+            )
+    paths = [
+        f"drives.{i}.hysteresis.error" for i, d in enumerate(rig.drives) if d.hysteresis is not None
+    ]
+    paths = [path for path in paths if number(rig, path).value > 0.0]
+    paths += [
+        f"joints.{j}.unmodelled" for j, joint in enumerate(rig.joints) if joint.unmodelled > 0.0
+    ]
+    free += [
+        replace(_noise(rig, [number(rig, path)]), kept_by_file=path.endswith(".unmodelled"))
+        for path in paths
+    ]
+    return free

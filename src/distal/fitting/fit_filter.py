@@ -1,0 +1,123 @@
+"""The filter of a fit: what is free is an input of its kernel, and several runs go through it side
+by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distal.arrays import Floats
+from distal.estimators import AdaptiveFilter, Robustness
+from distal.fitting.free_parameter import Free
+from distal.fitting.resampling import refined, steps_per_sample
+from distal.fitting.samples_in_stops import in_stops
+from distal.logs import Log, true_angles
+from distal.rig import Rig, Sensor
+from distal.run import samples_of
+from distal.sensor_errors import variance
+
+FINE = 0.2
+"""Largest product of sub-step and a joint's own frequency in a fit: its errors must not look like
+parameters.
+"""
+
+
+@dataclass(frozen=True)
+class Data:
+    """A log, ready for the filter: values of its channels, (k, n_channels), references last, and
+    the rows of its kernel.
+
+    The index of each sample's own row is in `last`.
+    """
+
+    log: Log
+    samples: Floats
+    rows: Floats
+    last: NDArray[np.intp]
+
+    def beginning(self, count: int) -> Data:
+        """Return the first samples of the log."""
+        count = min(count, len(self.last))
+        log = Log(self.log.time[:count], {}, {}, self.log.source)
+        return Data(
+            log, self.samples[:count], self.rows[: self.last[count - 1] + 1], self.last[:count]
+        )
+
+
+class FitFilter:
+    """The filter of a fit: what is free is an input of its kernel, and several runs go through it
+    side by side.
+
+    The rig is described with its references, the sensors of joints' angles. There are `steps` rows
+    per sample, see `resampling`; more of them need fewer sub-steps each.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        references: Sequence[Sensor],
+        free: Sequence[Free],
+        steps: int = 1,
+        compiled: bool = True,
+    ) -> None:
+        self.rig = rig
+        self.references = tuple(references)
+        self.steps = steps
+        self.runner = AdaptiveFilter(
+            rig,
+            "lanes" if compiled else False,
+            Robustness.fitting(),
+            name="fit",
+            references=self.references,
+            inputs=[path for part in free for path in part.paths],
+            resolution=FINE * steps,
+        )
+
+    def data_of(self, log: Log) -> Data:
+        """Return a log, ready for the filter; displacements between samples follow a cubic where
+        chords would err.
+
+        Its truth is the reference, NaN or absent where it is not known.
+        """
+        runner = self.runner
+        joints = [joint.name for joint in self.rig.joints]
+        names = runner.channels[: -len(self.references)]
+        proximal = samples_of(log, names, "fit").copy()
+        for sensor in runner.states.context.channels.positions:
+            centre, away = runner.states.context.possible_places(sensor)
+            column = proximal[:, names.index(sensor.name)]
+            column[np.abs(column - centre) > away] = np.nan
+        angles = true_angles(log, joints)
+        truth = np.full((len(log), len(joints)), np.nan) if angles is None else angles
+        read = [joints.index(sensor.of) for sensor in self.references]
+        # how a joint rests in a stop is the stop's own affair: what is read there teaches nothing
+        # of the rest
+        stopped = in_stops(log.time, truth, self.rig)
+        samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
+        samples[stopped.all(axis=1), runner.bridged :] = np.nan
+        times, fine, originals = refined(log.time, samples, runner.bridged, self.steps)
+        rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
+        return Data(log, samples, rows, last[originals])
+
+
+def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
+    """Return how many rows per sample all of some logs need, so that displacements between samples
+    are right.
+
+    Joints that settle within an interval need one: where a drive went between two slow samples no
+    curve tells.
+    """
+    if AdaptiveFilter(rig, False).states.context.joints_settle:
+        return 1
+    sensors = list(rig.sensors_of("position"))
+    noise = np.sqrt([variance(sensor) for sensor in sensors])
+    places = [
+        np.column_stack([log.channels[sensor.name] for sensor in sensors])
+        for log in logs
+        if sensors
+    ]
+    return max((steps_per_sample(displacements, noise) for displacements in places), default=1)

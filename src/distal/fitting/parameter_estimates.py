@@ -1,0 +1,421 @@
+"""The numbers of a rig as logs tell them: by its equations where they can be asked, by its filter,
+and what stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from distal.arrays import Bools, Floats
+from distal.errors import FitError, RigError
+from distal.fitting.choice_of_parameters import choose
+from distal.fitting.doubts import NOT_CONVERGED, contradictions, doubts_of, nis_of
+from distal.fitting.fit_filter import FitFilter, steps_of
+from distal.fitting.fit_options import Options
+from distal.fitting.fitted_parameter import FittedNumber
+from distal.fitting.free_parameter import Free
+from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
+from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
+from distal.fitting.problem import Problem
+from distal.fitting.progress import Progress, searching
+from distal.fitting.standard_errors import CONFOUNDED, TOLD, Uncertainty, uncertainty_at
+from distal.homing import added_reference, with_references
+from distal.logs import Log, true_angles
+from distal.model import joint_frequency
+from distal.rig import Rig, Sensor, number
+
+FOLLOWS = 10.0
+"""Joints with so many radians of their own oscillation in the time of smoothing follow the drives
+(`python -m benchmarks.strangers.drawn`: 6 to 8 with inertia, above 15 without).
+"""
+
+
+DIVERGED = (
+    "{}: the filter leaves all bounds on these logs; check the units of logs and rig "
+    "(distal estimate)"
+)
+
+EXPLAINED = 2.0
+"""The reference becomes one more sensor where no channel's ν²/S is larger than this in the mean."""
+
+HAUSMAN = 4.0
+"""The rig's numbers may move by so many variances each, in the mean, where the reference becomes
+one more sensor.
+"""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The numbers of a rig as logs tell them, from the `problem` that was minimised, and the
+    `optimum` where that ended.
+
+    Of the coordinates some are `left` at their prior, and filters are to take those that are `held`
+    as they are, (n,) each. There are `doubts`, mean ν²/S per channel at the start and at the end
+    (`nis`), and −ln p where the search had `begun`.
+    """
+
+    problem: Problem
+    optimum: Optimum
+    uncertainty: Uncertainty
+    fitted: tuple[FittedNumber, ...]
+    left: Bools
+    held: Bools
+    doubts: tuple[str, ...]
+    nis: tuple[tuple[float, ...], tuple[float, ...]]
+    begun: float
+
+    @property
+    def by_equations(self) -> bool:
+        """Whether they are those of the rig's equations; else of its filter."""
+        return self.problem.asks_equations
+
+
+def numbers_of(problem: Problem, options: Options, progress: Progress | None) -> list[Numbers]:
+    """Return the numbers of a rig as logs tell them: those of its equations, and of its filter
+    where it is asked.
+
+    The filter is asked where the equations cannot be, and where joints are so slow that
+    accelerations count, which an encoder hardly tells.
+
+    Raises:
+        FitError: the filter leaves all bounds on the logs.
+    """
+    equations = by_equations(problem, options, progress)
+    slow = joint_frequency(problem.filter.runner.states.context.mechanism) * SMOOTHED < FOLLOWS
+    if equations is not None and (not slow or equations.optimum.interrupted):
+        return [equations]
+    return [
+        *([] if equations is None else [equations]),
+        by_filter(problem, options, equations, progress),
+    ]
+
+
+def by_equations(
+    problem: Problem, options: Options, progress: Progress | None, begin: Numbers | None = None
+) -> Numbers | None:
+    """Return the numbers with which a rig's equations lack least, None where they cannot be asked;
+    see `Equations`.
+
+    The search may begin with numbers of other equations on the same logs.
+    """
+    equations = inverse_problem(problem, options.compiled) if options.homing is None else None
+    if equations is None:
+        return None
+    origin, z = (
+        (problem, _start(problem, options)) if begin is None else (begin.problem, begin.optimum.z)
+    )
+    start = _translated(origin, z, equations)
+    return _searched(equations, start, searching(progress, "by its equations"))
+
+
+def by_filter(
+    problem: Problem, options: Options, begin: Numbers | None, progress: Progress | None
+) -> Numbers:
+    """Return the numbers with which a rig's filter predicts what is read best.
+
+    The search begins with numbers of its equations; None for the rig's own, and a search of the
+    start.
+
+    Raises:
+        FitError: the filter leaves all bounds on the logs.
+    """
+    start = (
+        _start(problem, options)
+        if begin is None
+        else _translated(begin.problem, begin.optimum.z, problem)
+    )
+    costs = problem.costs([np.zeros(problem.size), start])
+    if not np.isfinite(costs).any():
+        raise FitError(DIVERGED.format(problem.filter.rig.name))
+    if begin is None or not np.isfinite(costs[1]):
+        start = coarse_start(problem, options.seed, start, searching(progress, "searching")).z
+    return _searched(problem, start, searching(progress, "by its filter"))
+
+
+def from_starts(problem: Problem, starts: Sequence[Rig]) -> Numbers:
+    """Return the numbers with which a rig's filter predicts what is read best, from the likeliest
+    of some rigs.
+    """
+    coordinates = [_coordinates_of(problem, start) for start in starts]
+    costs = problem.costs(coordinates)
+    return _searched(
+        problem, coordinates[int(np.argmin(np.where(np.isnan(costs), np.inf, costs)))], None
+    )
+
+
+def _start(problem: Problem, options: Options) -> Floats:
+    return (
+        np.zeros(problem.size) if options.start is None else _coordinates_of(problem, options.start)
+    )
+
+
+def among_models(numbers: Numbers, models: Sequence[Numbers]) -> Numbers:
+    """Return numbers of equations with errors that know of other models: what these make of the
+    same logs is as likely.
+
+    The covariance grows by that of the ends of all models' searches (Draper, J. Royal Statistical
+    Society B 57, 1995). The stated errors of one model hold where it is right; numbers that a part
+    more or less would move are known less well.
+    """
+    if not numbers.by_equations or len(models) < 2:
+        return numbers
+    problem = numbers.problem
+    optimum = numbers.optimum
+    uncertainty = numbers.uncertainty
+    ends = np.array(
+        [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
+    )
+    spread = np.atleast_2d(np.cov(ends, rowvar=False, bias=True))
+    wider = replace(uncertainty, covariance=uncertainty.covariance + spread)
+    reported = fitted_numbers(problem, optimum, wider, numbers.left, numbers.held)
+    # the file keeps the stds with which the candidates were judged (docs/results/fits.md)
+    fitted = tuple(
+        replace(widened, held_error=judged.held_error)
+        for widened, judged in zip(reported, numbers.fitted)
+    )
+    return replace(numbers, uncertainty=wider, fitted=fitted)
+
+
+def _translated(
+    problem: Problem, z: Floats, target: Problem, default: Floats | None = None
+) -> Floats:
+    """Return coordinates of one problem as those of another, and for what only that one varies the
+    default, or 0.
+    """
+    coordinates = {
+        (part.name, log): coordinate for (part, log), coordinate in zip(problem.parts, z)
+    }
+    missing = np.zeros(target.size) if default is None else default
+    return np.array(
+        [coordinates.get((part.name, log), at) for (part, log), at in zip(target.parts, missing)]
+    )
+
+
+def _searched(
+    problem: Problem, start: Floats, progress: Callable[[int, float], None] | None
+) -> Numbers:
+    """Return the most likely numbers: what the logs do not tell stays at its prior.
+
+    What the logs tell only together with others is held one by one until the rest is told.
+    """
+    problem, optimum = most_likely(problem, start, progress)
+    if not problem.asks_equations and not optimum.interrupted:
+        problem, optimum = _with_reference(problem, optimum, progress)
+    uncertainty = uncertainty_at(problem, optimum.derivatives, optimum.z)
+    may_stay = np.array(
+        [not part.noise and log is None and part.has_prior for part, log in problem.parts]
+    )
+    left = np.zeros(problem.size, dtype=bool)
+    held = np.zeros(problem.size, dtype=bool)
+    while (
+        not optimum.interrupted
+        and (at := _next_held(problem, uncertainty, left, may_stay)) is not None
+    ):
+        left[at] = True
+        held[at] = bool(uncertainty.together[at])
+    if left.any() and not left.all():
+        # what the others become when these are moved, by the information of all
+        information = hessian(problem, optimum.derivatives)
+        moved = np.where(left, -optimum.z, 0.0)
+        moved[~left] = -np.linalg.solve(
+            information[np.ix_(~left, ~left)], (information @ moved)[~left]
+        )
+        again = search(problem, optimum.z + moved, progress, fixed=left, near=optimum.derivatives)
+        optimum = replace(again, iterations=optimum.iterations + again.iterations)
+    zero = np.zeros(problem.size)
+    before = nis_of(problem, zero)
+    after = nis_of(problem, optimum.z)
+    doubts = list[str]()
+    if not optimum.interrupted:
+        doubts += doubts_of(problem, optimum.z, after)
+        doubts += [] if optimum.converged else [NOT_CONVERGED]
+        try:
+            doubts += contradictions(problem, optimum) if len(problem.data) > 1 else []
+        except KeyboardInterrupt:
+            optimum = replace(optimum, interrupted=True)
+    fitted = tuple(fitted_numbers(problem, optimum, uncertainty, left, held))
+    begun = float(problem.costs([zero])[0])
+    return Numbers(
+        problem, optimum, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun
+    )
+
+
+def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
+    """Return what is minimised over some logs: what is free, and the filter with it as inputs."""
+    joints = [joint.name for joint in rig.joints]
+    with_truth = [log for log in logs if true_angles(log, joints) is not None]
+    if with_truth:
+        with_reference, references = with_references(rig, with_truth[0])
+    else:  # the filter of a fit always has a reference; here it has no value in any log
+        with_reference, added = added_reference(rig, logs[0].rate)
+        references = (added,)
+    asked = options.free
+    per_log = options.per_log
+    noise = options.noise
+    homing = options.homing is not None
+    free = choose(
+        with_reference,
+        references,
+        asked,
+        per_log,
+        noise=noise,
+        homing=homing,
+        several=len(logs) > 1,
+    )
+    if not with_truth:
+        of_reference = f"sensors.{len(with_reference.sensors) - 1}."
+        free = tuple(
+            part for part in free if not all(path.startswith(of_reference) for path in part.paths)
+        )
+    fit_filter = _filter(with_reference, references, free, steps_of(rig, logs), options.compiled)
+    data = tuple(fit_filter.data_of(log) for log in logs)
+    problem = Problem(fit_filter, free, data, options.homing, False, options.workers)
+    if not Equations.apply_to(fit_filter) and not np.isfinite(
+        problem.costs([np.zeros(problem.size)])[0]
+    ):
+        raise FitError(DIVERGED.format(rig.name))
+    return problem
+
+
+@lru_cache(maxsize=2)
+def _filter(
+    rig: Rig, references: tuple[Sensor, ...], free: tuple[Free, ...], steps: int, compiled: bool
+) -> FitFilter:
+    """Return the filter of a fit; folds of one fit have the same, which is compiled once."""
+    return FitFilter(rig, references, free, steps, compiled)
+
+
+def _with_reference(
+    problem: Problem, optimum: Optimum, progress: Callable[[int, float], None] | None
+) -> tuple[Problem, Optimum]:
+    """Return problem and search with the reference as one more sensor, or without it where the two
+    contradict each other.
+
+    With it the logs tell more where the model is right; where the model is wrong it hides what the
+    angle errs by. So it is used where nothing surprises the filter, and the two are compared as
+    Hausman does (Econometrica 46, 1978): the rig's numbers may not move by more than the angle
+    without its reference leaves them unsure.
+    """
+    if (
+        problem.homing is not None
+        or float(np.max(problem.scales(problem.at(optimum.z)))) > EXPLAINED
+    ):
+        return problem, optimum
+    parameters = np.flatnonzero([not part.noise for part, _ in problem.parts])
+    covariance = uncertainty_at(problem, optimum.derivatives, optimum.z).covariance[
+        np.ix_(parameters, parameters)
+    ]
+    with_it, tried = most_likely(replace(problem, aided=True), optimum.z, progress)
+    moved = (tried.z - optimum.z)[parameters]
+    if tried.interrupted or not moved @ np.linalg.solve(covariance, moved) < HAUSMAN * len(
+        parameters
+    ):
+        return problem, replace(optimum, interrupted=tried.interrupted)
+    return with_it, replace(tried, iterations=optimum.iterations + tried.iterations)
+
+
+def _next_held(
+    problem: Problem, uncertainty: Uncertainty, left: Bools, may_stay: Bools
+) -> int | None:
+    """Return the coordinate that the logs tell least, those that stay already being known; None
+    where all are told.
+    """
+    errors = uncertainty.errors_holding(left)
+    limit = problem.prior_stds
+    share = np.where(may_stay & ~left & ~uncertainty.determined, errors / limit, 0.0)
+    at = int(np.argmax(share))
+    return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else TOLD) else None
+
+
+def fitted_numbers(
+    problem: Problem, optimum: Optimum, uncertainty: Uncertainty, left: Bools, held: Bools
+) -> list[FittedNumber]:
+    """Return what a search found of every free number, in its own unit; without convergence it has
+    no standard error.
+
+    Of the coordinates some are `left` at their prior, (n,), and filters are to take what is `held`
+    as it is, (n,).
+    """
+    logs = [data.log.source for data in problem.data]
+    coordinates = [problem.columns(j) for j in range(len(logs))]
+    errors_holding = uncertainty.errors_holding(held)
+    has_errors = optimum.converged and not optimum.interrupted
+    numbers = [_by_scale(problem, optimum.z, part) for part in problem.noises]
+    for k, part in enumerate(problem.free):
+        places = sorted({columns[k] for columns in coordinates})
+        by_log = np.array([part.value(optimum.z[place]) for place in places])
+        slopes = np.array([part.slope(optimum.z[place]) for place in places])
+        mean = float(by_log.mean())
+        values = tuple(
+            mean if len(set(part.starts)) == 1 else mean * start / part.start
+            for start in part.starts
+        )
+        identified = bool(part.noise or part.per_log or not part.has_prior or not left[places[0]])
+        fitted = _fitted(part, values if identified else part.starts, identified)
+        per_log = dict(zip(logs, map(float, by_log))) if part.per_log else {}
+        if has_errors:
+            limit = part.std if part.has_prior and not part.noise else np.inf
+            error = min(_error_of_mean(by_log, uncertainty.errors[places] * slopes), limit)
+            fitted = replace(
+                fitted,
+                error=error,
+                held_error=_error_of_mean(by_log, errors_holding[places] * slopes),
+            )
+        is_held = bool(held[places[0]])
+        numbers.append(
+            replace(fitted, value=mean if identified else part.start, held=is_held, per_log=per_log)
+        )
+    return numbers
+
+
+def _error_of_mean(numbers: Floats, errors: Floats) -> float:
+    """Return the standard error of a mean over logs: what they scatter by, and the mean of their
+    own errors.
+    """
+    return (
+        float(np.sqrt(numbers.var(ddof=1) + np.mean(errors**2)))
+        if len(numbers) > 1
+        else float(errors[0])
+    )
+
+
+def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedNumber:
+    """Return a number after a fit, its errors not known."""
+    prior = part.name, part.paths, part.si, part.start, part.std
+    return FittedNumber(
+        *prior, values[0], float("nan"), identified, part.noise, values, kept=part.kept_by_file
+    )
+
+
+def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
+    """Return the coordinates at which the numbers are those of a rig; 0 for what it has no number
+    of.
+    """
+    z = np.zeros(problem.size)
+    for k, (part, _) in enumerate(problem.parts):
+        try:
+            z[k] = part.coordinate(number(rig, part.paths[0]).value)
+        except RigError:
+            continue  # the reference is a sensor of the fit only
+    return np.clip(z, *problem.bounds.T)
+
+
+def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedNumber:
+    """Return a noise that the equations do not vary: larger by the root of what its sensors'
+    residuals are larger by.
+    """
+    indices = [int(path.split(".")[1]) for path in part.paths if path.startswith("sensors.")]
+    sensors = [problem.filter.rig.sensors[i].name for i in indices]
+    scales = problem.scales(problem.at(z))
+    grown = [
+        float(np.sqrt(scales[problem.measured.index(name)]))
+        for name in sensors
+        if name in problem.measured
+    ]
+    factor = min(max(grown, default=1.0), part.high / part.start)
+    values = tuple(factor * start for start in part.starts)
+    return _fitted(part, values, bool(grown))

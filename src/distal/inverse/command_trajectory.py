@@ -1,0 +1,361 @@
+"""From a wanted trajectory of the joints to what the drives do, for a whole trajectory at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from math import inf
+from pathlib import Path
+from typing import get_args
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from distal.arrays import Bools, Floats
+from distal.errors import CommandError
+from distal.estimators import LARGEST_ANGLE
+from distal.inverse.commands import Commands
+from distal.inverse.distribution import Prefer
+from distal.inverse.expected_readings import readings
+from distal.inverse.held import held_kernel, held_layout
+from distal.inverse.learned import LearnedShift
+from distal.inverse.least_tension import LEAST_TENSION, SLACKEST, TAUTEST, least_tension_of
+from distal.inverse.out_of_reach import TINY, beyond, not_reached, within_stops
+from distal.inverse.reached import place_variances, spread_kernel, stiffness_function
+from distal.inverse.servo import followable, gives_way, sent
+from distal.inverse.setpoint_function import CommandModel
+from distal.kernels import Advanced, Feed, Kernel, advance, kernel_of, structure_of
+from distal.rig import Rig, load_rig
+from distal.run import LOST
+from distal.simulation.plant import inside_function
+
+Indices = NDArray[np.intp]
+
+SETTLES = 3
+"""Rounds until the drives' places and what moves inside agree at the start."""
+
+
+class Inverse:
+    """What drives have to do so that the joints get to wanted angles: places, speeds and forces,
+    and the band of the angle.
+
+    ```python
+    commands = distal.Inverse("finger-2n")(time, {"mcp": mcp, "pip": pip})  # [s], [rad]
+    commands.write("commands.csv")
+    ```
+
+    Friction is made up for in the direction of motion, and stretch, plays and creep by the model;
+    see `CommandModel`.
+
+    Args:
+        rig: the description, or a shipped rig's name, or a path.
+        least_tension: that every tendon keeps where there are more of them than joints: newtons, or
+            a text with a unit.
+        prefer: what is least there, "tension" or "heat": the sum of the pulls, or of their squares.
+
+    Raises:
+        CommandError: the tension or the preference is none.
+        RigError: the rig is unknown or wrong.
+    """
+
+    def __init__(
+        self,
+        rig: Rig | str | Path,
+        *,
+        least_tension: float | str = LEAST_TENSION,
+        prefer: Prefer = "tension",
+        compiled: bool = True,
+    ) -> None:
+        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.least_tension = least_tension_of(least_tension, self.rig)
+        if prefer not in get_args(Prefer):
+            raise CommandError(f"prefer: {' or '.join(get_args(Prefer))}, {prefer!r} came")
+        self.model = CommandModel(self.rig, prefer)
+        self._compiled = compiled
+        self._kernel = self._kernel_of("command", CommandModel.function)
+        self._band = self._kernel_of("band", spread_kernel)
+
+    def _kernel_of(self, kind: str, make: Callable[[CommandModel], ca.Function]) -> Kernel:
+        model = self.model
+        prefer = self.model.prefer
+        structure = structure_of(kind, model.mechanism, prefer=prefer)
+        return kernel_of(structure, lambda: make(model), self._compiled)
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints that move by themselves, whose angles are wanted."""
+        return tuple(self.rig.joints[j].name for j in self.model.free)
+
+    def __call__(
+        self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]
+    ) -> Commands:
+        """Return the commands for wanted angles over time.
+
+        Args:
+            time: rising stamps [s], (k,); the closer, the better jumps are resolved.
+            angles: of the joints that move by themselves [rad], (k, n_free) in their order, or by
+                their names.
+
+        Raises:
+            CommandError: the shapes do not fit, a joint is missing or unknown, or a number is not
+                finite.
+        """
+        stamps = np.asarray(time, dtype=np.float64)
+        wanted = self._wanted(stamps, angles)
+        notes, held = within_stops(self.model, stamps, wanted)
+        added = unsure = np.zeros((len(stamps), len(self.rig.joints)))
+        run = self._run(stamps, held)
+        if self._learned is not None:
+            shift, unsure = self._learned(stamps, self._readings(run))
+            unsure = np.where(np.sqrt(unsure) <= LOST, unsure, 0.0)
+            if self._learned.is_constant:
+                added = shift
+                run = self._run(stamps, held - added[:, self.model.free])
+        read = {name: self.model.y.view(run.ys, name) for name in self.model.y.names}
+        mechanism = self.model.mechanism
+        full = np.array(self.model.mechanism.spread)
+        offsets = np.array(mechanism.offsets).ravel()
+        places = read["places"]
+        got = self._followed(stamps, places)
+        cut = self._cut(run, read, got)
+        rows = np.flatnonzero(cut.any(axis=1))
+        angles = self._held(run, read["angles"], got, rows)
+        reached = angles + added[:, self.model.free]
+        ahead = np.column_stack(
+            [sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]
+        )
+        soft, dead = gives_way(self.rig)
+        ahead += soft * read["forces"] + dead * self.model.carry.view(run.carries, "drives_turned")
+        stds = np.sqrt(self._variances(angles, got, run.carries, rows))
+        notes += [
+            *not_reached(self.model, stamps, held, reached, cut),
+            *beyond(self.model, stamps, read, run.carries, self.least_tension),
+        ]
+        return Commands(
+            self.rig,
+            stamps,
+            wanted=wanted @ full.T + offsets,
+            angles=reached @ full.T + offsets,
+            stds=np.sqrt((stds @ np.abs(full).T) ** 2 + unsure),
+            places=places,
+            sent=readings(self.model, ahead),
+            speeds=np.gradient(places, stamps, axis=0),
+            forces=read["forces"],
+            tensions=read["tensions"],
+            notes=tuple(notes),
+        )
+
+    def _followed(self, time: Floats, places: Floats) -> Floats:
+        """Return the places of drives no faster than these can go, (k, n_drives)."""
+        servos = [drive.servo for drive in self.rig.drives]
+        fastest = [inf if s is None or s.fastest is None else s.fastest for s in servos]
+        each = zip(places.T, fastest)
+        return np.column_stack([followable(time, place, most) for place, most in each])
+
+    def _cut(self, run: Advanced, read: Mapping[str, Floats], got: Floats) -> Bools:
+        """Return where drives are not at the places at which joints are as wanted, (k,
+        n_drives).
+        """
+        asked = self.model.carry.view(run.carries, "places")
+        cut: Bools = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
+        return cut
+
+    def _held(self, run: Advanced, angles: Floats, places: Floats, cut: Indices) -> Floats:
+        """Return the angles of free joints, in the rows where drives were `cut` those at which they
+        rest, (k, n_free) [rad].
+        """
+        if not len(cut):
+            return angles
+        layout = held_layout(self.model)
+        rows = np.zeros((len(angles), 1))
+        rows[cut] = 1.0
+        inside = self.model.carry.view(run.carries, "inside")
+        parts = {"angles": angles, "places": places, "inside": inside, "cut": rows}
+        feed = np.column_stack([parts[name] for name in layout.names])
+        kernel = self._kernel_of("held", held_kernel)
+        begin = np.append(angles[0], 0.0)
+        return advance(kernel, Feed(begin, feed, self._numbers)).ys
+
+    def _run(self, time: Floats, angles: Floats) -> Advanced:
+        rows = self._rows(time, angles)
+        return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._numbers))
+
+    @cached_property
+    def _learned(self) -> LearnedShift | None:
+        """What maps of a fit add to the angles; None where there is none."""
+        return None if self.rig.discrepancy is None else LearnedShift(self.rig, self._compiled)
+
+    def _readings(self, run: Advanced) -> dict[str, dict[str, Floats]]:
+        """Return what sensors of drives and tendons would read in a run."""
+        view = self.model.y.view
+        rig = self.rig
+        at = readings(self.model, view(run.ys, "places"))
+        of = {"position": at, "force": view(run.ys, "forces")}
+        found = {
+            kind: {drive.name: part[:, i] for i, drive in enumerate(rig.drives)}
+            for kind, part in of.items()
+        }
+        tensions = view(run.ys, "tensions")
+        return found | {
+            "tension": {tendon.name: tensions[:, i] for i, tendon in enumerate(rig.tendons)}
+        }
+
+    def stiffness(
+        self, angles: Sequence[float] | Floats | Mapping[str, float], tension: float | str
+    ) -> Floats:
+        """Return how stiff each free joint is at rest, its drives and the other joints held,
+        (n_free,) [N m/rad].
+
+        Args:
+            angles: of the free joints [rad], in their order or by name.
+            tension: least tension of the tendons: newtons, or a text with a unit.
+
+        Raises:
+            CommandError: an angle is missing, or the tension is none.
+        """
+        still = np.array([0.0, 1.0])
+        each = (
+            {name: np.full(2, angle) for name, angle in angles.items()}
+            if isinstance(angles, Mapping)
+            else None
+        )
+        wanted = self._wanted(
+            still,
+            each if each is not None else np.tile(np.asarray(angles, dtype=np.float64), (2, 1)),
+        )
+        row = self._rows(still, wanted)[0]
+        row[self.model.x["lowest"]] = least_tension_of(tension, self.rig)
+        carry = self._begin(row)
+        places = carry[self.model.carry["places"]]
+        inside = carry[self.model.carry["inside"]]
+        found: Floats = (
+            self._stiffness(wanted[0], places, np.concatenate([self._numbers, inside]))
+            .full()
+            .ravel()
+        )
+        return found
+
+    @cached_property
+    def _stiffness(self) -> ca.Function:
+        return stiffness_function(self.model)
+
+    def pretension(
+        self, angles: Sequence[float] | Floats | Mapping[str, float], stiffness: float
+    ) -> float:
+        """Return the least tension of the tendons at which each free joint is so stiff [N].
+
+        Args:
+            angles: of the free joints [rad], in their order or by name.
+            stiffness: that is wanted [N m/rad].
+
+        Raises:
+            CommandError: no tension up to `TAUTEST` gives it; the message says what they give.
+        """
+
+        def lacks(tension: float) -> float:
+            return stiffness - float(self.stiffness(angles, tension).min())
+
+        if lacks(SLACKEST) <= 0.0:
+            return SLACKEST
+        if lacks(TAUTEST) > 0.0:
+            ends = [f"{stiffness - lacks(tension):.3g}" for tension in (SLACKEST, TAUTEST)]
+            raise CommandError(
+                f"stiffness: {stiffness:.3g} N m/rad is more than the tendons give: {ends[0]} at "
+                f"{SLACKEST:g} N, {ends[1]} "
+                f"at {TAUTEST:g} N; tendons whose stiffness does not grow with their tension "
+                "hardly change it"
+            )
+        return float(brentq(lacks, SLACKEST, TAUTEST, xtol=1e-3))
+
+    def _wanted(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:
+        names = self.joints
+        if isinstance(angles, Mapping):
+            if set(angles) != set(names):
+                raise CommandError(
+                    f"angles are wanted of the joints {', '.join(names)} (coupled ones follow), "
+                    f"{', '.join(angles)} came"
+                )
+            angles = np.column_stack([np.asarray(angles[name], dtype=np.float64) for name in names])
+        wanted = (
+            np.asarray(angles, dtype=np.float64).reshape(len(time), -1)
+            if len(time)
+            else np.zeros((0, 0))
+        )
+        if time.ndim != 1 or len(time) < 2 or wanted.shape != (len(time), len(names)):
+            raise CommandError(
+                f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or "
+                "more; "
+                f"{wanted.shape[-1]} at {len(time)} came"
+            )
+        unknown = np.argwhere(~np.isfinite(wanted))
+        if len(unknown) or not np.isfinite(time).all():
+            where = (
+                f"{names[unknown[0][1]]} has none at {time[unknown[0][0]]:g} s"
+                if len(unknown)
+                else "a stamp is none"
+            )
+            raise CommandError(f"wanted angles and their stamps are finite numbers; {where}")
+        far = np.argwhere(np.abs(wanted) > LARGEST_ANGLE)
+        if len(far):
+            row, joint = far[0]
+            raise CommandError(
+                f"{names[joint]} is wanted at {wanted[row, joint]:.3g} rad; no joint turns beyond "
+                f"{LARGEST_ANGLE:g} rad"
+            )
+        if not np.all(np.diff(time) > 0.0):
+            raise CommandError("stamps of wanted angles rise from one to the next")
+        return wanted
+
+    def _rows(self, time: Floats, angles: Floats) -> Floats:
+        speeds = np.gradient(angles, time, axis=0)
+        parts = {
+            "dt": np.diff(time, prepend=time[0]),
+            "angles": angles,
+            "speeds": speeds,
+            "accelerations": np.gradient(speeds, time, axis=0),
+            "torques": np.zeros((len(time), len(self.rig.joints))),
+            "lowest": np.full(len(time), self.least_tension),
+        }
+        return np.column_stack([parts[name] for name in self.model.x.names])
+
+    @property
+    def _numbers(self) -> Floats:
+        values = self.model.mechanism.parameters.values
+        inside = self.model.carry["inside"]
+        return values[: len(values) - (inside.stop - inside.start)]
+
+    def _begin(self, row: Floats) -> Floats:
+        """Return the carry before the first sample: drives where they hold the first angles, at
+        rest for long.
+        """
+        model = self.model
+        carry = np.zeros(self.model.carry.size)
+        for _ in range(SETTLES):
+            first = advance(self._kernel, Feed(carry, row, self._numbers))
+            carry[model.carry["places"]] = model.y.view(first.ys[-1], "places")
+            carry[model.carry["pulls"]] = model.carry.view(first.carries[-1], "pulls")
+            if model.carry["inside"].stop > model.carry["inside"].start:
+                joints = np.array(model.mechanism.spread) @ model.y.view(first.ys[-1], "angles")
+                q = np.concatenate(
+                    [
+                        joints + np.array(model.mechanism.offsets).ravel(),
+                        carry[model.carry["places"]],
+                    ]
+                )
+                of_rig = self._numbers[: len(self._numbers) - len(model.derived)]
+                inside = inside_function(model.mechanism)(q, of_rig)
+                carry[model.carry["inside"]] = np.array(inside).ravel()
+        return carry
+
+    def _variances(self, angles: Floats, places: Floats, carries: Floats, cut: Indices) -> Floats:
+        """Return variances of the free joints' angles; in rows where drives were `cut`, friction
+        may be either way.
+        """
+        view = self.model.carry.view
+        turned = view(carries, "turned").copy()
+        turned[cut] = 0.0
+        unsure = np.tile(place_variances(self.rig), (len(angles), 1))
+        rows = np.column_stack([angles, places, turned, unsure, view(carries, "inside")])
+        return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys

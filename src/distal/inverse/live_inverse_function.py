@@ -1,0 +1,254 @@
+"""One sample of the inverse in a control loop: at what the filter believes, with feedback on the
+angle that it estimates.
+
+A reference r follows the wanted angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one
+sample h before, no faster and with no more acceleration a than the joints may. Commanded is  r + T
+dr/dt + c,  T lag and delay of the drives (`Servo`), c a correction by the estimated angle θ̂:
+dc/dt = k (r − θ̂)  outside of a dead band, which ends stick-slip (Armstrong-Hélouvry, Dupont and
+Canudas de Wit, Automatica 30, 1994). Drives that follow forces get a torque K_p e + K_i ∫ e dt −
+K_d dθ̂/dt  in its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from distal.estimators.adaptive import StateVector
+from distal.expressions import Scalar, Vector, VectorNode
+from distal.inverse.expected_readings import read_function
+from distal.inverse.setpoint_function import CommandModel
+from distal.inverse.setpoint_inputs import DERIVED
+from distal.kernels import Layout, Structure, structure_of
+
+SMOOTHED = 0.005
+"""Time over which the reference's speed is smoothed, and its acceleration [s]."""
+
+LEAVES = 2.0
+"""A joint that rests within its dead band rests until its error is so many times as large."""
+
+SHORTEST = 1e-9
+"""Differences are over at least so much [s]."""
+
+SPEEDS_UP = 0.1
+"""A joint comes to its largest speed in this time [s]."""
+
+COMES_BACK = 0.1
+"""A drive that follows speeds makes up for a wrong place in this time [s]."""
+
+BEYOND = 1e-9
+"""A place that is cut by more than this is at the end of its drive's range [m, rad]."""
+
+MOST = float(np.deg2rad(20.0))
+"""The largest correction by feedback [rad]."""
+
+
+GUIDED = ("wished", "reference", "rate", "speed", "acceleration", "correction", "effort", "rests")
+"""What is remembered of the reference and of feedback, for each joint that moves by itself."""
+
+GAINS = ("fastest", "lowest", "compensates", "follow", "deadband", "kp", "ki", "kd", "torque_limit")
+"""Numbers of the guide: of each joint that moves by itself, but for those of `OF_ALL`."""
+
+OF_ALL = ("lowest", "compensates")
+"""The least tension, and whether torques from outside are held against (1) or left to act (0)."""
+
+TOUCHED = 0.5
+"""With a larger share of a touch the joints count as touched: feedback does not wind up [1]."""
+
+
+@dataclass(frozen=True)
+class LiveLayouts:
+    """Layouts of the carry, the sample, the gains and the output of `live_function`."""
+
+    carry: Layout
+    x: Layout
+    gains: Layout
+    y: Layout
+
+
+def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
+    """Return the layouts of a rig's live inverse."""
+    nf = model.nf
+    nd = model.nd
+    return LiveLayouts(
+        carry=Layout(
+            **dict.fromkeys((*GUIDED, "last"), nf),
+            mapped=nf,
+            at_end=1,
+            started=1,
+            command=model.carry.size,
+        ),
+        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1),
+        gains=Layout(**dict.fromkeys(GAINS, nf) | dict.fromkeys(OF_ALL, 1)),
+        y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
+    )
+
+
+def live_function(model: CommandModel, states: StateVector) -> ca.Function:
+    """Return (carry, x, p) → (carry⁺, y), p the gains and then the filter's numbers; y are the
+    drives' commands.
+
+    The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`.
+    Places are those that the drives' sensors would read; `read` is what they do.
+    """
+    layout = layouts(model, states)
+    carry = ca.MX.sym("carry", layout.carry.size)
+    x = ca.MX.sym("x", layout.x.size)
+    n_gains = layout.gains.size
+    n_filter = len(states.context.mechanism.parameters)
+    p = ca.MX.sym("p", n_gains + n_filter + len(model.derived))
+    was = layout.carry.parts(carry)
+    came = layout.x.parts(x)
+    gains = layout.gains.parts(p)
+    own = p[n_gains : n_gains + n_filter]
+    command, mapped, at_end = (was.pop(name) for name in ("command", "mapped", "at_end"))
+    # maps that are not trusted, far from where they were learned, are not followed, nor torques
+    # from outside
+    mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
+    numbers, torques = _believed(model, states)(came["state"], own, p[n_gains + n_filter :])
+    inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
+    # nothing winds up against a stop, nor against the end of a drive's range
+    inputs |= {
+        "dt": came["dt"],
+        "wanted": model.within_stops(came["wanted"], numbers),
+        "trusted": came["trusted"],
+    }
+    inputs["free"] = came["touched"] < TOUCHED
+    inputs["winds"] = came["trusted"] * (1 - at_end) * inputs["free"]
+    guided = _guide(model)(
+        angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k not in OF_ALL}
+    )
+    later = model.number(numbers, ["lead"])
+    bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
+    ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
+    row = model.x.joined(
+        dt=came["dt"],
+        angles=model.within_stops(ahead, numbers),
+        speeds=guided["speed"] + guided["correcting"],
+        accelerations=guided["acceleration"],
+        torques=came["trusted"] * gains["compensates"] * torques
+        + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
+        lowest=gains["lowest"],
+    )
+    command, y = model.function()(command, row, numbers)
+    commanded = model.y.parts(y)
+    commanded["at_end"] = (
+        ca.fabs(model.carry.part(command, "places") - commanded["places"]) > BEYOND
+    )
+    commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
+    commanded["forces"] = _within_limits(model, commanded["forces"], numbers)
+    commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
+    soft = model.of_drives(numbers, "soft")
+    dead = model.of_drives(numbers, "dead")
+    turned = model.carry.part(command, "drives_turned")
+    commanded["places"] += soft * commanded["forces"] + dead * turned
+    after = {name: guided[name] for name in GUIDED}
+    following = layout.carry.joined(
+        **after,
+        last=came["state"][model.free],
+        mapped=mapped,
+        at_end=ca.dot(commanded["at_end"], commanded["at_end"]) > 0,
+        started=ca.MX(1),
+        command=command,
+    )
+    y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
+    return ca.Function(
+        "live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+    )
+
+
+def live_structure(model: CommandModel, states: StateVector) -> Structure:
+    """Return what the kernel of `live_function` depends on."""
+    of_filter = states.context.mechanism.parameters.names, states.structure
+    return structure_of("live", model.mechanism, filter=of_filter)
+
+
+def _guide(model: CommandModel) -> ca.Function:
+    """Return the function of the reference and its motion, of the correction and of the torque that
+    feedback adds.
+    """
+    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {
+        "dt": 1,
+        "trusted": 1,
+        "winds": 1,
+        "free": 1,
+        "started_before": 1,
+    }
+    sizes |= dict.fromkeys((f"{name}_before" for name in (*GUIDED, "last")), model.nf)
+    sizes |= dict.fromkeys((name for name in GAINS if name not in OF_ALL), model.nf)
+    v = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    dt = v["dt"]
+    angles = v["angles"]
+    trusted = v["trusted"]
+    started = v["started_before"]
+    safe = ca.fmax(dt, SHORTEST)
+    share = dt / (dt + SMOOTHED)
+    # it begins where the joint is, if that is known
+    first = ca.if_else(trusted > 0, angles, v["wanted"])
+    before, wished = (
+        ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before")
+    )
+    most = v["fastest"] / SPEEDS_UP
+    behind = wished - before
+    catching_up = _limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))
+    rate = _limited(
+        _limited((v["wanted"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"]
+    )
+    rate = v["rate_before"] + _limited(rate - v["rate_before"], most * dt)
+    reference = before + rate * dt
+    speed = v["speed_before"] + share * (rate - v["speed_before"])
+    change = (speed - v["speed_before"]) / safe - v["acceleration_before"]
+    error = reference - angles
+    rests = ca.fabs(error) < v["deadband"] * ca.if_else(v["rests_before"] > 0, LEAVES, 1)
+    counted = trusted * ca.if_else(rests, 0, error - _limited(error, v["deadband"]))
+    correction = _limited(v["correction_before"] + v["winds"] * v["follow"] * counted * dt, MOST)
+    turning = started * (angles - v["last_before"]) / safe
+    asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * trusted * (speed - turning)
+    pushed = _limited(asked, v["torque_limit"])
+    found = {
+        "wished": v["wanted"],
+        "reference": reference,
+        "rate": rate,
+        "speed": speed,
+        "acceleration": v["acceleration_before"] + share * change,
+        "correction": correction,
+        # what is cut, or presses on what is touched, does not wind up
+        "effort": v["effort_before"] + v["free"] * ca.if_else(pushed == asked, counted * dt, 0),
+        "rests": rests,
+        "correcting": (correction - v["correction_before"]) / safe,
+        "pushed": -pushed,
+    }
+    return ca.Function("guide", list(v.values()), list(found.values()), list(v), list(found))
+
+
+def _limited(value: Vector, most: Scalar) -> Vector:
+    return ca.fmin(ca.fmax(value, -most), most)
+
+
+def _within_limits(model: CommandModel, forces: VectorNode, numbers: VectorNode) -> VectorNode:
+    """Return forces of drives, cut at their limits; a slider does not push."""
+    high = model.of_drives(numbers, "limit")
+    pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
+    # no product with a limit that may be infinite
+    low = ca.if_else(pushes, -high, 0)
+    return ca.fmin(ca.fmax(forces, low), high)
+
+
+def _believed(model: CommandModel, states: StateVector) -> ca.Function:
+    """Return (state, p, derived) → the numbers of the inverse as the filter believes them, and
+    external torques, (n_joints,).
+    """
+    state = ca.SX.sym("state", len(states))
+    known = states.context.mechanism.parameters
+    learned = states.parameters(state)
+    wanted = model.mechanism.parameters
+    inside = model.carry["inside"].stop - model.carry["inside"].start
+    derived = ca.SX.sym("derived", len(model.derived))
+    others = iter(ca.vertsplit(derived))
+    at = {name: i for i, name in enumerate(known.names)}
+    names = wanted.names[: len(wanted) - inside]
+    numbers = [next(others) if name.startswith(DERIVED) else learned[at[name]] for name in names]
+    outputs = [ca.densify(ca.vertcat(*numbers)), ca.densify(states.torques(state))]
+    return ca.Function("believed", [state, known.symbols, derived], outputs)

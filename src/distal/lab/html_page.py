@@ -1,0 +1,382 @@
+"""The lab of a rig: one HTML file in which it moves and is estimated, with sliders for what is
+true.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html import escape
+from importlib import resources
+from math import inf, log, log1p
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from distal.arrays import Floats
+from distal.confidence import BAND
+from distal.estimators import external_torques_of, make_estimator
+from distal.estimators.dead_sensors import DEAD
+from distal.export.outputs import filled, torque_fields
+from distal.export.plant_source import ExportedPlant, resting_pull
+from distal.lab.webassembly import LabModule, lab_module
+from distal.logs import write_whole
+from distal.reports.moving_chain import chain_script, chain_shape, tension_scale
+from distal.reports.page import page, script_with
+from distal.results import COLOURS
+from distal.rig import Rig, angle_names, log_factor, number, std_name
+from distal.run.health import HEALTH
+from distal.simulation.plant import equilibrium
+from distal.simulation.signal_inputs import BodyInputs
+from distal.units import unit_factor
+
+WINDOW = 12.0
+"""Time that the curves show [s]."""
+
+LONGEST = 600.0
+"""A log that is saved ends after so long [s]."""
+
+FACTORS = {
+    "friction": r"friction\.(coefficient|constant|load)$|path\.friction$|hysteresis\.(constant|slope)$",
+    "stiffness": r"^tendons\.\d+\.stiffness$",
+    "pretension": r"^tendons\.\d+\.pretension$",
+    "arm": r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
+}
+"""The plant's numbers that a slider multiplies."""
+
+LABELS = {
+    "friction": "friction",
+    "stiffness": "tendon stiffness",
+    "pretension": "pre-tension",
+    "arm": "moment arms",
+}
+
+EXPERIMENTS = {
+    "As described": "Everything is as the rig file says: the band is as wide as what the file "
+    "leaves unknown.",
+    "Friction × 3": "Friction holds the joint back while the tendons stretch. The filter learns "
+    "how much, as far as its "
+    "prior allows.",
+    "Soft tendons": "Tendons half as stiff stretch twice as far: that is what inextensible "
+    "tendons leave out.",
+    "Hang a load on": "A constant torque pulls the joint. What is not declared is taken for "
+    "friction or something else.",
+    "Wrong moment arms": "Arms 10 % larger than in the file: no sensor at the motors can tell. A "
+    "reference is needed once, "
+    "to fit.",
+    "Unplug a sensor": f"$sensor$ is dead. After {DEAD:g} s the health says so, and the band "
+    "grows: what the "
+    "sensor told is not known any more.",
+}
+"""What to look at in an experiment."""
+
+SWING = 0.5
+"""A joint without stops swings so far to both sides [rad]."""
+
+POSTURES = 17
+"""Angles of each joint at which the places of the drives are computed."""
+
+ALLOWED = 2.0
+"""A rig file allows for a truth that is off by at most so many of its standard deviations."""
+
+STIFF = 20.0
+"""Stiffness of the drives' position loops, in that of their tendons."""
+
+
+def lab_page(rig: Rig, path: str | Path, estimator: str = "adaptive", source: str = "RIG") -> Path:
+    """Write the lab of a rig as one HTML file, and return where it is; nothing is fetched when it
+    is opened.
+
+    The rig is what the filter believes, and what is true until a slider is moved; `source` is its
+    name for a command.
+
+    Raises:
+        ExportError: ziglang is not installed or failed, or the plant or the filter has no C.
+        EstimationError: the estimator cannot run on this rig.
+        OutputError: the file cannot be written.
+    """
+    module = lab_module(rig, estimator)
+    constants = _constants(rig, module, estimator, source)
+    parts = [
+        f"<style>{_resource('lab.css')}</style>",
+        _body(rig, module, constants, estimator),
+        script_with("lab-data", constants, chain_script() + _resource("lab.js")),
+    ]
+    lead = (
+        "The rig moves in your browser, and a filter says where its joints are from what its "
+        "motors measure. Change what "
+        "is true, while the filter still believes the rig file, and see when you can leave the "
+        "encoder out."
+    )
+    write_whole(path, page(f"Lab: {rig.name}", lead, parts))
+    return Path(path)
+
+
+def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict[str, Any]:
+    """Return what the page's script needs to know of a rig."""
+    plant = module.plant
+    mechanism = module.plant.plant
+    n = mechanism.n_bodies
+    nj = mechanism.n_joints
+    most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
+    sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
+    runner = make_estimator(estimator, rig, compiled=False)
+    names = [joint.name for joint in rig.joints]
+    zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
+    touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
+    scales = [
+        unit_factor(rig.log.time.unit, "s"),
+        *(sensor.sign * log_factor(sensor) for sensor in sensors),
+    ]
+    columns = [rig.log.time.column, *(sensor.log_column for sensor in sensors)]
+    columns += [f"true_{name}" for name in angle_names(names)]
+    return {
+        "code": base64.b64encode(module.code).decode(),
+        "shape": chain_shape(rig, 0.0),
+        "joints": names,
+        "tendons": [tendon.name for tendon in rig.tendons],
+        "sensors": list(plant.sensors),
+        "read": [plant.sensors.index(channel) for channel in module.filter.channels],
+        "bodies": n,
+        "interval": plant.interval,
+        "band": BAND,
+        "window": WINDOW,
+        "longest": LONGEST,
+        "numbers": len(plant.numbers),
+        "told": list(module.outputs),
+        "plain": module.inextensible,
+        "torques": [
+            [field, std_name(field), names.index(joint)] for field, joint in touched.items()
+        ],
+        "health": [[word, meaning] for word, meaning in HEALTH.items()],
+        "start": plant.start.tolist(),
+        "effort": resting_pull(mechanism).tolist(),
+        "motion": _motion(rig),
+        "places": _places(rig, plant),
+        "servo": _servo(plant),
+        "hand": [most / 0.2, 0.02 * most / 0.2],
+        "loadMost": most,
+        "factors": {
+            factor: [i for i, path in enumerate(plant.numbers) if re.search(pattern, path)]
+            for factor, pattern in FACTORS.items()
+        },
+        "columns": columns,
+        "scales": [*scales, *[1.0] * nj],
+        "colours": {"plain": COLOURS[1]},
+        "commanded": list(module.commanded),
+        "zeros": [zeros.get(drive.name, 0.0) for drive in rig.drives],
+        "command": f"distal estimate lab.csv --rig {source} -e {estimator} gives the same angles.",
+    }
+
+
+def _motion(rig: Rig) -> list[dict[str, float]]:
+    """Return how each joint is led: where it begins, centre, amplitude, and its pace beside the
+    others'.
+    """
+    rows = []
+    for j, joint in enumerate(rig.joints):
+        start = centre = joint.initial.value
+        amplitude = SWING
+        if joint.stops is not None:
+            low, high = joint.stops
+            centre = (low + high) / 2
+            amplitude = min(0.35 * (high - low), 2 * SWING)
+        rows.append(
+            {"from": start, "centre": centre, "amplitude": amplitude, "pace": 1.0 - 0.27 * j % 1}
+        )
+    return rows
+
+
+def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
+    """Return of each joint how far the drives stand from the start at some of its angles, with
+    nominal pulls.
+    """
+    mechanism = plant.plant
+    tables = []
+    n = mechanism.n_bodies
+    nj = mechanism.n_joints
+    held = BodyInputs(resting_pull(mechanism)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
+    for j, motion in enumerate(_motion(rig)):
+        reach = motion["amplitude"] + abs(motion["centre"] - motion["from"])
+        low = motion["from"] - reach
+        high = motion["from"] + reach
+        rows = []
+        for angle in np.linspace(low, high, POSTURES):
+            angles = plant.start[:nj].copy()
+            if rig.joints[j].coupled is None:
+                angles[j] = angle
+            placed = (
+                mechanism.spread.full() @ angles[mechanism.free]
+            ) + mechanism.offsets.full().ravel()
+            rows.append((equilibrium(mechanism, placed, held)[nj:] - plant.start[nj:]).tolist())
+        tables.append({"from": low, "to": high, "rows": rows})
+    return tables
+
+
+def _servo(plant: ExportedPlant) -> list[list[float]]:
+    """Return stiffness and damping of each drive's position loop: stiff beside its tendons, well
+    damped.
+    """
+    mechanism = plant.plant
+    q = ca.SX.sym("q", mechanism.n_bodies)
+    p = mechanism.parameters
+    stiffness = ca.mtimes(
+        mechanism.length_jacobian(q).T, ca.jacobian(mechanism.elastic_forces(q), q)
+    )
+    function = ca.Function("servo", [q, p.symbols], [ca.diag(stiffness), mechanism.inertias()])
+    diagonals = function(plant.start, p.values)
+    stiffnesses, inertias = (
+        np.abs(np.array(bodies)).ravel()[mechanism.n_joints :] for bodies in diagonals
+    )
+    k = STIFF * np.maximum(stiffnesses, 1e-6)
+    return np.column_stack([k, 1.4 * np.sqrt(k * inertias)]).tolist()  # type: ignore[no-any-return]
+
+
+def _largest_load(rig: Rig, tensions: Floats) -> float:
+    """Return the largest torque that slider and hand put on a joint [N m]: half of what the tendons
+    hold.
+    """
+    # a tendon that is just straight at the start holds what half a millimetre gives it
+    pulls = [
+        pull if pull > 0.1 else 5e-4 * tendon.stiffness.value
+        for tendon, pull in zip(rig.tendons, tensions)
+    ]
+    held = [
+        sum(abs(arm) for arm in tendon.arms().values()) * pull
+        for tendon, pull in zip(rig.tendons, pulls)
+    ]
+    return float(f"{max(0.5 * max(held, default=0.0), 1e-3):.1g}")
+
+
+def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str) -> str:
+    """Return the page's HTML."""
+    most = constants["loadMost"]
+    joints = [escape(joint.name) for joint in rig.joints]
+    sliders = []
+    for name, label in LABELS.items():
+        present = bool(constants["factors"][name]) or (
+            name == "pretension" and any(constants["effort"])
+        )
+        reach = 0.3 if name == "arm" else 2.0  # a power of two
+        sliders.append(_slider(name, label, (-reach, reach, 0.0), "×", "data-log", not present))
+    sliders.append(_slider("load", "load torque", (-most, most, 0.0), "N m"))
+    motion = _slider("range", "range", (0.0, 1.0, 0.7), "")
+    motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz")
+    if module.commanded:
+        most_turned = float(np.rad2deg(max(row["amplitude"] for row in _motion(rig))))
+        motion += "<label><input type='checkbox' id='bring'> go to wanted angle</label>"
+        motion += _slider("wanted", "wanted angle", (-most_turned, most_turned, 0.0), "°")
+    torque = (
+        "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true "
+        "and estimated'></canvas>"
+        "<figcaption>Torque on the joint from outside: true and estimated.</figcaption></figure>"
+    )
+    plain = f"<span style='color:{COLOURS[1]}'>Dashed: tendons taken as inextensible.</span>"
+    blanks = {
+        "experiments": "".join(
+            f"<button type='button' aria-pressed='{str(not settings).lower()}' "
+            f"data-set='{escape(json.dumps(settings))}' "
+            f"data-why='{escape(why)}'>{name}</button>"
+            for name, settings, why in _experiments(rig, module, constants)
+        ),
+        "scale": tension_scale("<span id='most'></span> N"),
+        "rows": "".join(
+            f"<tr><td>{name}</td><td class='n' id='now-{j}'></td><td class='n' "
+            f"id='true-{j}'></td></tr>"
+            for j, name in enumerate(joints)
+        ),
+        "choices": "".join(
+            f"<option value='{j}'{' selected' * (j == len(joints) - 1)}>{name}</option>"
+            for j, name in enumerate(joints)
+        ),
+        "blue": COLOURS[0],
+        "estimator": escape(estimator),
+        "plain": plain if module.inextensible else "",
+        "torque": torque if constants["torques"] else "",
+        "sliders": "".join(sliders),
+        "dead": "".join(
+            f"<label><input type='checkbox' id='dead-{i}'> "
+            f"{escape(constants['sensors'][i])}</label>"
+            for i in constants["read"]
+        ),
+        "motion": motion,
+    }
+    return filled(_resource("lab.html"), blanks)
+
+
+def _resource(name: str) -> str:
+    return resources.files("distal.lab").joinpath(name).read_text(encoding="utf-8")
+
+
+def _slider(
+    name: str,
+    label: str,
+    ends: tuple[float, float, float],
+    unit: str,
+    mark: str = "",
+    hidden: bool = False,
+) -> str:
+    """Return a slider with its label; ends are the lowest, the highest and the first value."""
+    low, high, first = ends
+    numbers = (
+        f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' "
+        f"data-unit='{unit}'"
+    )
+    return (
+        f"<label for='set-{name}'{' hidden' * hidden}>{label} <output id='{name}-said'></output>"
+        f"<input type='range' id='set-{name}' name='{name}' {numbers} {mark}></label>"
+    )
+
+
+def _experiments(
+    rig: Rig, module: LabModule, constants: dict[str, Any]
+) -> list[tuple[str, dict[str, Any], str]]:
+    """Return what can be tried with a rig: a name, the settings, and what to look at."""
+    settings: dict[str, dict[str, Any]] = {
+        "As described": {},
+        "Friction × 3": {"friction": 1.585},
+        "Soft tendons": {"stiffness": -1},
+        "Hang a load on": {"load": 0.6 * constants["loadMost"]},
+        "Wrong moment arms": {"arm": 0.1375},
+        "Unplug a sensor": {"dead": constants["read"][:1]},
+    }
+    factors = constants["factors"]
+    possible = [
+        name for name, changes in settings.items() if all(factors.get(key, [0]) for key in changes)
+    ]
+    dead = {"sensor": ", ".join(constants["sensors"][i] for i in constants["read"][:1])}
+    return [
+        (
+            name,
+            settings[name],
+            filled(EXPERIMENTS[name], dead) + _allowed(rig, module, constants, settings[name]),
+        )
+        for name in possible
+    ]
+
+
+def _allowed(
+    rig: Rig, module: LabModule, constants: dict[str, Any], changes: dict[str, Any]
+) -> str:
+    """Return in words whether the rig file's stds allow for a change of what is true: whether the
+    band should hold.
+    """
+    factor = next((key for key in changes if key in LABELS), None)
+    if factor is not None:
+        numbers = [number(rig, module.plant.numbers[i]) for i in constants["factors"][factor]]
+        share = min(one.std / abs(one.value) for one in numbers if one.value)
+        stds = abs(changes[factor]) * log(2.0) / log1p(share) if share else inf
+        known = f"{LABELS[factor]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"
+    elif "load" in changes:
+        std = min(joint.external_torque.std for joint in rig.joints)
+        stds = changes["load"] / std if std else inf
+        known = f"a torque from outside as {f'± {std:.2g} N m' if std else 'none'}"
+    else:
+        return ""
+    if stds <= ALLOWED:
+        return " The rig file allows for that, and the band should hold."
+    off = "" if stds == inf else f" This is {stds:.0f} standard deviations off."
+    return f" The rig file takes {known}, so the band need not hold the truth.{off}"

@@ -1,0 +1,133 @@
+"""Which parts of a rig move without one another: the fingers of a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from distal.rig.links import BASE
+from distal.rig.rig import Rig
+from distal.rig.sensors import measurand_of
+
+KINDS = ("joints", "drives", "tendons", "sensors")
+"""What a rig has several of."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Joints that move one another, with all that pulls and measures them.
+
+    Args:
+        indices: kind → where each of its joints, drives, tendons and sensors stands in the whole
+            rig.
+    """
+
+    rig: Rig
+    indices: dict[str, tuple[int, ...]]
+
+    def whole_path(self, path: str) -> str:
+        """Return the path in the whole rig of a number of the part; both have indices of parts in
+        them.
+        """
+        kind, index, keys = _split(path)
+        return f"{kind}.{self.indices[kind][int(index)]}.{keys}" if kind in self.indices else path
+
+    def own_paths(self, paths: Sequence[str]) -> tuple[str, ...]:
+        """Return the paths in the part of those numbers of the whole rig that it has."""
+        paths_in_part = []
+        for path in paths:
+            kind, index, keys = _split(path)
+            if kind not in self.indices:
+                paths_in_part.append(path)
+            elif int(index) in self.indices[kind]:
+                paths_in_part.append(f"{kind}.{self.indices[kind].index(int(index))}.{keys}")
+        return tuple(paths_in_part)
+
+
+def _split(path: str) -> tuple[str, str, str]:
+    """Return the kind of part in a path, its index, and the keys below it."""
+    kind, _, below = path.partition(".")
+    index, _, keys = below.partition(".")
+    return kind, index, keys
+
+
+def independent_parts(rig: Rig) -> tuple[Part, ...]:
+    """Return the parts of a rig that share no link, tendon, drive, coupling or common error; one if
+    all is one.
+
+    A rig with maps learned from logs stays whole.
+    """
+    joints = [joint.name for joint in rig.joints]
+    group = {name: name for name in joints}
+
+    def root(name: str) -> str:
+        while group[name] != name:
+            name = group[name]
+        return name
+
+    def join(names: list[str]) -> None:
+        for name in names[1:]:
+            group[root(name)] = root(names[0])
+
+    for i, joint in enumerate(rig.joints):
+        parent = rig.parent_of(i)
+        if parent is not None:
+            join([joint.name, joints[parent]])
+        if joint.coupled is not None:
+            join([joint.name, joint.coupled.joint])
+    for drive in rig.drives:
+        join(
+            [name for tendon in rig.tendons if tendon.drive == drive.name for name in tendon.joints]
+        )
+    for sharing in rig.sharing().values():
+        join([name for path in sharing for name in _joints_of(rig, path)])
+    roots = list(dict.fromkeys(root(name) for name in joints))
+    if (
+        len(roots) == 1
+        or rig.affine is not None
+        or rig.discrepancy is not None
+        or rig.contact is not None
+    ):
+        return (Part(rig, {kind: tuple(range(len(getattr(rig, kind)))) for kind in KINDS}),)
+    return tuple(_part(rig, [name for name in joints if root(name) == first]) for first in roots)
+
+
+def _joints_of(rig: Rig, path: str) -> list[str]:
+    """Return the joints that a number is about, or that what it is about moves."""
+    kind, index = path.split(".")[:2]
+    part = getattr(rig, kind)[int(index)]
+    if kind == "joints":
+        return [part.name]
+    if kind == "tendons":
+        return list(part.joints)
+    return [name for tendon in rig.tendons if tendon.drive == part.name for name in tendon.joints]
+
+
+def _part(rig: Rig, names: list[str]) -> Part:
+    tendons = [t for t, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
+    drives = [
+        d
+        for d, drive in enumerate(rig.drives)
+        if any(rig.tendons[t].drive == drive.name for t in tendons)
+    ]
+    joints = [j for j, joint in enumerate(rig.joints) if joint.name in names]
+    measured = {
+        "joints": names,
+        "tendons": [rig.tendons[t].name for t in tendons],
+        "drives": [rig.drives[d].name for d in drives],
+    }
+    sensors = [
+        s for s, sensor in enumerate(rig.sensors) if sensor.of in measured[measurand_of(sensor).of]
+    ]
+    parents = (rig.parent_of(j) for j in joints)
+    names_of_parents = (BASE if parent is None else rig.joints[parent].name for parent in parents)
+    chosen = {"joints": joints, "drives": drives, "tendons": tendons, "sensors": sensors}
+    parts = {
+        kind: tuple(getattr(rig, kind)[i] for i in indices) for kind, indices in chosen.items()
+    }
+    parts["joints"] = tuple(
+        rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)
+    )
+    return Part(
+        rig.model_copy(update=parts), {kind: tuple(indices) for kind, indices in chosen.items()}
+    )

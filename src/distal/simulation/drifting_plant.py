@@ -1,0 +1,181 @@
+"""Hours of a scenario, a piece at a time: the plant's numbers change as its schedule says, and
+memory stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from math import ceil, sqrt
+from pathlib import Path
+
+import numpy as np
+
+from distal.arrays import Floats
+from distal.errors import ScenarioError
+from distal.kernels import Feed, advance
+from distal.logs import Log
+from distal.model import Mechanism
+from distal.rig import Rig, load_rig, named
+from distal.simulation.plant import Motion, at_rest, plant_kernel, rows_of
+from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
+from distal.simulation.scenario import Rezero, Scenario, load_scenario
+from distal.simulation.signal_inputs import BodyInputs, body_inputs
+from distal.simulation.simulate import SIMULATED, prepare, true_motion
+from distal.suggestions import did_you_mean
+
+PIECE = 60.0
+"""Length of a piece, within which the plant's numbers stay [s]."""
+
+HOUR = 3600.0
+LEAST = 0.05
+"""No number falls below this share of what it was."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A part of a long log, whose time goes on from the piece before.
+
+    The joints' angles are `known` where a rezero tells them, NaN elsewhere [rad], (k, n_joints).
+    """
+
+    log: Log
+    known: Floats
+
+
+def simulate_pieces(
+    rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0
+) -> Iterator[Piece]:
+    """Simulate hours of a scenario and yield what the sensors read, minute after minute.
+
+    A number of the plant on the scenario's ``[schedule]`` is p(t) = p (1 + rate t + w(t)), w a
+    random walk; it changes from one piece to the next. While the scenario's ``[rezero]`` lasts, its
+    drives' pulls replace the usual ones. The seed is of the sensors' errors and the random walks.
+
+    Raises:
+        ScenarioError: the scenario does not fit the rig, or the motion left all bounds.
+        RigError: the plant's values are wrong.
+    """
+    scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    if scenario.control is not None:
+        raise ScenarioError("control: loops are not closed over hours; take [control] out")
+    length = min(PIECE, scenario.duration)
+    prepared = prepare(rig, scenario.model_copy(update={"duration": length}), seed, period=length)
+    plant = prepared.plant
+    dt = prepared.dt
+    steps = len(prepared.inputs.effort)
+    scheduled = [(numbers_at(plant, path), change) for path, change in scenario.schedule.items()]
+    rezero = scenario.rezero
+    rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
+    kernel = plant_kernel(plant, prepared.count)
+    carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
+    walks = np.zeros(len(scheduled))
+    rng = np.random.default_rng([seed, 1])
+    errors = errors_by_rate(plant.rig, seed)
+    readings = Readings(plant)
+    for k in range(ceil(scenario.duration / length - 1e-9)):
+        begin = k * length
+        p = plant.parameters.values.copy()
+        for i, (at, change) in enumerate(scheduled):
+            p[at] *= max(1.0 + change.per_hour * begin / HOUR + walks[i], LEAST)
+            walks[i] += change.walk * sqrt(length / HOUR) * rng.normal()
+        grid = begin + dt * np.arange(steps + 1, dtype=np.float64)
+        inputs = body_inputs(scenario, plant, grid[:-1])
+        if rezero is not None:
+            _replace(inputs, body_inputs(rezeroing, plant, grid[:-1]), rezero, plant, grid[:-1])
+        carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
+        motion = Motion(plant, np.vstack([y, ys]))
+        carry = carries[-1]
+        y = ys[-1:]
+        motion.check()
+        yield _read(motion, readings.at(motion.y).T, grid, errors, scenario)
+
+
+def numbers_at(plant: Mechanism, path: str) -> list[int]:
+    """Return which of the plant's numbers a path by names or indices of parts names; ``*`` is all
+    parts of a kind.
+
+    Raises:
+        ScenarioError: none.
+    """
+    names = plant.parameters.names
+    paths = [named(plant.rig, name) for name in names]
+    matches = [
+        i
+        for i, pair in enumerate(zip(paths, names))
+        if any(name.count(".") == path.count(".") and fnmatchcase(name, path) for name in pair)
+    ]
+    if not matches:
+        raise ScenarioError(
+            f"schedule: the plant has no number '{path}'{did_you_mean(path, paths)}"
+        )
+    return matches
+
+
+def _pulls(scenario: Scenario, rezero: Rezero) -> Scenario:
+    """Return the scenario with the pulls of a rezero in place of its own."""
+    if rezero.lasts >= rezero.every:
+        raise ScenarioError(
+            f"rezero: it lasts {rezero.lasts:g} s and comes every {rezero.every:g} s; leave time "
+            "between"
+        )
+    return scenario.model_copy(update={"drives": rezero.drives})
+
+
+def _since(rezero: Rezero, time: Floats) -> Floats:
+    """Return the time since the last rezero began [s]; the first one comes after its interval."""
+    return np.where(time >= rezero.every, np.mod(time, rezero.every), np.inf)
+
+
+def _replace(
+    inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats
+) -> None:
+    """Let a rezero's pulls act while it lasts, in place."""
+    names = [drive.name for drive in plant.rig.drives]
+    bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
+    at = np.ix_(np.flatnonzero(_since(rezero, time) < rezero.lasts), bodies)
+    inputs.effort[at] = pulls.effort[at]
+    inputs.added_inertia[at] = pulls.added_inertia[at]
+    inputs.servo[at] = pulls.servo[at]
+
+
+def _read(
+    motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
+) -> Piece:
+    """Return what the sensors read in a piece, from its first stamp to before its last."""
+    rig = motion.plant.rig
+    (begin, end) = (grid[0], grid[-1])
+    times = {
+        rate: np.arange(ceil(begin * rate - 1e-6), ceil(end * rate - 1e-6)) / rate
+        for rate in errors
+    }
+    stamps = np.unique(np.round(np.concatenate(list(times.values())), 9))
+    channels = {}
+    for rate, (at, of_rate) in errors.items():
+        sensors = [rig.sensors[k] for k in at]
+        rows = np.searchsorted(stamps, np.round(times[rate], 9))
+        true = [
+            np.interp(times[rate] - sensor.delay, grid, readings[k])
+            for k, sensor in zip(at, sensors)
+        ]
+        for sensor, read in zip(sensors, of_rate.read(np.column_stack(true)).T):
+            channels[sensor.name] = np.full(len(stamps), np.nan)
+            channels[sensor.name][rows] = read
+    angles = np.full((len(stamps), motion.plant.n_joints), np.nan)
+    if scenario.rezero is not None:
+        since = _since(scenario.rezero, stamps)
+        late = (since >= scenario.rezero.lasts / 2) & (since < scenario.rezero.lasts)
+        name = scenario.rezero.joint
+        joint = 0 if name is None else [joint.name for joint in rig.joints].index(name)
+        angles[late, joint] = scenario.rezero.angle
+    channels = {sensor.name: channels[sensor.name] for sensor in rig.sensors}
+    log = Log(
+        stamps,
+        channels,
+        true_motion(motion, grid, stamps),
+        scenario.name or "simulation",
+        SIMULATED,
+    )
+    return Piece(log, angles)
