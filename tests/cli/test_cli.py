@@ -646,6 +646,8 @@ def test_what_goes_wrong_is_one_line(run, monkeypatch: pytest.MonkeyPatch, tmp_p
         assert len(line) <= 400
         assert line.isprintable()
 
+    from distal.cli import rig_commands
+
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("by\n\x1b[31m" + "x" * 1000)
 
