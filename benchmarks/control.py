@@ -25,7 +25,7 @@ from benchmarks.shell import written
 from benchmarks.strangers.chain_plants import PLANTS, STEP, build_model, draw_truth
 from benchmarks.strangers.random_rigs import drawn_plant
 from distal import Log, Rig, load_scenario, scenario_rig
-from distal.control import PID, ClosedLoop, closed_loop, run_controller, track
+from distal.control import PID, ClosedLoop, closed_loop, run_controller, trackings_of
 from distal.run import by_hour, estimate_pieces
 from distal.simulation import Scenario, simulate_pieces
 
@@ -53,7 +53,7 @@ def figures(run: ClosedLoop) -> tuple[float, float, int]:
     """Return RMS of tracking, and of the told angle's error, of all joints [deg], and how many
     limit cycles there are.
     """
-    each = track(run)
+    each = trackings_of(run)
     rms, wrong = (
         float(np.rad2deg(np.sqrt(np.mean(np.square(values)))))
         for values in ([one.rms for one in each], [one.estimate_rms for one in each])

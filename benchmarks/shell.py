@@ -11,7 +11,7 @@ from pathlib import Path
 import tomlkit
 
 from distal import Log, Rig, load_rig, write_log
-from distal.fitting.fitted_file import plain
+from distal.fitting.fitted_file import plain_value
 
 
 def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -23,7 +23,7 @@ def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 def write_rig(rig: Rig, path: Path) -> None:
     """Write a rig as its owner has it in a file."""
-    raw = plain(rig.model_dump(exclude_defaults=True))
+    raw = plain_value(rig.model_dump(exclude_defaults=True))
     path.write_text(tomlkit.dumps(raw), encoding="utf-8")
 
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import tomlkit
 
 from distal import learn_affine, learn_discrepancy, load_rig, read_log
-from distal.fitting.fitted_file import plain
+from distal.fitting.fitted_file import plain_value
 
 ROOT = Path(__file__).parents[1]
 START = ROOT / "examples" / "da_vinci" / "start.toml"
@@ -81,7 +81,7 @@ def with_maps(path: Path, logs: list[Path]) -> None:
         print(found.text, *found.notes, sep="\n")
         if found.table in document:
             del document[found.table]
-        document[found.table] = rounded(plain(found.learned.model_dump()))
+        document[found.table] = rounded(plain_value(found.learned.model_dump()))
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
     load_rig(path)
 

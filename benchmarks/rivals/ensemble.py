@@ -15,8 +15,8 @@ from distal.estimators.adaptive.drive_friction import Comparison, Residual, comp
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place, tracking
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
-from distal.estimators.adaptive.measurement import Row, rows_of
-from distal.estimators.adaptive.states.external_torque import ExternalTorque
+from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
+from distal.estimators.adaptive.states.external_torque import ExternalTorqueState
 from distal.estimators.belief import innovation
 from distal.estimators.read_channels import UNKNOWN_PLACE
 from distal.estimators.state_kinds import StateKind
@@ -192,7 +192,7 @@ def torque_fadings(states: StateVector, dt: Any) -> list[tuple[int, Any, Any]]:
     """
     parameters, fadings, length = states.context.mechanism.parameters, [], ca.SX.sym("dt")
     for block in states.blocks:
-        if isinstance(block, ExternalTorque):
+        if isinstance(block, ExternalTorqueState):
             fading = block.fading(length)
             arguments, outputs = [length, parameters.symbols], [fading.factor, fading.std]
             factor, std = ca.Function("fading", arguments, outputs)(dt, parameters.values)
@@ -268,7 +268,7 @@ def compare_function(states: StateVector) -> ca.Function:
         for i in range(nd)
     ]
     memory: list[Any] = [kept[i] for i in range(nd)]
-    comparisons, rows = [], rows_of(states, state, tracks, ca.vertcat(*rates), x)
+    comparisons, rows = [], measurement_rows_of(states, state, tracks, ca.vertcat(*rates), x)
     for row in rows:
         comparison, remembered = _compared(context, row, tracks, kept, x)
         comparisons.append(comparison)
@@ -287,7 +287,7 @@ def compare_function(states: StateVector) -> ca.Function:
 
 
 def _compared(
-    context: FilterContext, row: Row, tracks: Tracks, kept: Any, x: Any
+    context: FilterContext, row: MeasurementRow, tracks: Tracks, kept: Any, x: Any
 ) -> tuple[Comparison, Any]:
     """Return how a force is compared, and what to remember of its drive: a mean pull where the rig
     declares friction.

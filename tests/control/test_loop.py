@@ -21,7 +21,7 @@ from distal import (
     simulate,
     simulate_batch,
 )
-from distal.control import ControlledPlant, plot_control, track
+from distal.control import ControlledPlant, plot_control, trackings_of
 from distal.control.closed_loop import _by_calls, _by_scan
 from distal.errors import ControlError, ScenarioError
 from distal.rig import Rig
@@ -200,7 +200,7 @@ def test_a_figure_compares_feedbacks(rig: Rig, tmp_path: Any) -> None:
         "fed back by ratio",
     ]
     for run in runs[:2]:
-        (one,) = track(run)
+        (one,) = trackings_of(run)
         assert np.rad2deg(one.rms) < 5.0
         assert one.estimate_rms < np.deg2rad(3.0)  # it begins with a std of 3°
 
@@ -225,7 +225,7 @@ def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> N
     np.testing.assert_allclose(
         run.estimates, again.angles[: len(run.estimates)], rtol=0, atol=1e-12
     )
-    errors = [float(np.rad2deg(track(one)[0].rms)) for one in (run, pid)]
+    errors = [float(np.rad2deg(trackings_of(one)[0].rms)) for one in (run, pid)]
     assert errors[0] < 0.4 * errors[1]
     assert np.all(np.column_stack([*run.commands.values()]) >= 0.0)  # a slider does not push
     with pytest.raises(

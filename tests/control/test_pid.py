@@ -13,7 +13,7 @@ import pytest
 
 from distal import load_rig
 from distal.confidence import BAND
-from distal.control import PID, ClosedLoop, Held, plot_control, track
+from distal.control import PID, ClosedLoop, Held, plot_control, trackings_of
 from distal.control.pid import allocated
 from distal.control.tracking import constant_parts
 from distal.logs import Log
@@ -189,7 +189,7 @@ def test_figures_of_a_step_response() -> None:
     time = np.arange(0, 6, 0.01)
     reference = np.where(time < 2, 0.0, 20 * DEGREE)
     angle = np.where(time < 2, 0.0, np.where(time < 2.7, 23 * DEGREE, 20 * DEGREE))
-    (one,) = track(made(reference, angle, time))
+    (one,) = trackings_of(made(reference, angle, time))
     assert one.overshoot == pytest.approx(3 * DEGREE)
     assert one.settling == pytest.approx(0.7)
     assert one.effort == pytest.approx(np.sqrt(12.5))
@@ -202,15 +202,17 @@ def test_a_joint_that_never_arrives_and_one_that_hunts() -> None:
     time = np.arange(0, 6, 0.01)
     reference = np.where(time < 2, 0.0, 20 * DEGREE)
     short = np.where(time < 2, 0.0, 15 * DEGREE)
-    (one,) = track(made(reference, short, time))
+    (one,) = trackings_of(made(reference, short, time))
     assert one.settling == np.inf
     assert one.overshoot == 0.0
-    (one,) = track(made(20 * DEGREE * np.sin(time), short, time))  # it never becomes constant
+    (one,) = trackings_of(
+        made(20 * DEGREE * np.sin(time), short, time)
+    )  # it never becomes constant
     assert np.isnan(one.settling)
     assert np.isnan(one.overshoot)
     for size, count in ((0.14, 0), (0.16, 1)):
         swings = reference + np.where(time > 2, size * DEGREE * np.sin(2 * np.pi * time), 0.0)
-        (one,) = track(made(reference, swings, time))
+        (one,) = trackings_of(made(reference, swings, time))
         assert len(one.hunting) == count
     assert one.hunting[0].motion == pytest.approx(0.32 * DEGREE, rel=1e-3)
     assert (one.hunting[0].begin, one.hunting[0].end) == pytest.approx((3.99, 5.99))
@@ -221,9 +223,9 @@ def test_a_joint_that_swings_from_the_start_hunts() -> None:
     tells.
     """
     time = np.arange(0, 2, 0.005)
-    (one,) = track(made(0 * time + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time), time))
+    (one,) = trackings_of(made(0 * time + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time), time))
     assert [hunt.begin for hunt in one.hunting] == [pytest.approx(1.0)]
-    (one,) = track(
+    (one,) = trackings_of(
         made(0 * time[:380] + 10 * DEGREE, 30 * DEGREE * np.sin(40 * time[:380]), time[:380])
     )
     assert one.hunting == ()

@@ -17,7 +17,7 @@ from distal.arrays import Floats
 from distal.diagnosis import why_diverged
 from distal.diagnosis.against_truth import _likeliest, against_truth, causes
 from distal.diagnosis.of_estimate import diagnose_estimate
-from distal.diagnosis.rerun import Change, Outcome
+from distal.diagnosis.rerun import ModelChange, Outcome
 from distal.estimators import AdaptiveFilter
 from distal.results import Estimate
 from distal.simulation import load_scenario
@@ -286,7 +286,7 @@ class Halved:
         variances = np.full(means.shape, np.deg2rad(0.1) ** 2)
         return Outcome(means, variances, *(np.zeros((0, 0)) for _ in range(2)), bounded=True)
 
-    def each(self, changes: Iterable[Change]) -> Iterator[Outcome]:
+    def each(self, changes: Iterable[ModelChange]) -> Iterator[Outcome]:
         for change in changes:
             yield self.means(self._left if self._channel in change.channels else 1.0)
 

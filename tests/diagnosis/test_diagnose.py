@@ -29,7 +29,7 @@ from distal.diagnosis import Finding, cannot_test
 from distal.diagnosis.comparison import disagreement
 from distal.diagnosis.diagnose import elsewhere, out_of_range
 from distal.diagnosis.finding_texts import COMPLIANCE, SCALE, ZERO
-from distal.diagnosis.rerun import Change, Rerun
+from distal.diagnosis.rerun import ModelChange, Rerun
 from distal.diagnosis.untested import untestable
 from distal.diagnosis.what_if import overconfidence
 from distal.estimators import AdaptiveFilter
@@ -65,13 +65,13 @@ class TestRerun:
 
     def test_a_channel(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
-        other = rerun(Change(channels={"u1": 1.1}))
+        other = rerun(ModelChange(channels={"u1": 1.1}))
         np.testing.assert_array_equal(other.means, estimate(scaled(log, u1=1.1), rig).means)
 
     def test_a_number(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         path = "tendons.0.insertion.radius"
-        other = rerun(Change(numbers={path: 1.1}))
+        other = rerun(ModelChange(numbers={path: 1.1}))
         radius = rig.tendons[0].insertion.radius.value
         # the joint's own load is computed from the rig's values, and a float factor rounds: not to
         # the last bit
@@ -83,7 +83,9 @@ class TestRerun:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         doubled = rig.with_values({path: 2.0 * rig.joints[0].friction.coefficient.value})
         np.testing.assert_allclose(
-            rerun(Change(numbers={path: 2.0})).means[:, 0], estimate(log, doubled).theta, atol=2e-4
+            rerun(ModelChange(numbers={path: 2.0})).means[:, 0],
+            estimate(log, doubled).theta,
+            atol=2e-4,
         )
 
     def test_two_columns_that_are_exchanged_or_late(self, rig: Rig, log: Log) -> None:
@@ -91,17 +93,17 @@ class TestRerun:
         pair = {"u1": log.channels["u2"], "u2": log.channels["u1"]}
         swapped = Log(log.time, {**log.channels, **pair}, dict(log.truth), log.source)
         np.testing.assert_array_equal(
-            rerun(Change(exchanged=("u1", "u2"))).means, estimate(swapped, rig).means
+            rerun(ModelChange(exchanged=("u1", "u2"))).means, estimate(swapped, rig).means
         )
         late = np.interp(log.time + 0.02, log.time, log.channels["u1"])
         later = Log(log.time, {**log.channels, "u1": late}, dict(log.truth), log.source)
         np.testing.assert_array_equal(
-            rerun(Change(later={"u1": 0.02})).means, estimate(later, rig).means
+            rerun(ModelChange(later={"u1": 0.02})).means, estimate(later, rig).means
         )
 
     def test_two_changes_are_one(self, rig: Rig, log: Log) -> None:
-        first = Change(channels={"u1": 2.0, "u2": 3.0}, added={"x1": 1.0}, later={"u1": 0.1})
-        both = first & Change(channels={"u1": 0.25}, added={"x1": 2.0}, exchanged=("x1", "x2"))
+        first = ModelChange(channels={"u1": 2.0, "u2": 3.0}, added={"x1": 1.0}, later={"u1": 0.1})
+        both = first & ModelChange(channels={"u1": 0.25}, added={"x1": 2.0}, exchanged=("x1", "x2"))
         assert both.channels == {"u1": 0.5, "u2": 3.0}
         assert both.added == {"x1": 3.0}
         assert both.later == {"u1": 0.1}
@@ -109,7 +111,7 @@ class TestRerun:
 
     def test_a_start(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
-        other = rerun(Change(shifts={"common factor of tendons.stiffness": 0.1}))
+        other = rerun(ModelChange(shifts={"common factor of tendons.stiffness": 0.1}))
         at = rerun.runner.state_names.index("common factor of tendons.stiffness")
         assert 1.0 < other.means[0, at] <= 1.2
         assert np.any(other.means[:, 0] != rerun.base.means[:, 0])
@@ -118,7 +120,7 @@ class TestRerun:
         rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         factors = np.linspace(0.8, 1.2, 9)  # more than there are lanes
         changes = [
-            Change(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor})
+            ModelChange(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor})
             for factor in factors
         ]
         for change, one in zip(changes, rerun.each(changes), strict=True):

@@ -16,11 +16,11 @@ import pytest
 from distal import Log, diagnose, estimate, load_rig, load_scenario, scenario_rig, simulate
 from distal.confidence import BAND
 from distal.diagnosis import finding_texts as texts
-from distal.diagnosis.channel_statistics import channels_of
+from distal.diagnosis.channel_statistics import channel_statistics_of
 from distal.diagnosis.comparison import stretch
 from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
-from distal.diagnosis.rerun import OUTLIER, Change, Rerun
+from distal.diagnosis.rerun import OUTLIER, ModelChange, Rerun
 from distal.diagnosis.untested import _changes, _unseen, untestable
 from distal.diagnosis.what_if import moved_by_starts, overconfidence, with_learned_numbers
 from distal.estimators import AdaptiveFilter, StateKind
@@ -102,7 +102,7 @@ class Stub:
             squares=squares * np.ones((len(time), 1)),
         )
 
-    def each(self, changes: Iterable[Change]) -> Iterator[Any]:
+    def each(self, changes: Iterable[ModelChange]) -> Iterator[Any]:
         for change in changes:
             ((name, shift),) = change.shifts.items()
             yield self.outcome(self.slopes[("one", "two").index(name)] * shift)
@@ -124,7 +124,7 @@ class Counted(Rerun):
 
     runs = 0
 
-    def each(self, changes: Iterable[Change]) -> Iterator[Any]:
+    def each(self, changes: Iterable[ModelChange]) -> Iterator[Any]:
         changes = list(changes)
         self.runs += len(changes)
         return super().each(changes)
@@ -195,7 +195,7 @@ def test_the_ratio_of_a_gear_is_searched_between_those_that_are_tried() -> None:
     """
     for true in (37.0, 1 / 37.0, 3.3):
 
-        def rerun(change: Change, true: float = true) -> Any:
+        def rerun(change: ModelChange, true: float = true) -> Any:
             ratio = change.channels["torque"]
             assert change.channels["angle"] == pytest.approx(1 / ratio)
             return SimpleNamespace(
@@ -296,15 +296,15 @@ def test_a_rerun_is_a_run_of_the_changed_log() -> None:
     rerun = Rerun(log, cast(Any, runner_for(log, rig, "adaptive", compiled=False)))
     doubled = replace(log, channels={**log.channels, "u1": 2.0 * log.channels["u1"]})
     expected = Rerun(doubled, cast(Any, runner_for(doubled, rig, "adaptive", compiled=False))).base
-    found = rerun(Change(channels={"u1": 2.0}))
+    found = rerun(ModelChange(channels={"u1": 2.0}))
     np.testing.assert_allclose(found.means, expected.means, rtol=1e-9, atol=1e-12)
     shifted = replace(log, channels={**log.channels, "x1": log.channels["x1"] + 1e-3})
     off = Rerun(shifted, cast(Any, runner_for(shifted, rig, "adaptive", compiled=False))).base
     np.testing.assert_allclose(
-        rerun(Change(added={"x1": 1e-3})).means, off.means, rtol=1e-9, atol=1e-12
+        rerun(ModelChange(added={"x1": 1e-3})).means, off.means, rtol=1e-9, atol=1e-12
     )
     name = rerun.runner.state_names[-1]
-    moved = rerun(Change(shifts={name: 1e-3}))
+    moved = rerun(ModelChange(shifts={name: 1e-3}))
     assert not np.array_equal(moved.means, rerun.base.means)
     # ln p typed out, an outlier beyond 9 S counting as in the filter
     compared = [
@@ -348,7 +348,9 @@ def test_what_a_log_teaches_within_its_std_contradicts_nothing(
     plant = rig.with_values({"drives.0.friction.constant": friction})
     log = simulate(plant, plan.model_copy(update={"plant": {}, "duration": 12.0}), 1)
     result = estimate(log, rig)
-    assert channels_of(result).findings()[0].contradicts
-    again = channels_of(with_learned_numbers(result, Rerun(log, runner_for(log, rig, "adaptive"))))  # type: ignore[arg-type]
+    assert channel_statistics_of(result).findings()[0].contradicts
+    again = channel_statistics_of(
+        with_learned_numbers(result, Rerun(log, runner_for(log, rig, "adaptive")))
+    )  # type: ignore[arg-type]
     assert (not any(finding.contradicts for finding in again.findings())) is consistent
     assert diagnose(result, log, rig).consistent is consistent

@@ -30,7 +30,7 @@ from distal.estimators.affine_estimator import (
     affine_samples,
     start_of,
 )
-from distal.regression import learn_map, numbers_of, predict
+from distal.regression import learn_map, map_coefficients_of, predict
 from distal.rig import Affine, JointMap, build_rig, parse_toml
 from distal.run import samples_of
 
@@ -329,7 +329,7 @@ def test_the_kernel_has_several_joints() -> None:
     function, n = affine_function(affine, 3), 3
     assert function.numel_in(0) == n + n * n + 2 * 3 + 1
     following, _ = function(
-        np.zeros(function.numel_in(0)), [0.1, 0.5, 0, 0, 1, 1, 1], numbers_of(affine)
+        np.zeros(function.numel_in(0)), [0.1, 0.5, 0, 0, 1, 1, 1], map_coefficients_of(affine)
     )
     after = np.array(following).ravel()
     np.testing.assert_allclose(after[:3], [0.5, 1.0, 0.0])

@@ -24,7 +24,7 @@ from distal.errors import EstimationError, RigError
 from distal.estimators import AdaptiveFilter
 from distal.export.source import c_filter
 from distal.fitting.fitted_file import fitted_text
-from distal.fitting.fitted_file import plain as table_of
+from distal.fitting.fitted_file import plain_value as table_of
 from distal.logs import write_log
 from distal.regression import Samples, calibrate_window, design
 from distal.rig import Discrepancy, JointMap, build_rig, parse_toml

@@ -7,7 +7,7 @@ import pytest
 
 from distal import Rig
 from distal.estimators import AdaptiveFilter
-from distal.estimators.gaps import rows_of
+from distal.estimators.gaps import rows_with_gaps
 from distal.kernels.mask import (
     COMPARED_ONLY,
     MISSING,
@@ -31,7 +31,7 @@ def test_each_value_of_a_mask_says_one_thing() -> None:
 
 def test_a_gap_is_bridged_by_displacements_and_nothing_else() -> None:
     samples = np.array([[1.0, 5.0], [2.0, 6.0], [np.nan, 7.0]])
-    rows, last = rows_of("test", np.array([0.0, 0.03, 0.01]), samples, 0.01, 1)
+    rows, last = rows_with_gaps("test", np.array([0.0, 0.03, 0.01]), samples, 0.01, 1)
     masks = rows[:, 3:]
     assert list(last) == [0, 3, 4]
     assert [tuple(mask) for mask in masks] == [

@@ -16,9 +16,9 @@ from distal.errors import DistalWarning, RigError
 from distal.fitting import learn as learning
 from distal.fitting.candidates import Candidate, Training, line_map
 from distal.fitting.fit_options import Options
-from distal.fitting.fitted_file import MARK, plain
+from distal.fitting.fitted_file import MARK, plain_value
 from distal.fitting.learn import Judged, Learned, learned_by
-from distal.fitting.missing_terms import Part
+from distal.fitting.missing_terms import MissingTerm
 from distal.fitting.parameter_estimates import among_models, numbers_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
@@ -29,7 +29,7 @@ BACKLASH = {"drives.motor.backlash.width": {"value": 0.01, "std": 0.01}}
 
 def text_of(rig: Rig) -> str:
     """Return the rig as somebody types it: with comments, percentages and a factor."""
-    raw = plain(rig.model_dump(exclude_defaults=True))
+    raw = plain_value(rig.model_dump(exclude_defaults=True))
     tendon = raw["tendons"][0]  # type: ignore[index]
     tendon["stiffness"] = {"value": "8 N/mm", "factor": 2.0}
     raw["joints"][0]["damping"] = {  # type: ignore[index]
@@ -61,7 +61,7 @@ class Found:
         self.training = Training.of(self.logs, rig, OPTIONS)
         self.line = line_map(self.training)
         self.solutions = numbers_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
-        play = [Part("play", BACKLASH)]
+        play = [MissingTerm("play", BACKLASH)]
         _, self.candidates, self.models = learning._chosen(
             self.logs, self.training, self.line, self.solutions, play, None
         )

@@ -20,7 +20,7 @@ from distal.fitting.learn_free_motion import NORMAL, SETTLING, closed_filter, fr
 from distal.fitting.touched_logs import touched_logs
 from distal.kernels import Feed, advance
 from distal.kernels.mask import READ
-from distal.regression.map_function import numbers_of, reporting_function
+from distal.regression.map_function import map_coefficients_of, reporting_function
 from distal.rig import FreeMotion, felt_in_words
 from distal.run import JointContact, Monitor
 from tests.estimators.test_discrepancy import made
@@ -189,7 +189,7 @@ def test_a_map_is_carried_on_and_fades_while_touched() -> None:
     free = reporting_function(inner, maps, 2, [None, None], 1)
     held = reporting_function(inner, maps, 2, [None, None], 1, touched=[1])
     sizes = free.size1_in(0) - 2
-    numbers = np.concatenate([[0.0], numbers_of(learned)])
+    numbers = np.concatenate([[0.0], map_coefficients_of(learned)])
     sample = [dt, 0.1, 0.02, READ, READ]
     for share in (0.0, 0.4, 1.0):
         start = [0.2, share, *np.zeros(sizes)]

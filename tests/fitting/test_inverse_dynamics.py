@@ -23,8 +23,13 @@ from distal.fitting.inverse_dynamics import (
     inverse_problem,
 )
 from distal.fitting.jackknife import numbers_without
-from distal.fitting.missing_terms import Tried, parts_of, tried_parts
-from distal.fitting.parameter_estimates import Numbers, among_models, by_equations, problem_of
+from distal.fitting.missing_terms import Tried, terms_of, tried_parts
+from distal.fitting.parameter_estimates import (
+    ParameterEstimates,
+    among_models,
+    by_equations,
+    problem_of,
+)
 from distal.homing.reference import with_references
 from distal.logs import true_angles
 from distal.rig import build_rig
@@ -241,7 +246,7 @@ def test_what_is_not_read_cannot_be_asked() -> None:
 
 
 @lru_cache
-def ropes() -> tuple[list[Log], Numbers]:
+def ropes() -> tuple[list[Log], ParameterEstimates]:
     logs = [ropes_log(seed, "calibration", 20.0) for seed in (300, 301, 302)]
     found = by_equations(problem_of(logs, ropes_rig(), Options()), Options(), None)
     assert found is not None
@@ -312,7 +317,7 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     models_widen_errors(numbers, better)
 
 
-def left_by(numbers: Numbers) -> float:
+def left_by(numbers: ParameterEstimates) -> float:
     """Return the geometric mean of the rows' √(mean ν²/S), no row counting as less than its
     sensors' noise.
     """
@@ -321,7 +326,7 @@ def left_by(numbers: Numbers) -> float:
     )
 
 
-def models_widen_errors(alone: Numbers, better: Numbers) -> None:
+def models_widen_errors(alone: ParameterEstimates, better: ParameterEstimates) -> None:
     """V = V_own + the variance of both models' values, a quarter of their difference squared;
     values stay.
     """
@@ -358,9 +363,9 @@ def models_widen_errors(alone: Numbers, better: Numbers) -> None:
 
 def test_every_part_can_be_added_to_a_plain_rig() -> None:
     described = rig()
-    names = [part.name for part in parts_of(described) if part.values]
+    names = [part.name for part in terms_of(described) if part.values]
     assert len(names) == 4
-    for part in parts_of(described):
+    for part in terms_of(described):
         assert described.with_values(part.values) != described
 
 

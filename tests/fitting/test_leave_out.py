@@ -28,7 +28,7 @@ from distal.fitting.jackknife import numbers_without
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import leave_out
 from distal.fitting.map_samples import discrepancy_of, filtered, partly_homed
-from distal.fitting.parameter_estimates import Numbers
+from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.regression import Samples, fit_coefficients, predict
 
 SECONDS = 3.0
@@ -105,12 +105,12 @@ def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
 
 
 @pytest.fixture(scope="module")
-def two(others: list[Log], alone: Learned) -> list[Numbers]:
+def two(others: list[Log], alone: Learned) -> list[ParameterEstimates]:
     return numbers_without(alone.numbers, others, [0, 1])
 
 
 def test_maps_learn_from_numbers_that_have_not_seen_the_log(
-    two: list[Numbers], others: list[Log], alone: Learned
+    two: list[ParameterEstimates], others: list[Log], alone: Learned
 ) -> None:
     """Each half of a cross-fit is of the other logs alone, likelier on these, and leaves what stays
     at its prior.

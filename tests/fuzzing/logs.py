@@ -346,6 +346,6 @@ def good_log(rig: Rig, scenario: Any, samples: int = 60) -> Log:
         scenario: what is done.
         samples: how many.
     """
-    from distal.simulation import simulate
+    from distal.simulation import simulate_plant as simulate
 
     return replace(simulate(rig, scenario, 3).select(slice(0, samples)), truth={})

@@ -14,8 +14,8 @@ from benchmarks.strangers.servo_hands import Hands, Known, orca_like
 
 from distal import estimate
 from distal.errors import CommandError, FitError, LogError
-from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved
-from distal.hands.findings import faults_of, travel_of
+from distal.hands import Calibrated, Routine, RoutineOptions, calibrate, moved_since
+from distal.hands.findings import faults_of, motor_travel_of
 from distal.hands.routine import OF_PAIR
 from distal.hands.sweeps import sweeps_of
 from distal.logs import Log
@@ -264,12 +264,12 @@ def test_a_joint_that_stops_early_is_said_by_its_travel() -> None:
     rig = rig_of(hand()[0])
     radius = rig.drives[0].radius
     wrong = rig.with_values({"drives.m1.radius": {"value": radius.value / 0.75, "std": radius.std}})
-    (fault,) = travel_of(wrong, rig, ["m1", "m2"])
+    (fault,) = motor_travel_of(wrong, rig, ["m1", "m2"])
     assert fault.drive == "m1"
     assert fault.kind == "travel"
     assert "goes 75 % of its travel" in fault.sentence
     assert "stops before its end, or the radii are others" in fault.sentence
-    assert travel_of(rig, rig, ["m1", "m2"]) == ()
+    assert motor_travel_of(rig, rig, ["m1", "m2"]) == ()
 
 
 def test_a_rig_of_sliders_is_refused() -> None:
@@ -282,10 +282,10 @@ def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
     place = found.rig.sensors_of("position")[0]
     path = f"sensors.{place.name}.bias"
     later = found.rig.with_values({path: {"value": place.bias.value + 0.5, "std": place.bias.std}})
-    (line,) = moved(found.rig, later)
+    (line,) = moved_since(found.rig, later)
     assert place.name in line
     assert f"{np.rad2deg(place.bias.value):.4g}" in line
-    assert moved(found.rig, found.rig) == ()
+    assert moved_since(found.rig, found.rig) == ()
     tendon = found.rig.tendons[0].name
     taut = {
         f"tendons.{tendon}.slack": {"value": 0.0, "std": 0.0},
@@ -296,7 +296,7 @@ def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
         f"tendons.{tendon}.slack": {"value": 1e-4, "std": 1e-5},
     }
     one, other = found.rig.with_values(slack), found.rig.with_values(taut)
-    assert f"{tendon}: was slack, is under tension" in moved(one, other)
+    assert f"{tendon}: was slack, is under tension" in moved_since(one, other)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import with_references
 from distal.homing.apply import homing_prior, numbers_filtered
-from distal.homing.most_likely import EVALUATIONS, INDEPENDENT, KEPT, most_likely
+from distal.homing.most_likely import EVALUATIONS, INDEPENDENT, KEPT, most_likely_start
 from distal.homing.window import Window
 from distal.logs import frozen
 from distal.regression import correlated_samples
@@ -72,7 +72,7 @@ def window_of(log: Log, rig: Rig, homing: float = HOMING) -> Window:
 @pytest.fixture(scope="module")
 def found(log: Log) -> tuple[Window, Belief]:
     window = window_of(log, wide(load_rig("pulley-antagonist")))
-    return window, most_likely(window)
+    return window, most_likely_start(window)
 
 
 def errors_after(log: Log, rig: Rig) -> tuple[float, float]:
@@ -237,7 +237,7 @@ def test_a_window_in_which_the_filter_leaves_all_bounds(
         return None if calls[0] % 7 == 0 else scan(self, carry, samples)
 
     monkeypatch.setattr(Window, "scan", sometimes)
-    assert np.isfinite(most_likely(window).carry).all()
+    assert np.isfinite(most_likely_start(window).carry).all()
     assert calls[0] < 3 * EVALUATIONS * 20
 
 
@@ -246,7 +246,7 @@ def test_a_prior_with_which_the_filter_leaves_all_bounds_is_left_as_it_was(
 ) -> None:
     window = window_of(log, wide(load_rig("pulley-antagonist")), 0.3)
     monkeypatch.setattr(Window, "scan", lambda *arguments: None)
-    assert most_likely(window) is window.start
+    assert most_likely_start(window) is window.start
 
 
 def test_a_rig_in_which_nothing_is_uncertain() -> None:
@@ -262,5 +262,5 @@ def test_a_rig_in_which_nothing_is_uncertain() -> None:
     )
     window = window_of(certain, rig, 0.3)
     assert not window.runner.states.lasting.any()
-    assert most_likely(window) is window.start
+    assert most_likely_start(window) is window.start
     assert np.isfinite(estimate(certain, rig, homing=0.3, compiled=False).theta).all()

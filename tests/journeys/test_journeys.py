@@ -16,7 +16,7 @@ import tomlkit
 from benchmarks.strangers.foreign_plants import finger_log, finger_rig
 
 from distal import load_rig, read_log, write_log
-from distal.fitting.fitted_file import plain
+from distal.fitting.fitted_file import plain_value
 from tests.journeys.shell import Shell, installed
 
 pytestmark = pytest.mark.slow
@@ -85,7 +85,7 @@ def goes_on(shell: Shell, rig: str, log: str, name: str) -> None:
 def test_a_researcher_with_logs_of_a_rig(seed: int, shell: Shell) -> None:
     """A finger with a Bowden cable, whose friction along the cable its file is silent about."""
     rig = finger_rig()
-    text = tomlkit.dumps(plain(rig.model_dump(exclude_defaults=True)))
+    text = tomlkit.dumps(plain_value(rig.model_dump(exclude_defaults=True)))
     (shell.folder / "mine.toml").write_text("# my finger\n" + text, encoding="utf-8")
     for i in range(4):
         write_log(finger_log(10 * seed + i, 8.0), rig, shell.folder / f"run_{i}.csv")
@@ -184,7 +184,7 @@ def test_a_dataset_of_robot_learning(seed: int, shell: Shell) -> None:
     import pyarrow.parquet as pq
 
     rig = finger_rig()
-    text = tomlkit.dumps(plain(rig.model_dump(exclude_defaults=True)))
+    text = tomlkit.dumps(plain_value(rig.model_dump(exclude_defaults=True)))
     (shell.folder / "mine.toml").write_text(text, encoding="utf-8")
     data = shell.folder / "dataset" / "data" / "chunk-000"
     data.mkdir(parents=True)

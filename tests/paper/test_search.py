@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from distal.paper.claims import Measure, Statement, statements
-from distal.paper.map import described, draw_map, to_json
+from distal.paper.map import draw_map, search_in_words, to_json
 from distal.paper.rig_search import UNKNOWNS, Search, margins_of, plant_of
 from distal.paper.series import PLANTS, SERIES_1, hung_weights, observed_values, run_series
 
@@ -64,7 +64,7 @@ def test_a_search_is_written_drawn_and_said() -> None:
     assert [row["reading"] for row in rows] == ["geometry", "x/r"]
     assert [rows[0]["margins"][key] for key in ("C1", "C2", "C3")] == [0.5, None, 0.25]
     assert rows[1]["axle friction, reference load [N]"] == 13.0
-    assert "on the best of them 2 of 12 statements hold" in described(every)[0]
+    assert "on the best of them 2 of 12 statements hold" in search_in_words(every)[0]
     titles = [axes.get_title(loc="left") for axes in draw_map(every).axes]
     assert titles[:3] == ["C1: 2 of 2", "C2: 0 of 2", "C3: 1 of 2"]
 

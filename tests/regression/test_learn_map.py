@@ -39,7 +39,7 @@ from distal.regression.features import (
     squared_distances,
 )
 from distal.regression.learn_map import Kind, Terms, choose_terms, frame
-from distal.regression.map_function import map_function, memory_size, numbers_of
+from distal.regression.map_function import map_coefficients_of, map_function, memory_size
 from distal.rig import Discrepancy
 
 CHANNELS, NOISE = ("a", "b"), np.array([1e-3, 1e-3])
@@ -264,7 +264,7 @@ def test_a_motion_beyond_the_homing_move_widens_the_band_by_what_logs_left_out_e
         for k in range(0, 400, 40):
             x = np.concatenate([[0.02], one.readings[k], np.ones(2)])
             *_, variance, _, _ = function(
-                memory, x, np.zeros(2), one.angles[k], numbers_of(after_move)
+                memory, x, np.zeros(2), one.angles[k], map_coefficients_of(after_move)
             )
             assert float(variance) == pytest.approx(told.variances[k], rel=1e-9)
 
@@ -379,7 +379,7 @@ def test_a_correction_fades_to_its_constant_outside_the_learned_range(
     function = map_function(learned, 2, [False, False])
     memory, x = np.zeros(memory_size(learned)), np.array([0.01, *readings[0], 1.0, 1.0])
     values, _, variances, far, _ = function(
-        memory, x, np.zeros(2), at.angles[0], numbers_of(learned)
+        memory, x, np.zeros(2), at.angles[0], map_coefficients_of(learned)
     )
     np.testing.assert_allclose(float(values), expected, rtol=1e-9)
     np.testing.assert_allclose(float(far), beyond, atol=1e-12)

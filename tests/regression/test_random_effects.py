@@ -13,9 +13,9 @@ from distal.regression.random_effects import (
     _basis,
     correlated_samples,
     line,
+    posterior_of,
     random_effects,
     surprise,
-    updated,
 )
 from distal.rig import JointMap
 
@@ -76,14 +76,14 @@ def test_an_update_is_bayes_rule() -> None:
     x, y, mean = rng.normal(size=(30, 3)), rng.normal(size=30), rng.normal(size=3)
     root = rng.normal(size=(3, 3))
     covariance, r = root @ root.T, 0.7
-    after, left = updated(mean, covariance, x.T @ x, x.T @ y, r)
+    after, left = posterior_of(mean, covariance, x.T @ x, x.T @ y, r)
     precision = np.linalg.inv(covariance) + x.T @ x / r
     np.testing.assert_allclose(left, np.linalg.inv(precision), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(
         after, np.linalg.solve(precision, np.linalg.solve(covariance, mean) + x.T @ y / r)
     )
     covariance[2, :] = covariance[:, 2] = 0.0
-    after, left = updated(mean, covariance, x.T @ x, x.T @ y, r)
+    after, left = posterior_of(mean, covariance, x.T @ x, x.T @ y, r)
     assert after[2] == pytest.approx(mean[2], abs=1e-12)
     np.testing.assert_allclose(left[2], 0.0, atol=1e-12)
 

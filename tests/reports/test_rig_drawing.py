@@ -20,9 +20,9 @@ from typer.testing import CliRunner
 from distal import Rig, load_rig
 from distal.cli.app import app
 from distal.reports import draw_rig, rig_svg
-from distal.reports.drawing.labels import written
+from distal.reports.drawing.labels import label_of
 from distal.reports.drawing.pose import stands, views_of
-from distal.reports.drawing.routes import WRAP, Wheel, heading, route
+from distal.reports.drawing.routes import WRAP, Wheel, route, route_heading
 from distal.results import COLOURS
 from distal.rig import build_rig, shipped_rigs
 
@@ -287,7 +287,7 @@ def test_parts_are_to_scale_and_tendons_touch_pulleys() -> None:
 def test_a_route_touches_circles() -> None:
     wheels = [Wheel((0.0, 0.0)), Wheel((2.0, 0.3), 0.5, -1), Wheel((4.0, -0.2), 0.8, 1)]
     for one, other in pairwise(wheels):
-        along = heading(one, other)
+        along = route_heading(one, other)
         start, end = np.array(one.point(along)), np.array(other.point(along))
         assert np.allclose((end - start) / np.hypot(*(end - start)), [cos(along), sin(along)])
         for wheel, touch in ((one, start), (other, end)):
@@ -299,7 +299,7 @@ def test_a_route_touches_circles() -> None:
     assert np.hypot(*(points - wheels[1].centre).T).min() == pytest.approx(0.5)
     last = points[-1] - wheels[2].centre
     assert np.hypot(*last) == pytest.approx(0.8)
-    assert cos(heading(wheels[1], wheels[2]) + WRAP - pi / 2) == pytest.approx(last[0] / 0.8)
+    assert cos(route_heading(wheels[1], wheels[2]) + WRAP - pi / 2) == pytest.approx(last[0] / 0.8)
 
 
 def test_joints_are_seen_along_their_axes() -> None:
@@ -323,7 +323,7 @@ def test_joints_are_seen_along_their_axes() -> None:
 
 def test_numbers_have_fitting_units() -> None:
     said = [
-        written(*one)
+        label_of(*one)
         for one in (
             (23000.0, "N/m"),
             (806.0, "N/m"),
@@ -333,7 +333,7 @@ def test_numbers_have_fitting_units() -> None:
         )
     ]
     assert said == ["23 N/mm", "806 N/m", "9.53 mm", "0.15 N·m/rad", "−5.73°"]
-    assert [written(0.0, "rad"), written(0.015, "kg"), written(1e-7, "m")] == [
+    assert [label_of(0.0, "rad"), label_of(0.015, "kg"), label_of(1e-7, "m")] == [
         "0°",
         "15 g",
         "0.0001 mm",

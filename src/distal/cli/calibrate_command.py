@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import RigOption, SetOption
 
 if TYPE_CHECKING:
@@ -34,11 +34,13 @@ def calibrate_command(
     """Calibrate a hand by its power-on routine: zeros, play or tension, stiffness, friction, and
     what is broken.
     """
-    from distal.hands import calibrate, moved
+    from distal.hands import calibrate, moved_since
     from distal.logs import write_whole
     from distal.rig import edited_text, load_rig
 
-    check_outputs(to_file("--out", out), logs=[log, *([] if since is None else [since])], rig=rig)
+    check_command_outputs(
+        to_file("--out", out), logs=[log, *([] if since is None else [since])], rig=rig
+    )
     check_ending(out, "a rig file")
     description = load_rig(rig, set_ or ())
     with working("calibrating"):
@@ -49,7 +51,7 @@ def calibrate_command(
     for note in found.notes:
         warn(note)
     if since is not None:
-        lines = moved(load_rig(since), found.rig)
+        lines = moved_since(load_rig(since), found.rig)
         say(f"since {since}: " + ("; ".join(lines) if lines else "nothing moved clearly"))
     write_whole(out, found.text(log.name, edited_text(rig, set_ or ())))
     say(f"wrote {out}")

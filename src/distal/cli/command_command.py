@@ -9,7 +9,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from distal.cli.console import say, warn, working
-from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import RigOption, SetOption, newtons
 from distal.rounded import rounded
 
@@ -55,7 +55,9 @@ def command_command(
 
     if plot is not None:
         plot_kind(plot)
-    check_outputs([*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig)
+    check_command_outputs(
+        [*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig
+    )
     check_ending(out, "a table")
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
     joints = [joint.name for joint in inverse.rig.joints]

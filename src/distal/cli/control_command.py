@@ -11,7 +11,7 @@ from typing import Annotated
 from typer import Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_outputs, to_folder
+from distal.cli.paths import check_command_outputs, to_folder
 from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption
 
 
@@ -27,7 +27,7 @@ def control_command(
     set_: SetOption = None,
 ) -> None:
     """Control a rig in a scenario with a control table, and compare what each feedback costs."""
-    from distal.control import closed_loop, plot_control, track
+    from distal.control import closed_loop, plot_control, trackings_of
     from distal.errors import ControlError
     from distal.logs import write_log
     from distal.simulation import load_scenario, scenario_rig
@@ -42,7 +42,7 @@ def control_command(
     picture = out / "control.png"
     logs = [out / f"{name}.csv" for name in names]
     outputs = to_folder("--out", out, [path.name for path in (picture, *logs)])
-    check_outputs(outputs, rig=description.rig, scenario=scenario)
+    check_command_outputs(outputs, rig=description.rig, scenario=scenario)
     runs = []
     with working("controlling") as show:
         for name in names:
@@ -54,7 +54,7 @@ def control_command(
     plot_control(runs, picture)
     rows = []
     for run in runs:
-        for score in track(run):
+        for score in trackings_of(run):
             settled = (
                 "–"
                 if isnan(score.settling)

@@ -11,7 +11,7 @@ from typing import Annotated
 from typer import Option
 
 from distal.cli.console import say, table, working
-from distal.cli.paths import check_outputs, to_folder
+from distal.cli.paths import check_command_outputs, to_folder
 from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption
 
 
@@ -33,7 +33,7 @@ def drift_command(
     rig = scenario_rig(description, set_ or ())
     picture = out / "drift.png"
     rows_file = out / "drift.csv"
-    check_outputs(
+    check_command_outputs(
         to_folder("--out", out, [picture.name, rows_file.name]),
         rig=description.rig,
         scenario=scenario,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from distal.cli.console import failure, say, table, working
-from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import (
     MemoryOption,
     PlotOption,
@@ -165,7 +165,7 @@ def estimate_command(
         )
         from distal.cli.many_logs_command import estimate_many, estimates_of
 
-        check_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
+        check_command_outputs(estimates_of(sources, out), logs=logs, rig=rig, truth=truth)
         description = load_rig(rig, settings(set_, repeated))
         name = (estimator or [DEFAULT])[0]
         estimate_many(
@@ -185,7 +185,7 @@ def estimate_command(
         plot_kind(plot)
     elif panels:
         raise EstimationError("--panel says what --plot draws; give --plot too")
-    check_outputs(
+    check_command_outputs(
         [*to_file("--out", out), *to_file("--plot", plot)], logs=logs, rig=rig, truth=truth
     )
     check_ending(out, "a table")

@@ -11,7 +11,7 @@ import typer
 from typer import Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_outputs, to_file, to_folder
+from distal.cli.paths import check_command_outputs, to_file, to_folder
 from distal.cli.shared_options import RigArgument, SetOption
 
 ExportedOption = Annotated[
@@ -68,7 +68,7 @@ def export_command(
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     home_std = None if home is None else to_si(home, "rad")
     if out is not None:
-        check_outputs(to_folder("--out", out, export_files(name, plant, command)), rig=rig)
+        check_command_outputs(to_folder("--out", out, export_files(name, plant, command)), rig=rig)
         check_ours(out, export_files(name, plant, command))
         with working("writing C"):
             exported = export_c(
@@ -131,7 +131,7 @@ def fmu_command(
     from distal.export import c_name, export_fmu
     from distal.rig import load_rig
 
-    check_outputs(to_file("--out", out), rig=rig)
+    check_command_outputs(to_file("--out", out), rig=rig)
     name = c_name(f"{Path(rig).stem}_{estimator}") if name is None else name
     what = (
         "writing C and compiling it"

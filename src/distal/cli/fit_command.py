@@ -17,7 +17,7 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.console import err, say, table
-from distal.cli.paths import check_ending, check_outputs, to_file, to_folder, write_each
+from distal.cli.paths import check_command_outputs, check_ending, to_file, to_folder, write_each
 from distal.cli.shared_options import (
     MemoryOption,
     RepeatedOption,
@@ -123,7 +123,7 @@ def fit_command(
 
     check_ending(out, "a rig file")
     outputs = [*to_file("--out", out), *to_folder("--report", report, FIT_PAGES)]
-    check_outputs(
+    check_command_outputs(
         outputs, logs=[*logs, *([start] if start is not None else [])], rig=rig, truth=truth
     )
     for path, count in Counter(map(os.path.realpath, logs)).items():

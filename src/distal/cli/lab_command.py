@@ -10,7 +10,7 @@ from typing import Annotated
 from typer import Option
 
 from distal.cli.console import say, working
-from distal.cli.paths import check_outputs, to_page
+from distal.cli.paths import check_command_outputs, to_page
 from distal.cli.shared_options import EstimatorOption, RigArgument, SetOption
 
 
@@ -30,7 +30,7 @@ def lab_command(
     from distal.lab import check_ziglang, lab_page
     from distal.rig import load_rig
 
-    check_outputs(to_page("--out", out), rig=rig)
+    check_command_outputs(to_page("--out", out), rig=rig)
     described = load_rig(rig, set_ or ())
     check_ziglang()
     settings = (f"--set {shlex.quote(setting)}" for setting in set_ or ())

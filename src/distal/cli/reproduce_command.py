@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from distal.cli.console import err, say, table
-from distal.cli.paths import check_outputs, to_folder
+from distal.cli.paths import check_command_outputs, to_folder
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -38,7 +38,7 @@ def reproduce_command(
     from distal.paper.map import SEARCH_FILES
     from distal.paper.paper_page import REPRODUCTION_FILES
 
-    check_outputs(to_folder("--out", out, SEARCH_FILES if search else REPRODUCTION_FILES))
+    check_command_outputs(to_folder("--out", out, SEARCH_FILES if search else REPRODUCTION_FILES))
     if lab is not None and search:
         raise typer.BadParameter("--lab is for the reproduction; leave it out with --search")
     columns = (
@@ -103,13 +103,13 @@ def _reproduce(out: Path, progress: Progress, lab: Path | None) -> None:
 
 def _search(out: Path, progress: Progress) -> None:
     """Search for the rig that the authors may have had, and say what holds on it."""
-    from distal.paper.map import SEARCH_FILES, described, write_search
-    from distal.paper.rig_search import DRAWN, search
+    from distal.paper.map import SEARCH_FILES, search_in_words, write_search
+    from distal.paper.rig_search import DRAWN, search_rigs
 
     task = progress.add_task("simulating plants", total=sum(DRAWN))
-    searched = search(lambda done: progress.update(task, completed=done))
+    searched = search_rigs(lambda done: progress.update(task, completed=done))
     write_search(searched, out)
     progress.stop()
-    for line in described(searched):
+    for line in search_in_words(searched):
         say(line)
     say(f"wrote {', '.join(f'{out}/{name}' for name in SEARCH_FILES)}")

@@ -11,7 +11,7 @@ import typer
 from typer import Argument, Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_new, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_new, to_file
 from distal.cli.shared_options import RigArgument, SetOption
 from distal.rounded import rounded
 
@@ -26,7 +26,7 @@ GEOMETRY = re.compile(
 app = typer.Typer(help="Look at rig files and make new ones.", no_args_is_help=True)
 
 
-def list_command() -> None:
+def list_rigs_command() -> None:
     """List the shipped rigs."""
     from distal.rig import load_rig, shipped_rigs
 
@@ -135,7 +135,7 @@ def draw_command(
     from distal.rig import load_rig
 
     plot_kind(out)
-    check_outputs(to_file("--out", out), rig=rig)
+    check_command_outputs(to_file("--out", out), rig=rig)
     description = load_rig(rig, set_ or ())
     with working("drawing"):
         save_figure(draw_rig(description), out)
@@ -143,7 +143,7 @@ def draw_command(
 
 
 @app.command("show")
-def show_command(name: RigArgument, set_: SetOption = None) -> None:
+def show_rig_command(name: RigArgument, set_: SetOption = None) -> None:
     """Print a rig's file, with the values of --set put in, to copy and change."""
     from distal.rig import edited_text
 
@@ -161,7 +161,7 @@ def new_command(
     if out is None:
         print(template_text(), end="")
         return
-    check_outputs(to_file("OUT", out))
+    check_command_outputs(to_file("OUT", out))
     check_new(out)
     write_whole(out, template_text())
     say(f"wrote {out}; edit it, then `distal rig check {out}`")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from distal.cli.console import say, table
-from distal.cli.paths import check_ending, check_new, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_ending, check_new, to_file
 from distal.cli.rig_commands import app as app
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def _write(imported: Imported, out: Path, source: str) -> None:
 
 def _check(out: Path, *inputs: Path | None) -> None:
     given: Sequence[Path] = [path for path in inputs if path is not None]
-    check_outputs(to_file("--out", out), logs=list(given))
+    check_command_outputs(to_file("--out", out), logs=list(given))
     check_ending(out, "a rig file")
     check_new(out)
 
@@ -103,7 +103,7 @@ def from_mjcf_command(
     from distal.errors import RigError
     from distal.rig import from_mujoco
 
-    check_outputs(
+    check_command_outputs(
         to_file("--out", out), rig=str(model), logs=[compare] if compare is not None else []
     )
     if length_unit not in LENGTH_UNITS:

@@ -12,7 +12,7 @@ import typer
 from typer import Option
 
 from distal.cli.console import say, table, warn, working
-from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import ScenarioArgument, SeedOption, SetOption, rigs
 
 if TYPE_CHECKING:
@@ -67,10 +67,10 @@ def simulate_command(
     if runs is not None:
         from distal.cli.many_logs_command import logs_of, simulate_many
 
-        check_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
+        check_command_outputs(logs_of(seed, runs, out), rig=description.rig, scenario=scenario)
         simulate_many(rig, description, seed, runs, out, settings, truth=truth)
         return
-    check_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
+    check_command_outputs(to_file("--out", out), rig=description.rig, scenario=scenario)
     check_ending(out, "a table")
     with working("simulating"):
         log = simulate(rig, description, seed)
@@ -95,7 +95,7 @@ def _toml(value: object) -> str:
     return tomlkit.item(value).as_string()
 
 
-def list_command() -> None:
+def list_scenarios_command() -> None:
     """List the shipped scenarios."""
     from distal.simulation import load_scenario, shipped_scenarios
 
@@ -107,7 +107,7 @@ def list_command() -> None:
 
 
 @app.command("show")
-def show_command(name: ScenarioArgument) -> None:
+def show_scenario_command(name: ScenarioArgument) -> None:
     """Print a scenario's file, to copy and change."""
     from distal.simulation import scenario_text
 

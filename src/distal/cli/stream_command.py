@@ -20,7 +20,7 @@ import typer
 from typer import Option
 
 from distal.cli.console import warn, working
-from distal.cli.paths import check_ending, check_outputs, to_file
+from distal.cli.paths import check_command_outputs, check_ending, to_file
 from distal.cli.shared_options import EstimatorOption, RigOption, SetOption, UnitOption
 from distal.errors import LogError, OutputError, printable
 
@@ -77,7 +77,7 @@ def stream_command(
         raise OutputError("standard input or output is closed")
     if udp is not None and udp == to_udp:
         raise OutputError(f"--to-udp {to_udp}: is the port that --udp reads; give another port")
-    check_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
+    check_command_outputs(to_file("--record", record), rig=rig, stdin=udp is None)
     check_ending(record, "a recording")
     described = load_rig(rig, set_ or ())
     with working("preparing the filter"):

@@ -115,7 +115,7 @@ def _suggest(plan: Plan) -> None:
     say(f"most by the band: {options[0].words}; Kendall's tau of the two ranks: {tau:.2f}")
 
 
-def list_command() -> None:
+def list_studies_command() -> None:
     """List the shipped studies."""
     from distal.study import load_study, shipped_studies
 

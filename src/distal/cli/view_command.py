@@ -11,7 +11,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from distal.cli.console import say, working
-from distal.cli.paths import check_outputs, to_page
+from distal.cli.paths import check_command_outputs, to_page
 from distal.cli.shared_options import (
     EstimatorOption,
     MemoryOption,
@@ -58,7 +58,7 @@ def view_command(
     from distal.run import estimate
 
     check_plotly()
-    check_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
+    check_command_outputs(to_page("--out", out), logs=[log], rig=rig, truth=truth)
     description = load_rig(rig, settings(set_, repeated))
     samples = read_log(log, description, truth)
     home = homing_time(homing)

@@ -15,7 +15,7 @@ from distal.control.closed_loop import (
 from distal.control.control_figures import plot_control
 from distal.control.controlled_plant import ControlledPlant, SteppedPlant
 from distal.control.pid import PID, Held
-from distal.control.tracking import Hunting, Tracking, track
+from distal.control.tracking import Hunting, Tracking, trackings_of
 
 __all__ = [
     "COMMAND",
@@ -33,5 +33,5 @@ __all__ = [
     "plot_control",
     "run_controller",
     "simulate",
-    "track",
+    "trackings_of",
 ]

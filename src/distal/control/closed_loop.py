@@ -22,8 +22,7 @@ from distal.logs import Log
 from distal.rig import Rig, load_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
-from distal.simulation import Scenario, load_scenario
-from distal.simulation import simulate as simulate_alone
+from distal.simulation import Scenario, load_scenario, simulate_plant
 from distal.simulation.simulate import SIMULATED, true_motion
 from distal.suggestions import did_you_mean
 from distal.units import to_si
@@ -115,7 +114,7 @@ def simulate(
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     if controller is None and scenario.control is None:
-        return simulate_alone(rig, scenario, seed)
+        return simulate_plant(rig, scenario, seed)
     return closed_loop(
         rig, scenario, seed, controller=controller, period=period, feedback=estimator
     ).log

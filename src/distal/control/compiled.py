@@ -15,7 +15,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.control.controlled_plant import ControlledPlant, drive_numbers
-from distal.control.pid import GAINS, gains_of, memory_layout, pid_function
+from distal.control.pid import GAINS, memory_layout, pid_function, pid_gains_of
 from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
 from distal.model import Mechanism
@@ -28,7 +28,7 @@ from distal.sensor_errors import (
     quantised,
     quantised_values,
 )
-from distal.simulation.plant import Motion, plant_function, rows_of
+from distal.simulation.plant import PlantMotion, plant_function, rows_of
 from distal.simulation.readings import Readings, reading_function
 
 
@@ -172,7 +172,7 @@ class Scanned:
     and their stds are what the controller was told [rad], commands what it asked for [N or N m].
     """
 
-    motion: Motion
+    motion: PlantMotion
     readings: Floats
     estimates: Floats
     stds: Floats
@@ -234,7 +234,7 @@ def scan_loop(
     parts += [
         Mechanism(rig).parameters.values,
         errors.numbers.ravel(),
-        gains_of(control.joints).T.ravel(),
+        pid_gains_of(control.joints).T.ravel(),
     ]
     parts += [
         drive_numbers(plant.rig, prepared.dt).T.ravel(),
@@ -244,11 +244,11 @@ def scan_loop(
         loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(parts))
     ).ys
     out = {name: shape.y.view(ys, name) for name in ("plant", "read", "asked", "angles", "stds")}
-    motion = Motion(plant, np.vstack([begin, out["plant"]]))
+    motion = PlantMotion(plant, np.vstack([begin, out["plant"]]))
     motion.check()
     estimates = np.vstack([angles, out["angles"][:-1]])
     stds = np.vstack([stds, out["stds"][:-1]])
     if not (np.isfinite(estimates).all() and np.all(stds <= LOST)):
         return None
     readings = np.vstack([first, out["read"][:-1]])
-    return Scanned(Motion(plant, motion.y[:-1]), readings, estimates, stds, out["asked"])
+    return Scanned(PlantMotion(plant, motion.y[:-1]), readings, estimates, stds, out["asked"])

@@ -23,7 +23,7 @@ from distal.rig import Rig
 from distal.sensor_errors import SensorErrors
 from distal.simulation import Scenario
 from distal.simulation.plant import (
-    Motion,
+    PlantMotion,
     at_rest,
     equilibrium,
     plant_kernel,
@@ -199,7 +199,7 @@ class ControlledPlant:
         self._carry = carries[-1]
         self._y[self._done + 1 : end + 1] = ys
         try:
-            Motion(self.plant, ys).check()
+            PlantMotion(self.plant, ys).check()
         except ScenarioError as problem:
             pulls = ", ".join(
                 f"{drive.name} {pull:.3g}" for drive, pull in zip(self._drives, self._efforts)
@@ -213,7 +213,7 @@ class ControlledPlant:
         grid: Floats = self.prepared.dt * np.arange(self._done + 1, dtype=np.float64)
         stamps = self._stamps[: self._taken]
         values = self._samples[: self._taken]
-        truth = true_motion(Motion(self.plant, self._y[: self._done + 1]), grid, stamps)
+        truth = true_motion(PlantMotion(self.plant, self._y[: self._done + 1]), grid, stamps)
         channels = {sensor.name: values[:, k] for k, sensor in enumerate(self.plant.rig.sensors)}
         return Log(stamps, channels, truth, self.prepared.scenario.name or "simulation", SIMULATED)
 

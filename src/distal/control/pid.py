@@ -129,7 +129,7 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
     return ca.Function("pid", arguments, [ca.densify(memory_after)])
 
 
-def gains_of(joints: Mapping[str, JointControl]) -> Floats:
+def pid_gains_of(joints: Mapping[str, JointControl]) -> Floats:
     """Return the gains of some joints, (5, n), in the order of `GAINS`."""
     columns = [[getattr(joint, name) for name in GAINS] for joint in joints.values()]
     return np.array(
@@ -156,7 +156,7 @@ class PID:
         self._references = [joint.reference for joint in joints.values()]
         self._period = period
         numbers = Mechanism(rig).parameters.values
-        self._fixed = (gains_of(joints).T.ravel(), period, co_contraction, numbers)
+        self._fixed = (pid_gains_of(joints).T.ravel(), period, co_contraction, numbers)
         self.memory = np.zeros(self._layout.size)
         self.held: tuple[Held, ...] = ()
 

@@ -60,7 +60,7 @@ class Tracking:
     hunting: tuple[Hunting, ...]
 
 
-def track(run: ClosedLoop) -> tuple[Tracking, ...]:
+def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
     names = [joint.name for joint in run.rig.joints]
     effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))

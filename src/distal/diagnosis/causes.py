@@ -19,7 +19,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.explanations import UNIT_FACTORS
-from distal.diagnosis.rerun import Change
+from distal.diagnosis.rerun import ModelChange
 from distal.rig import Sensor
 
 BEYOND = 3.0
@@ -95,25 +95,25 @@ class Cause:
         return float(np.hypot(np.log(max(abs(factor), 1e-6)) / self.std, turned))
 
     @property
-    def undone(self) -> list[Change]:
+    def undone(self) -> list[ModelChange]:
         """The changes of readings, or of the rig's numbers, of which each takes it off."""
         factor = 1.0 + self.change
         if self.kind == "zero":
-            return [Change(added={self.subject: -self.change})]
+            return [ModelChange(added={self.subject: -self.change})]
         if self.kind == "delay":
-            return [Change(later={self.subject: self.change})]
+            return [ModelChange(later={self.subject: self.change})]
         if self.kind == "swap":
-            return [Change(exchanged=tuple(self.subject.split(" and ")))]
+            return [ModelChange(exchanged=tuple(self.subject.split(" and ")))]
         if factor == 0.0:
             return []
         if self.kind in ("arm", "friction"):
-            return [Change(numbers=dict.fromkeys(self.paths, factor))]
+            return [ModelChange(numbers=dict.fromkeys(self.paths, factor))]
         is_place = self.kind == "scale"
-        reading = Change(channels={self.subject: 1 / factor if is_place else factor})
+        reading = ModelChange(channels={self.subject: 1 / factor if is_place else factor})
         if not self.paths or factor < 0.0:
             return [reading]
         number = factor if is_place else 1 / factor
-        return [reading, Change(numbers=dict.fromkeys(self.paths, number))]
+        return [reading, ModelChange(numbers=dict.fromkeys(self.paths, number))]
 
     @property
     def beyond(self) -> bool:

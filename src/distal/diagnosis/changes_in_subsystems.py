@@ -9,11 +9,11 @@ from operator import and_
 
 import numpy as np
 
-from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.estimators.adaptive.independent_subsystems import Apart
 
 
-def each_apart(rerun: Rerun, changes: Sequence[Change]) -> Iterator[tuple[int, Outcome]]:
+def each_apart(rerun: Rerun, changes: Sequence[ModelChange]) -> Iterator[tuple[int, Outcome]]:
     """Yield the index of each change with what the filter gives as if it were the only one, in any
     order.
     """
@@ -46,7 +46,7 @@ def each_apart(rerun: Rerun, changes: Sequence[Change]) -> Iterator[tuple[int, O
         runs = lost
 
 
-def _part_of(rerun: Rerun, change: Change) -> int | None:
+def _part_of(rerun: Rerun, change: ModelChange) -> int | None:
     """Return the part that a change concerns alone; None where there is no such part."""
     runner = rerun.runner
     states = [runner.state_names.index(name) for name in change.shifts]

@@ -52,7 +52,7 @@ expected.
 
 
 @dataclass(frozen=True)
-class Channels:
+class ChannelStatistics:
     """What the innovations of each channel are like, and what share of its samples was compared.
 
     Ratios are means of ν²/S, NaN where nothing was compared, correlations of neighbouring
@@ -118,7 +118,7 @@ class Channels:
         return findings
 
 
-def channels_of(estimate: Estimate) -> Channels:
+def channel_statistics_of(estimate: Estimate) -> ChannelStatistics:
     """Return what the innovations of an estimate are like."""
     # beside what is usual of this rig in free motion, where logs said it
     usual = np.array(estimate.usual or [(1.0, 0.0)] * len(estimate.measured)).reshape(-1, 2)
@@ -126,7 +126,7 @@ def channels_of(estimate: Estimate) -> Channels:
     # the first moments still settle what the prior left open
     settled = estimate.time >= estimate.time[0] + min(0.5, 0.1 * float(np.ptp(estimate.time)))
     columns = scaled[settled].T
-    return Channels(
+    return ChannelStatistics(
         estimate.measured,
         tuple(_mean(column**2) for column in columns),
         tuple(_neighbours(column) * (1.0 - rho) for column, rho in zip(columns, usual[:, 1])),

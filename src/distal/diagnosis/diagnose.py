@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.against_truth import LOST, against_truth, causes
-from distal.diagnosis.channel_statistics import channels_of
+from distal.diagnosis.channel_statistics import channel_statistics_of
 from distal.diagnosis.comparison import disagreement, disagreement_with_map
 from distal.diagnosis.explanations import explanations
 from distal.diagnosis.finding import Finding
@@ -88,9 +88,9 @@ def diagnose(
     further += disagreement(result, log, rig, homing) + disagreement_with_map(
         result, log, rig, homing
     )
-    channels = channels_of(result)
+    channels = channel_statistics_of(result)
     if what_if and any(finding.contradicts for finding in channels.findings()):
-        channels = channels_of(with_learned_numbers(result, rerun()))
+        channels = channel_statistics_of(with_learned_numbers(result, rerun()))
     first = diagnose_estimate(result, further, channels)
     if not what_if:
         return first

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.finding import Finding
-from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.diagnosis.what_if import contradictions
 from distal.rig import REFERENCES
 
@@ -95,7 +95,7 @@ def explanations(rerun: Rerun) -> list[Finding]:
     return [Finding("looks like", explain[0][2].subject, ", or ".join(list(alike.values())[:2]))]
 
 
-def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
+def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, ModelChange]]:
     for sensor in rerun.runner.rig.sensors:
         if sensor.name in rerun.runner.channels and sensor.measures not in REFERENCES:
             for factor, words in UNIT_FACTORS.items():
@@ -103,11 +103,11 @@ def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
                 if like is not None:
                     yield (
                         texts.looks(sensor.name, like),
-                        Change(channels={sensor.name: factor}),
+                        ModelChange(channels={sensor.name: factor}),
                     )
 
 
-def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
+def _gears(rerun: Rerun) -> Iterator[tuple[Finding, ModelChange]]:
     """Yield for each capstan the ratio of a gear that fits best, on its angle and its torque."""
     rig = rerun.runner.rig
     channels = rerun.runner.channels
@@ -127,8 +127,8 @@ def _gears(rerun: Rerun) -> Iterator[tuple[Finding, Change]]:
             )
 
 
-def _geared(powers: dict[str, int], ratio: float) -> Change:
-    return Change(channels={name: ratio**power for name, power in powers.items()})
+def _geared(powers: dict[str, int], ratio: float) -> ModelChange:
+    return ModelChange(channels={name: ratio**power for name, power in powers.items()})
 
 
 def _best_ratio(rerun: Rerun, powers: dict[str, int]) -> float:

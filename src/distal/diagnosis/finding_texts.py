@@ -179,7 +179,7 @@ ZERO = "zero or pre-tension"
 """What nothing proximal tells apart."""
 
 
-def cannot_test(subject: str) -> Finding:
+def cannot_be_tested(subject: str) -> Finding:
     """Return the finding that no sensor tests this sensor, drive or number of the rig."""
     return Finding(
         "cannot test", subject, f"{subject}: an error there changes the angle but no innovation"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from distal.diagnosis.channel_statistics import Channels, channels_of
+from distal.diagnosis.channel_statistics import ChannelStatistics, channel_statistics_of
 from distal.diagnosis.finding import Finding
 from distal.diagnosis.states import left_their_priors, turning_too_far, undeclared_friction
 from distal.results.estimate import Estimate
@@ -61,7 +61,7 @@ class Diagnosis:
 
 
 def diagnose_estimate(
-    estimate: Estimate, further: Sequence[Finding] = (), channels: Channels | None = None
+    estimate: Estimate, further: Sequence[Finding] = (), channels: ChannelStatistics | None = None
 ) -> Diagnosis:
     """Return what an estimate's innovations and states say, and what was found by other means, see
     `distal.diagnose`.
@@ -69,7 +69,7 @@ def diagnose_estimate(
     The `channels` are those of the estimate itself, or of one that began better
     (`with_learned_numbers`).
     """
-    channels = channels_of(estimate) if channels is None else channels
+    channels = channel_statistics_of(estimate) if channels is None else channels
     states = [
         *left_their_priors(estimate),
         *turning_too_far(estimate),
@@ -97,7 +97,9 @@ def diagnose_estimate(
     return Diagnosis(*statistics, text, (*contradicting, *silent), channels.tested)
 
 
-def _text(contradicting: Sequence[Finding], silent: Sequence[Finding], channels: Channels) -> str:
+def _text(
+    contradicting: Sequence[Finding], silent: Sequence[Finding], channels: ChannelStatistics
+) -> str:
     tested = channels.tested
     not_tested = [finding for finding in silent if finding.kind == "not tested"]
     hardly = [finding.text for finding in silent if finding.kind == "hardly compared"]

@@ -27,7 +27,7 @@ OUTLIER = Robustness().wild_force
 
 
 @dataclass(frozen=True)
-class Change:
+class ModelChange:
     """What is changed in a run: factors on channels, and on numbers of the rig, by their paths.
 
     To channels `added` is added, in their SI units, and to where states begin `shifts`; channels
@@ -46,9 +46,9 @@ class Change:
         """Whether what is read is changed, and with it the first sample."""
         return bool(self.channels or self.added or self.later or self.exchanged)
 
-    def __and__(self, other: Change) -> Change:
+    def __and__(self, other: ModelChange) -> ModelChange:
         """Return both changes as one; two columns are exchanged by one of them."""
-        return Change(
+        return ModelChange(
             channels=_combined(self.channels, other.channels, operator.mul),
             added=_combined(self.added, other.added, operator.add),
             numbers=_combined(self.numbers, other.numbers, operator.mul),
@@ -113,7 +113,7 @@ class Rerun:
         assert isinstance(self._run.runner, AdaptiveFilter)
         self.runner = self._run.runner  # a homing move may give it other maps
         self._begun = dict[str, list[tuple[int, float]]]()
-        self.base = self(Change())
+        self.base = self(ModelChange())
 
     def covered(self, channel: str) -> float:
         """Return the range of a channel's samples, in its SI unit."""
@@ -122,11 +122,11 @@ class Rerun:
             float(np.nanmax(readings) - np.nanmin(readings)) if np.isfinite(readings).any() else 0.0
         )
 
-    def __call__(self, change: Change) -> Outcome:
+    def __call__(self, change: ModelChange) -> Outcome:
         """Return what the filter gives with a change."""
         return next(self.each([change]))
 
-    def each(self, changes: Iterable[Change]) -> Iterator[Outcome]:
+    def each(self, changes: Iterable[ModelChange]) -> Iterator[Outcome]:
         """Yield what the filter gives with each of several changes, side by side in vector
         lanes.
         """
@@ -157,7 +157,7 @@ class Rerun:
             self._begun[path] = [(int(i), float(means[i])) for i in moved]
         return self._begun[path]
 
-    def _changed(self, change: Change) -> tuple[Belief, Floats, Floats]:
+    def _changed(self, change: ModelChange) -> tuple[Belief, Floats, Floats]:
         """Return belief, samples and parameters of a run with a change."""
         runner = self.runner
         run = self._run

@@ -12,7 +12,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.diagnosis.causes import Cause
 from distal.diagnosis.drive_residuals import INDEPENDENT
-from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.estimators import AdaptiveFilter
 from distal.logs import true_angles
 from distal.rig import Parameter
@@ -64,7 +64,7 @@ class Trial:
     """
 
     cause: Cause
-    change: Change
+    change: ModelChange
     gain: float = 0.0
     errors: Floats = field(default_factory=lambda: np.zeros(0))
     before: Floats = field(default_factory=lambda: np.zeros(0))

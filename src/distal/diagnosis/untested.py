@@ -18,7 +18,7 @@ from distal.confidence import BAND
 from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.changes_in_subsystems import each_apart
 from distal.diagnosis.finding import Finding, Kind
-from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.diagnosis.what_if import contradictions
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
@@ -64,7 +64,7 @@ def untestable(rerun: Rerun) -> list[Finding]:
     of_base = contradictions(rerun, rerun.base)
     drives = [drive.name for drive in rerun.runner.rig.drives]
     found: dict[str, list[str]] = {}
-    kinds: dict[tuple[str, tuple[str, ...]], list[Change]] = {}
+    kinds: dict[tuple[str, tuple[str, ...]], list[ModelChange]] = {}
     for group, concerned, change in _changes(rerun):
         kinds.setdefault((group, concerned), []).append(change)
         found.setdefault(group, [])
@@ -81,7 +81,8 @@ def untestable(rerun: Rerun) -> list[Finding]:
                 found[group] += [drive for drive in concerned if drive not in found[group]]
     groups = {group: named for group, named in found.items() if named}
     return [
-        texts.cannot_test(f"{group} of {_listed(named, drives)}") for group, named in groups.items()
+        texts.cannot_be_tested(f"{group} of {_listed(named, drives)}")
+        for group, named in groups.items()
     ]
 
 
@@ -91,7 +92,7 @@ def _listed(named: Sequence[str], drives: Sequence[str]) -> str:
     return ", ".join(sorted(named, key=drives.index))
 
 
-def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
+def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]:
     """Yield a group, the drives that a change concerns, one or all of them, and the change."""
     runner = rerun.runner
     rig = runner.rig
@@ -114,28 +115,28 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], Change]]:
         place = read.get("position")
         force = read.get("force")
         for factor in (*FACTORS, *GROSS) if place is not None else ():
-            yield texts.SCALE, (drive.name,), Change(channels={str(place): factor})
+            yield texts.SCALE, (drive.name,), ModelChange(channels={str(place): factor})
         for factor in FACTORS:
             for path in arms.get(drive.name, ()):
-                yield texts.SCALE, (drive.name,), Change(numbers={path: factor})
+                yield texts.SCALE, (drive.name,), ModelChange(numbers={path: factor})
         for factor in (*FACTORS, *GROSS) if force is not None else ():
-            yield texts.COMPLIANCE, (drive.name,), Change(channels={str(force): factor})
+            yield texts.COMPLIANCE, (drive.name,), ModelChange(channels={str(force): factor})
         for factor in FACTORS if springs.get(drive.name) else ():
             yield (
                 texts.COMPLIANCE,
                 (drive.name,),
-                Change(numbers=dict.fromkeys(springs[drive.name], factor)),
+                ModelChange(numbers=dict.fromkeys(springs[drive.name], factor)),
             )
         for sign in (1.0, -1.0) if place is not None else ():
             shift = sign * ZERO * rerun.covered(str(place))
-            yield texts.ZERO, (drive.name,), Change(added={str(place): shift})
+            yield texts.ZERO, (drive.name,), ModelChange(added={str(place): shift})
     for group, paths_of in ((texts.SCALE, arms), (texts.COMPLIANCE, springs)):
         together = [path for paths in paths_of.values() for path in paths]
         for factor in FACTORS if together else ():
             yield (
                 group,
                 tuple(drive.name for drive in rig.drives),
-                Change(numbers=dict.fromkeys(together, factor)),
+                ModelChange(numbers=dict.fromkeys(together, factor)),
             )
 
 

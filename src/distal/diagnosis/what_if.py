@@ -13,7 +13,7 @@ from distal.diagnosis import finding_texts as texts
 from distal.diagnosis.changes_in_subsystems import each_apart
 from distal.diagnosis.finding import Finding, Kind
 from distal.diagnosis.of_estimate import diagnose_estimate
-from distal.diagnosis.rerun import Change, Outcome, Rerun
+from distal.diagnosis.rerun import ModelChange, Outcome, Rerun
 from distal.estimators import StateKind, state_units
 from distal.results import Estimate
 
@@ -73,7 +73,7 @@ def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
             shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
-    changes = [Change(shifts={name: shift}) for name, shift in shifts]
+    changes = [ModelChange(shifts={name: shift}) for name, shift in shifts]
     for i, away in each_apart(rerun, changes):
         if away.bounded:
             change = (away.means - base.means)[settled, :joints]
@@ -102,7 +102,7 @@ def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
         rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds
     )
     outcome = rerun(
-        Change(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)})
+        ModelChange(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)})
     )
     measured = rerun.runner.measured
     if not outcome.bounded or not set(result.measured) <= set(measured):

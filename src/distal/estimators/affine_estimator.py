@@ -26,9 +26,9 @@ from distal.regression import (
     calibrate_window,
     first_memory,
     fit_coefficients,
+    map_coefficients_of,
     map_function,
     memory_size,
-    numbers_of,
     seen,
     student,
 )
@@ -140,7 +140,7 @@ class AffineEstimator(KernelEstimator):
     def _learn(self, affine: Affine) -> None:
         """Take a map, with a new kernel where there is none yet."""
         self.affine = affine
-        self._p = frozen(numbers_of(affine))
+        self._p = frozen(map_coefficients_of(affine))
         self._begin = None
         if self._kernel is None:
             self._kernel = Kernel(affine_function(affine, len(self.channels)), self._compiled)
@@ -238,7 +238,7 @@ def affine_function(affine: Affine, width: int) -> ca.Function:
     layout = carry_layout(nj + 1, map=memory_size(affine))
     carry = ca.SX.sym("carry", layout.size)
     x = ca.SX.sym("x", 1 + 2 * width)
-    p = ca.SX.sym("p", len(numbers_of(affine)))
+    p = ca.SX.sym("p", len(map_coefficients_of(affine)))
     no = ca.SX.zeros(nj)
     function = map_function(affine, width, [False] * width)
     values, _, variances, far, memory = function.call(

@@ -18,7 +18,7 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators.affine_samples import WILD, sample_problem, wild_problem
 from distal.estimators.belief import Belief, Innovation, innovation
-from distal.estimators.gaps import rows_of
+from distal.estimators.gaps import rows_with_gaps
 from distal.estimators.read_channels import Channels
 from distal.estimators.report import NOTHING_REPORTED
 from distal.estimators.state_kinds import state_units
@@ -369,7 +369,7 @@ class KernelEstimator:
         Raises:
             EstimationError: a gap is too long.
         """
-        return rows_of(self.name, steps, samples, self.interval, self.bridged)
+        return rows_with_gaps(self.name, steps, samples, self.interval, self.bridged)
 
 
 def _number(name: str, time: object) -> float:

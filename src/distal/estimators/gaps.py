@@ -69,7 +69,7 @@ def fill(
     np.multiply(is_finite[:bridged], bridge(rows_after + 1), out=mask[:bridged])
 
 
-def rows_of(
+def rows_with_gaps(
     name: str, steps: Floats, samples: Floats, interval: float, bridged: int
 ) -> tuple[Floats, NDArray[np.intp]]:
     """Return a kernel's rows (dt, values, mask) for a log, and the index of each sample's own row.

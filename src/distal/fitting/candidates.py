@@ -21,8 +21,8 @@ from distal.fitting.map_samples import (
     partly_homed,
     with_reference_error,
 )
-from distal.fitting.missing_terms import Part
-from distal.fitting.parameter_estimates import Numbers
+from distal.fitting.missing_terms import MissingTerm
+from distal.fitting.parameter_estimates import ParameterEstimates
 from distal.logs import Log, true_angles
 from distal.regression import (
     Errors,
@@ -75,7 +75,7 @@ class Training:
     rig: Rig
     options: Options
     unknown: tuple[str, ...] = ()
-    part: Part | None = None
+    part: MissingTerm | None = None
 
     @classmethod
     def of(cls, logs: Sequence[Log], rig: Rig, options: Options) -> Training:
@@ -114,14 +114,14 @@ class Candidate:
 
     name: str
     rig: Rig
-    numbers: Numbers | None
+    numbers: ParameterEstimates | None
     hold: bool
     maps: Mapping[str, MapFit]
     error: float
     beyond: float
     data: Mapping[int, Samples]
     refused: tuple[str, ...] = ()
-    part: Part | None = None
+    part: MissingTerm | None = None
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,10 @@ class _Run:
 
 
 def filter_candidate(
-    name: str, training: Training, numbers: Numbers | None, previous: Sequence[Candidate] = ()
+    name: str,
+    training: Training,
+    numbers: ParameterEstimates | None,
+    previous: Sequence[Candidate] = (),
 ) -> Candidate:
     """Return the candidate of a filter with some numbers, None for the rig's own, and the map of
     what its angle then lacks.
@@ -191,7 +194,7 @@ def filter_candidate(
     )
 
 
-def _surest(run: _Run, training: Training, numbers: Numbers | None) -> _Run:
+def _surest(run: _Run, training: Training, numbers: ParameterEstimates | None) -> _Run:
     """Return what a filter makes of the logs that takes the numbers as they are, where it errs far
     less.
     """
@@ -215,8 +218,8 @@ def _rms(
     return error if np.isfinite(error) else unknown
 
 
-def _run(training: Training, numbers: Numbers | None, hold: bool) -> _Run:
-    def described_by(source: Numbers) -> Rig:
+def _run(training: Training, numbers: ParameterEstimates | None, hold: bool) -> _Run:
+    def described_by(source: ParameterEstimates) -> Rig:
         return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
 
     rig = training.rig

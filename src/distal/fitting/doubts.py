@@ -119,7 +119,7 @@ def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[s
     return lines
 
 
-def contradictions(problem: Problem, optimum: Optimum) -> list[str]:
+def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
     """Return a doubt about logs that can be explained only with their own numbers: one sentence, or
     none.
 

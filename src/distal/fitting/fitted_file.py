@@ -73,7 +73,7 @@ def _anew(rig: Rig) -> str:
     """
     import tomlkit
 
-    written = tomlkit.dumps(plain(rig.model_dump(exclude_defaults=True)))
+    written = tomlkit.dumps(plain_value(rig.model_dump(exclude_defaults=True)))
     if _read(written) != rig:
         raise OutputError(
             f"{rig.name}: the fitted rig cannot be written so that it reads as the same",
@@ -86,7 +86,7 @@ def _read(text: str) -> Rig:
     return build_rig(parse_toml(text, "fitted rig", RigError), "fitted rig")
 
 
-def plain(raw: Mapping[str, object]) -> dict[str, object]:
+def plain_value(raw: Mapping[str, object]) -> dict[str, object]:
     """Return a description as TOML can hold it: no empty values, no SI tags that are found again on
     reading.
     """
@@ -95,7 +95,7 @@ def plain(raw: Mapping[str, object]) -> dict[str, object]:
 
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
-        return plain(value)
+        return plain_value(value)
     return [_plain(part) for part in value] if isinstance(value, (list, tuple)) else value
 
 

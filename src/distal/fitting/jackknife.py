@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from distal.fitting.likelihood_search import search
-from distal.fitting.parameter_estimates import Numbers, fitted_numbers
+from distal.fitting.parameter_estimates import ParameterEstimates, fitted_numbers
 from distal.logs import Log
 from distal.regression import splits
 
@@ -23,7 +23,9 @@ AISTATS 2019), where the slopes of each log are known.
 """
 
 
-def numbers_without(numbers: Numbers, logs: Sequence[Log], folds: Sequence[int]) -> list[Numbers]:
+def numbers_without(
+    numbers: ParameterEstimates, logs: Sequence[Log], folds: Sequence[int]
+) -> list[ParameterEstimates]:
     """Return for each fold the numbers that the other logs, with a truth, tell; those of all where
     there is one fold.
     """
@@ -32,7 +34,7 @@ def numbers_without(numbers: Numbers, logs: Sequence[Log], folds: Sequence[int])
     return [without(numbers, [logs[i] for i in out]) for out, _ in splits(folds)]
 
 
-def without(numbers: Numbers, logs: Sequence[Log]) -> Numbers:
+def without(numbers: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
     """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay
     those of all logs.
     """

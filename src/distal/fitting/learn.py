@@ -25,8 +25,13 @@ from distal.fitting.candidates import (
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedNumber, assignments, described
 from distal.fitting.learned_maps import MapFit, learn_contact
-from distal.fitting.missing_terms import Part, Tried, tried_parts, with_parts
-from distal.fitting.parameter_estimates import Numbers, among_models, numbers_of, problem_of
+from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts, with_parts
+from distal.fitting.parameter_estimates import (
+    ParameterEstimates,
+    among_models,
+    numbers_of,
+    problem_of,
+)
 from distal.fitting.progress import Progress, judging
 from distal.fitting.sensor_curves import curves
 from distal.logs import Log, true_torques
@@ -50,12 +55,12 @@ class Learned:
     """
 
     rig: Rig
-    numbers: Numbers
+    numbers: ParameterEstimates
     kept: bool
     hold: bool
     curves: Mapping[str, object]
     maps: Mapping[str, MapFit]
-    part: Part | None
+    part: MissingTerm | None
     candidates: tuple[Candidate, ...]
     doubts: tuple[str, ...]
 
@@ -79,7 +84,7 @@ def learn(
     rig: Rig,
     options: Options,
     progress: Progress | None = None,
-    parts: Sequence[Part] | None = None,
+    parts: Sequence[MissingTerm] | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Learned:
     """Return all that is learned from logs: the candidate that errs least on logs left out, and
@@ -111,8 +116,8 @@ class Judged:
     logs: Sequence[Log]
     training: Training
     line: MapFit | None
-    solutions: Sequence[Numbers]
-    models: Sequence[Numbers]
+    solutions: Sequence[ParameterEstimates]
+    models: Sequence[ParameterEstimates]
     chosen: Candidate
     candidates: Sequence[Candidate]
 
@@ -122,7 +127,7 @@ def judge(
     rig: Rig,
     options: Options,
     progress: Progress | None = None,
-    parts: Sequence[Part] | None = None,
+    parts: Sequence[MissingTerm] | None = None,
     early: Callable[[MapFit], None] | None = None,
 ) -> Judged:
     """Return the candidates for a description of some logs; see `learn`.
@@ -177,10 +182,10 @@ def _chosen(
     logs: Sequence[Log],
     training: Training,
     line: MapFit | None,
-    solutions: Sequence[Numbers],
-    parts: Sequence[Part] | None,
+    solutions: Sequence[ParameterEstimates],
+    parts: Sequence[MissingTerm] | None,
     progress: Progress | None,
-) -> tuple[Candidate, list[Candidate], list[Numbers]]:
+) -> tuple[Candidate, list[Candidate], list[ParameterEstimates]]:
     """Return the candidate that is written, all that were judged, and the numbers of all models of
     the equations.
 
@@ -206,14 +211,14 @@ def _chosen(
 def _judged(
     training: Training,
     line: MapFit,
-    solutions: Sequence[Numbers],
-    more: Sequence[tuple[Part, Numbers]],
+    solutions: Sequence[ParameterEstimates],
+    more: Sequence[tuple[MissingTerm, ParameterEstimates]],
     progress: Progress | None,
 ) -> tuple[Candidate, list[Candidate]]:
     """Return the best of the numbers, of the rig as it came, and of a line beside the better of
     these; and all of them.
     """
-    ways = list[tuple[str, Training, Numbers | None]]()
+    ways = list[tuple[str, Training, ParameterEstimates | None]]()
     for numbers in reversed(solutions):
         if not numbers.optimum.interrupted:
             ways.append((BY_EQUATIONS if numbers.by_equations else BY_FILTER, training, numbers))
@@ -236,7 +241,7 @@ def _judged(
     return best_of(candidates), candidates
 
 
-def _alone(numbers: Numbers, rig: Rig) -> Candidate:
+def _alone(numbers: ParameterEstimates, rig: Rig) -> Candidate:
     """Return the numbers as a description that nothing judges: no log has the angle of every
     joint.
     """

@@ -13,7 +13,7 @@ import numpy as np
 from distal.confidence import BAND
 from distal.errors import FitError
 from distal.estimators import affine_of, affine_samples
-from distal.fitting.fitted_file import MARK, fitted_text, plain
+from distal.fitting.fitted_file import MARK, fitted_text, plain_value
 from distal.fitting.map_samples import (
     contact_of,
     discrepancy_of,
@@ -98,7 +98,7 @@ class MapFit:
 
     def as_table(self) -> dict[str, object]:
         """Return the map as a table of a rig file."""
-        return plain(self.learned.model_dump())
+        return plain_value(self.learned.model_dump())
 
     def with_map(self, learned: LearnedMap) -> MapFit:
         """Return the same with another map of the kind."""

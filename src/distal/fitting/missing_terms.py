@@ -11,7 +11,7 @@ import numpy as np
 
 from distal.errors import DistalError
 from distal.fitting.fit_options import Options
-from distal.fitting.parameter_estimates import Numbers, by_equations, problem_of
+from distal.fitting.parameter_estimates import ParameterEstimates, by_equations, problem_of
 from distal.logs import Log
 from distal.rig import Pulley, Rig
 
@@ -34,7 +34,7 @@ PLAY = {"slider": 2e-4, "capstan": 0.02}
 
 
 @dataclass(frozen=True)
-class Part:
+class MissingTerm:
     """A part that a description may lack, added wherever it can be: path → what is put into the
     description.
     """
@@ -43,7 +43,7 @@ class Part:
     values: Mapping[str, object]
 
 
-def parts_of(rig: Rig) -> Iterator[Part]:
+def terms_of(rig: Rig) -> Iterator[MissingTerm]:
     """Yield the parts that may be added to a rig, one kind at a time."""
     sheaths: dict[str, object] = {}
     for tendon in rig.tendons:
@@ -71,13 +71,13 @@ def parts_of(rig: Rig) -> Iterator[Part]:
         for meeting in tendon.meetings
         if isinstance(meeting.shape, Pulley)
     }
-    yield Part("friction along the cable", sheaths)
-    yield Part(
+    yield MissingTerm("friction along the cable", sheaths)
+    yield MissingTerm(
         "creep of the tendons",
         {f"tendons.{t.name}.creep": creep for t in rig.tendons if t.creep is None},
     )
-    yield Part("play between drives and tendons", plays)
-    yield Part("moment arms that change with the angle", arms)
+    yield MissingTerm("play between drives and tendons", plays)
+    yield MissingTerm("moment arms that change with the angle", arms)
 
 
 @dataclass(frozen=True)
@@ -87,11 +87,13 @@ class Tried:
     Named are those with which the equations lack least, and the first together with another.
     """
 
-    named: tuple[tuple[Part, Numbers], ...] = ()
-    numbers: tuple[Numbers, ...] = ()
+    named: tuple[tuple[MissingTerm, ParameterEstimates], ...] = ()
+    numbers: tuple[ParameterEstimates, ...] = ()
 
 
-def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
+def tried_parts(
+    logs: Sequence[Log], rig: Rig, options: Options, numbers: ParameterEstimates
+) -> Tried:
     """Return what comes of the parts that a rig may lack, where its equations lack more than its
     sensors' noise.
     """
@@ -103,19 +105,22 @@ def tried_parts(logs: Sequence[Log], rig: Rig, options: Options, numbers: Number
     first, first_numbers = alone.named[0]
     pairs = _tried(logs, rig.with_values(first.values), options, first_numbers)
     together = tuple(
-        (Part(f"{first.name} and {second.name}", {**first.values, **second.values}), pair_numbers)
+        (
+            MissingTerm(f"{first.name} and {second.name}", {**first.values, **second.values}),
+            pair_numbers,
+        )
         for second, pair_numbers in pairs.named[:1]
     )
     return Tried((*alone.named[:MOST_NAMED], *together), (*alone.numbers, *pairs.numbers))
 
 
-def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) -> Tried:
+def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: ParameterEstimates) -> Tried:
     """Return what comes of one part more; named are those that leave clearly less, the least
     first.
     """
     if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
         return Tried()
-    fits = with_parts(parts_of(rig), logs, rig, options, numbers)
+    fits = with_parts(terms_of(rig), logs, rig, options, numbers)
     limit = NAMED * _residual(numbers)
     named = sorted(
         (fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1])
@@ -124,16 +129,20 @@ def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: Numbers) ->
 
 
 def with_parts(
-    parts: Iterable[Part], logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers
-) -> tuple[tuple[Part, Numbers], ...]:
+    parts: Iterable[MissingTerm],
+    logs: Sequence[Log],
+    rig: Rig,
+    options: Options,
+    begin: ParameterEstimates,
+) -> tuple[tuple[MissingTerm, ParameterEstimates], ...]:
     """Return the parts that the rig can have, with its numbers with each."""
     fits = [(part, numbers_with(part, logs, rig, options, begin)) for part in parts]
     return tuple((part, numbers) for part, numbers in fits if numbers is not None)
 
 
 def numbers_with(
-    part: Part, logs: Sequence[Log], rig: Rig, options: Options, begin: Numbers
-) -> Numbers | None:
+    part: MissingTerm, logs: Sequence[Log], rig: Rig, options: Options, begin: ParameterEstimates
+) -> ParameterEstimates | None:
     """Return the numbers of a rig's equations with a part more, None where the rig, as it came,
     cannot have it.
 
@@ -153,7 +162,7 @@ def numbers_with(
     return numbers
 
 
-def _residual(numbers: Numbers) -> float:
+def _residual(numbers: ParameterEstimates) -> float:
     """Return the geometric mean over all rows of √(mean ν²/S), a row within its sensors' noise as
     if it were as large.
     """

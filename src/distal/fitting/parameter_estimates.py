@@ -13,7 +13,7 @@ import numpy as np
 from distal.arrays import Bools, Floats
 from distal.errors import FitError, RigError
 from distal.fitting.choice_of_parameters import choose
-from distal.fitting.doubts import NOT_CONVERGED, contradictions, doubts_of, nis_of
+from distal.fitting.doubts import NOT_CONVERGED, doubts_of, nis_of, parameter_contradictions
 from distal.fitting.fit_filter import FitFilter, steps_of
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import FittedNumber
@@ -49,7 +49,7 @@ one more sensor.
 
 
 @dataclass(frozen=True)
-class Numbers:
+class ParameterEstimates:
     """The numbers of a rig as logs tell them, from the `problem` that was minimised, and the
     `optimum` where that ended.
 
@@ -74,7 +74,9 @@ class Numbers:
         return self.problem.asks_equations
 
 
-def numbers_of(problem: Problem, options: Options, progress: Progress | None) -> list[Numbers]:
+def numbers_of(
+    problem: Problem, options: Options, progress: Progress | None
+) -> list[ParameterEstimates]:
     """Return the numbers of a rig as logs tell them: those of its equations, and of its filter
     where it is asked.
 
@@ -95,8 +97,11 @@ def numbers_of(problem: Problem, options: Options, progress: Progress | None) ->
 
 
 def by_equations(
-    problem: Problem, options: Options, progress: Progress | None, begin: Numbers | None = None
-) -> Numbers | None:
+    problem: Problem,
+    options: Options,
+    progress: Progress | None,
+    begin: ParameterEstimates | None = None,
+) -> ParameterEstimates | None:
     """Return the numbers with which a rig's equations lack least, None where they cannot be asked;
     see `Equations`.
 
@@ -113,8 +118,8 @@ def by_equations(
 
 
 def by_filter(
-    problem: Problem, options: Options, begin: Numbers | None, progress: Progress | None
-) -> Numbers:
+    problem: Problem, options: Options, begin: ParameterEstimates | None, progress: Progress | None
+) -> ParameterEstimates:
     """Return the numbers with which a rig's filter predicts what is read best.
 
     The search begins with numbers of its equations; None for the rig's own, and a search of the
@@ -136,7 +141,7 @@ def by_filter(
     return _searched(problem, start, searching(progress, "by its filter"))
 
 
-def from_starts(problem: Problem, starts: Sequence[Rig]) -> Numbers:
+def from_starts(problem: Problem, starts: Sequence[Rig]) -> ParameterEstimates:
     """Return the numbers with which a rig's filter predicts what is read best, from the likeliest
     of some rigs.
     """
@@ -153,7 +158,9 @@ def _start(problem: Problem, options: Options) -> Floats:
     )
 
 
-def among_models(numbers: Numbers, models: Sequence[Numbers]) -> Numbers:
+def among_models(
+    numbers: ParameterEstimates, models: Sequence[ParameterEstimates]
+) -> ParameterEstimates:
     """Return numbers of equations with errors that know of other models: what these make of the
     same logs is as likely.
 
@@ -197,7 +204,7 @@ def _translated(
 
 def _searched(
     problem: Problem, start: Floats, progress: Callable[[int, float], None] | None
-) -> Numbers:
+) -> ParameterEstimates:
     """Return the most likely numbers: what the logs do not tell stays at its prior.
 
     What the logs tell only together with others is held one by one until the rest is told.
@@ -234,12 +241,12 @@ def _searched(
         doubts += doubts_of(problem, optimum.z, after)
         doubts += [] if optimum.converged else [NOT_CONVERGED]
         try:
-            doubts += contradictions(problem, optimum) if len(problem.data) > 1 else []
+            doubts += parameter_contradictions(problem, optimum) if len(problem.data) > 1 else []
         except KeyboardInterrupt:
             optimum = replace(optimum, interrupted=True)
     fitted = tuple(fitted_numbers(problem, optimum, uncertainty, left, held))
     begun = float(problem.costs([zero])[0])
-    return Numbers(
+    return ParameterEstimates(
         problem, optimum, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun
     )
 

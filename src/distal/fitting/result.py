@@ -14,7 +14,7 @@ from distal.errors import DistalError
 from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_parameters import paths_of
 from distal.fitting.fit_options import Options
-from distal.fitting.fitted_file import MARK, fitted_text, plain
+from distal.fitting.fitted_file import MARK, fitted_text, plain_value
 from distal.fitting.fitted_parameter import FittedNumber, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
@@ -286,7 +286,7 @@ class Fit:
         """
         learned = {name: map_fit.as_table() for name, map_fit in self.maps.items()}
         if self.rig.free_motion is not None:
-            learned["free_motion"] = plain(self.rig.free_motion.model_dump())
+            learned["free_motion"] = plain_value(self.rig.free_motion.model_dump())
         return {
             **self.added,
             **assignments(self.fitted, self.model, self.hold),

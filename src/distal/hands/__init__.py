@@ -4,7 +4,7 @@ from distal.hands.calibrate import Calibrated, calibrate
 from distal.hands.findings import Fault, FaultKind
 from distal.hands.hand import Hand, HandHealth
 from distal.hands.motors import AeroMotors, Motors, OrcaMotors
-from distal.hands.moved import moved
+from distal.hands.moved import moved_since
 from distal.hands.routine import Routine, RoutineOptions
 
 __all__ = [
@@ -19,5 +19,5 @@ __all__ = [
     "Routine",
     "RoutineOptions",
     "calibrate",
-    "moved",
+    "moved_since",
 ]

@@ -18,9 +18,9 @@ from distal.hands.findings import (
     Fault,
     check_units,
     faults_of,
+    motor_travel_of,
     slack_of,
     stopped_of,
-    travel_of,
 )
 from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
@@ -129,7 +129,7 @@ def calibrate(
     }
     found_rig = rig.with_values(values)
     sound_drives = {drive.name for part in sound for drive in part.rig.drives}
-    unlike = travel_of(found_rig, rig, [name for name in sweeps if name in sound_drives])
+    unlike = motor_travel_of(found_rig, rig, [name for name in sweeps if name in sound_drives])
     sound_sweeps = {name: () if name in faulty else of_drive for name, of_drive in sweeps.items()}
     return Calibrated(
         found_rig,

@@ -194,7 +194,7 @@ def _unlike(before: Capstan | Slider, after: Capstan | Slider) -> bool:
     return abs(after.radius.value - before.radius.value) > UNLIKE * unsure
 
 
-def travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
+def motor_travel_of(found: Rig, rig: Rig, drives: Sequence[str]) -> tuple[Fault, ...]:
     """Return the motors whose travel asks for another radius of their spools than the rig has."""
     faults = []
     for before, after in zip(rig.drives, found.drives):

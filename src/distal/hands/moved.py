@@ -15,7 +15,7 @@ WATCHED = ("bias", "slack", "pretension", "stiffness", "constant", "radius")
 """Last words of the numbers that a calibration finds."""
 
 
-def moved(before: Rig, after: Rig) -> tuple[str, ...]:
+def moved_since(before: Rig, after: Rig) -> tuple[str, ...]:
     """Return a line for each number of a hand that two calibrations find clearly different.
 
     |x₂ − x₁| > 3 √(σ₁² + σ₂²), and where a pair of tendons was slack on one day and under tension

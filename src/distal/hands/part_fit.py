@@ -12,13 +12,13 @@ import numpy as np
 from distal.errors import FitError
 from distal.fitting import Options
 from distal.fitting.fitted_parameter import assignments
-from distal.fitting.parameter_estimates import Numbers, from_starts, problem_of
+from distal.fitting.parameter_estimates import ParameterEstimates, from_starts, problem_of
 from distal.hands.findings import LOOSE, longer
 from distal.hands.springs_from_stops import Springs, springs_of
 from distal.hands.starts import Start, is_pair, pair_starts, single_starts
-from distal.hands.sweeps import Sweep, channels_of
+from distal.hands.sweeps import Sweep, sweep_channels_of
 from distal.logs import Log
-from distal.rig import Capstan, Number, Part, Rig, named, number
+from distal.rig import Capstan, Number, Rig, Subsystem, named, number
 
 SCATTER = 0.25
 """What a model leaves of a motor's torque, as a share of the torque that moves it: friction is not
@@ -70,7 +70,9 @@ AT_STOP = float(np.deg2rad(1.0))
 """How well a joint's angle is known at the end of a sweep [rad]."""
 
 
-def part_values(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> dict[str, object]:
+def part_values(
+    log: Log, part: Subsystem, sweeps: Mapping[str, Sequence[Sweep]]
+) -> dict[str, object]:
     """Return path by names → value of a part's numbers, in the likeliest of its forms: pairs slack,
     stretched, or on spools of another radius than the rig has.
     """
@@ -93,7 +95,7 @@ def part_values(log: Log, part: Part, sweeps: Mapping[str, Sequence[Sweep]]) -> 
     if any(abs(longer(rig, name, sweeps[name])) > LOOSE for name in pairs):
         forms.append("radius")
     springs = None if pairs else springs_of(log, rig, drives[0], sweeps[drives[0]])
-    found = list[tuple[float, Rig, Numbers]]()
+    found = list[tuple[float, Rig, ParameterEstimates]]()
     for form in forms:
         formed = _formed(rig, form, pairs)
         starts = _starts(formed, drives, sweeps, pairs if form == "stretched" else ())
@@ -235,7 +237,7 @@ def _prior(
             )
         values[f"joints.{i}.inertia"] = max(stiff, 1e-3) / QUASI_STATIC**2
     for name in drives:
-        torque = channels_of(rig, name)[1]
+        torque = sweep_channels_of(rig, name)[1]
         at = [sensor.name for sensor in rig.sensors].index(torque)
         values[f"sensors.{at}.noise"] = max(rig.sensors[at].noise, scatter)
         way = sweeps[name][0].way
@@ -286,7 +288,7 @@ def _with_ranges(
         travel = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
         of_radius = np.sqrt(2) * np.hypot.reduce(off) / travel
         of_zero = np.hypot.reduce(off) / np.sqrt(2)
-        place = channels_of(rig, drive.name)[0]
+        place = sweep_channels_of(rig, drive.name)[0]
         for path, size in (
             (f"drives.{drive.name}.radius", of_radius * drive.radius.value),
             (f"sensors.{place}.bias", of_zero / drive.radius.value),

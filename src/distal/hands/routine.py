@@ -12,7 +12,7 @@ import numpy as np
 
 from distal.errors import CommandError
 from distal.hands.starts import is_pair
-from distal.hands.sweeps import FEWEST, channels_of
+from distal.hands.sweeps import FEWEST, sweep_channels_of
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import Log
 from distal.rig import Capstan, Rig, independent_parts
@@ -220,7 +220,7 @@ class Routine:
     def __init__(self, rig: Rig, options: RoutineOptions | None = None) -> None:
         self._options = options = RoutineOptions() if options is None else options
         _check(rig, options)
-        self._channels = {drive.name: channels_of(rig, drive.name) for drive in rig.drives}
+        self._channels = {drive.name: sweep_channels_of(rig, drive.name) for drive in rig.drives}
         self._motors = {
             drive.name: _Motor(rig, drive.name, _limit(rig, drive.name, options))
             for drive in rig.drives

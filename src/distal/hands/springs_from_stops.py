@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from distal.arrays import Floats
-from distal.hands.sweeps import Sweep, channels_of
+from distal.hands.sweeps import Sweep, sweep_channels_of
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Capstan, Rig
@@ -88,7 +88,7 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
         return None
     paths = [*(f"joints.{i}.spring.stiffness" for i in crossed), f"tendons.{tendons[0]}.stiffness"]
     mechanism = Mechanism(rig, paths)
-    position = channels_of(rig, drive)[0]
+    position = sweep_channels_of(rig, drive)[0]
     place = [sensor.name for sensor in rig.sensors].index(position)
     at = [mechanism.parameters.names.index(path) for path in paths]
     curve = _curve(mechanism, tendons[0], crossed)
@@ -153,7 +153,7 @@ def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple
     """Return places along a motor's travel and the mean there of its torques on the way there and
     back.
     """
-    place, torque = (log.channels[name] for name in channels_of(rig, drive))
+    place, torque = (log.channels[name] for name in sweep_channels_of(rig, drive))
     full = sweeps[1:]
     rows = np.concatenate([np.arange(s.begin, s.end + 1) for s in full if s.way > 0])
     edges = np.linspace(np.nanmin(place[rows]), np.nanmax(place[rows]), PLACES + 1)

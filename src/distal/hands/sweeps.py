@@ -69,7 +69,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
         LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST`
             times.
     """
-    place, torque = channels_of(rig, drive)
+    place, torque = sweep_channels_of(rig, drive)
     places = log.channels[place]
     torques = log.channels[torque]
     known = np.isfinite(places) & np.isfinite(torques)
@@ -98,7 +98,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
     return tuple(sweeps)
 
 
-def channels_of(rig: Rig, drive: str) -> tuple[str, str]:
+def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     """Return the names of the sensors of a drive's angle and torque.
 
     Raises:

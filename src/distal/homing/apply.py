@@ -14,7 +14,7 @@ from distal.homing.most_likely import (
     INDEPENDENT,
     INDEPENDENT_CORRECTED,
     SHARE_CORRECTED,
-    most_likely,
+    most_likely_start,
 )
 from distal.homing.window import Window
 from distal.kernels import covariance_of, mean_of, variances_of
@@ -78,7 +78,7 @@ def numbers_homed(window: Window) -> Belief:
     filtered = numbers_filtered(window)
     if filtered is not None:
         return filtered
-    return most_likely(window, errors_last(float(window.time[-1] - window.time[0])))
+    return most_likely_start(window, errors_last(float(window.time[-1] - window.time[0])))
 
 
 def errors_last(length: float) -> float:
@@ -94,7 +94,11 @@ def homing_prior(window: Window) -> Belief:
     It is its usual prior if its angle then stays in its band over the window: it learns as it runs.
     Else it begins with the `most_likely` numbers and their covariance.
     """
-    return window.start if numbers_filtered(window, passes=1) is not None else most_likely(window)
+    return (
+        window.start
+        if numbers_filtered(window, passes=1) is not None
+        else most_likely_start(window)
+    )
 
 
 def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:

@@ -56,7 +56,7 @@ change the numbers again.
 """
 
 
-def most_likely(window: Window, independent: float = INDEPENDENT) -> Belief:
+def most_likely_start(window: Window, independent: float = INDEPENDENT) -> Belief:
     """Return a belief before the first sample: the numbers at their maximum a posteriori, with its
     covariance.
 

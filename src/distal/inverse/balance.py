@@ -22,7 +22,7 @@ from distal.rig import Rig
 
 
 @dataclass(frozen=True)
-class Part:
+class CoupledJoints:
     """Joints that move by themselves and the drives that move them, together with no others:
     indices of both.
     """
@@ -52,7 +52,7 @@ class Balance:
         ]
 
     @cached_property
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[CoupledJoints, ...]:
         """The parts of the rig that share neither joints nor drives."""
         pattern = self.arms(
             ca.SX.sym("q", self.nj), ca.SX.sym("s", self.nd), self.mechanism.parameters.symbols
@@ -71,7 +71,7 @@ class Balance:
                 joints = joints_now
                 drives = drives_now
             left -= joints
-            parts.append(Part(tuple(sorted(joints)), tuple(sorted(drives))))
+            parts.append(CoupledJoints(tuple(sorted(joints)), tuple(sorted(drives))))
         return tuple(parts)
 
     @property

@@ -68,7 +68,7 @@ class Cells:
         row = self.first_row
         for columns in self.blocks(names) if names else ():
             for name, column in zip(names, columns):
-                parts[name].append(numbers_of(column, self.path, name, row))
+                parts[name].append(parsed_cells(column, self.path, name, row))
             row += len(columns[0])
         return {name: np.concatenate(blocks) for name, blocks in parts.items()}
 
@@ -95,7 +95,7 @@ def in_memory(
     )
 
 
-def numbers_of(column: Column, path: Path, name: str, first_row: int) -> Floats:
+def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Floats:
     """Return a column as numbers, NaN where a cell is missing; a `LogError` says where one is no
     finite number.
     """

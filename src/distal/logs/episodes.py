@@ -84,7 +84,7 @@ def episodes_of(folder: Path) -> list[Episode]:
     return list(found.values())
 
 
-def rows_of(episode: Episode, columns: list[str] | None) -> Cells:
+def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
     """Return the cells of an episode."""
     # a rig whose columns are motors finds them in the vector of the state, and its time in the
     # stamps

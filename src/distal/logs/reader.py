@@ -35,7 +35,7 @@ class Request(TypedDict, total=False):
     folder: str
 
 
-class Answer(TypedDict, total=False):
+class ReaderAnswer(TypedDict, total=False):
     """What was read: names of all columns, those held and the size of what follows, or an error."""
 
     names: Sequence[str]
@@ -75,7 +75,7 @@ def limit_memory(size: int) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (most if hard < 0 else min(most, hard), hard))
 
 
-def answer_to(request: Request) -> tuple[Answer, bytes]:
+def answer_to(request: Request) -> tuple[ReaderAnswer, bytes]:
     """Return the answer to a request: names and warnings, or an error; and the columns as `packed`
     writes them.
     """

@@ -21,7 +21,7 @@ from distal.errors import DistalWarning, LogError
 from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.memory_limit import how_to_allow, memory_limit
 from distal.logs.output_targets import shown
-from distal.logs.reader import STAMPS, Answer, Request, answer_to, unpacked
+from distal.logs.reader import STAMPS, ReaderAnswer, Request, answer_to, unpacked
 
 _BEGIN = (
     "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from distal.logs.reader import "
@@ -109,7 +109,7 @@ class _Reader:
         )
         atexit.register(self.end)
 
-    def ask(self, request: Request) -> tuple[Answer, bytes]:
+    def ask(self, request: Request) -> tuple[ReaderAnswer, bytes]:
         """Return the answer and the table that comes with it; where reading ends the process, that
         is a `LogError`.
         """
@@ -119,7 +119,7 @@ class _Reader:
         try:
             process.stdin.write(json.dumps(request).encode() + b"\n")
             process.stdin.flush()
-            answer: Answer = json.loads(process.stdout.readline())
+            answer: ReaderAnswer = json.loads(process.stdout.readline())
             payload = process.stdout.read(answer["bytes"])
             if len(payload) < answer["bytes"]:
                 raise EOFError

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from distal.arrays import Floats
 from distal.errors import LogError
-from distal.logs.cells import MISSING, Cells, is_plain, numbers_of
+from distal.logs.cells import MISSING, Cells, is_plain, parsed_cells
 
 Stamps = NDArray[np.int64]
 
@@ -86,7 +86,7 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
         if column.dtype == np.uint64 and len(column) and column.max() > np.iinfo(np.int64).max:
             raise LogError(f"{path}: column '{name}' holds {column.max()}, which is no time")
         return _counted(column.astype(np.int64), unit, name, path)
-    return _counted(numbers_of(column, path, name, first_row), unit, name, path)
+    return _counted(parsed_cells(column, path, name, first_row), unit, name, path)
 
 
 def _whole_numbers(cells: list[str]) -> Stamps | None:

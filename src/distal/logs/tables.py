@@ -14,7 +14,7 @@ import numpy as np
 from distal.arrays import Floats
 from distal.errors import LogError
 from distal.logs.cells import Cells, Column, in_memory
-from distal.logs.episodes import Episode, rows_of
+from distal.logs.episodes import Episode, rows_of_episode
 from distal.logs.formats import format_of
 from distal.logs.header_units import header, needed, scale, units_of
 from distal.logs.output_targets import shown
@@ -77,7 +77,7 @@ def open_table(
 
 def _opened(path: Source, columns: Sequence[str] | None, index_name: str | None) -> Cells:
     if isinstance(path, Episode):
-        return rows_of(path, None if columns is None else list(columns))
+        return rows_of_episode(path, None if columns is None else list(columns))
     if isinstance(path, (str, Path)):
         path = Path(path)
         try:

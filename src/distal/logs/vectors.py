@@ -25,7 +25,7 @@ def numbered(column: str, names: Sequence[str] | None, length: int) -> list[str]
     return [f"{column}.{names[k] if usable and names is not None else k}" for k in range(length)]
 
 
-def names_in(path: Path, column: str) -> list[str] | None:
+def component_names_in(path: Path, column: str) -> list[str] | None:
     """Return the names of a vector's numbers by the dataset that a file is of; None where nothing
     says them.
 

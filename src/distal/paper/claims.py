@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from distal.arrays import Floats
-from distal.paper.series import PLANTS, Run
+from distal.paper.series import PLANTS, SeriesRun
 from distal.rig import tendon_angle_name
 
 SIDES = ("left", "right")
@@ -78,7 +78,7 @@ def _measure(keys: dict[str, Any]) -> Measure:
     return Measure(keys["measure"], keys.get("least"), keys.get("most"))
 
 
-def measured(runs: Sequence[Run]) -> dict[str, tuple[float, ...]]:
+def measured(runs: Sequence[SeriesRun]) -> dict[str, tuple[float, ...]]:
     """Return the values of all measures, by statement, from the runs of one plant."""
     return {
         key: tuple(float(value) for value in measure(runs)) for key, measure in _MEASURES.items()
@@ -109,7 +109,7 @@ observed plant.
 """
 
 
-def measure_claims(runs: Sequence[Run]) -> tuple[Claim, ...]:
+def measure_claims(runs: Sequence[SeriesRun]) -> tuple[Claim, ...]:
     """Return the paper's statements, measured on the runs of both plants."""
     by_plant = {
         plant.name: measured([run for run in runs if run.plant == plant.name]) for plant in PLANTS
@@ -125,18 +125,18 @@ def _pooled(errors: Sequence[Floats]) -> float:
     return float(np.rad2deg(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))))
 
 
-def rms(runs: Sequence[Run], series: str, estimator: str) -> float:
+def rms(runs: Sequence[SeriesRun], series: str, estimator: str) -> float:
     """Return the RMS error of an estimator, a key of `Run.estimates`, pooled over the seeds of a
     series [°].
     """
     return _pooled([run.estimates[estimator].errors() for run in _of(runs, series)])
 
 
-def _of(runs: Sequence[Run], series: str) -> list[Run]:
+def _of(runs: Sequence[SeriesRun], series: str) -> list[SeriesRun]:
     return [run for run in runs if run.series == series]
 
 
-def potentiometer_errors(run: Run) -> tuple[Floats, Floats]:
+def potentiometer_errors(run: SeriesRun) -> tuple[Floats, Floats]:
     """Return the errors of the left and right potentiometer's angle, tendons taken as inextensible
     [rad].
     """
@@ -147,15 +147,15 @@ def potentiometer_errors(run: Run) -> tuple[Floats, Floats]:
     return left, right
 
 
-def _potentiometer_rms(runs: Sequence[Run], series: str) -> list[float]:
+def _potentiometer_rms(runs: Sequence[SeriesRun], series: str) -> list[float]:
     return [_pooled(errors) for errors in zip(*map(potentiometer_errors, _of(runs, series)))]
 
 
-def _c1(runs: Sequence[Run]) -> tuple[float, ...]:
+def _c1(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     return (min(_potentiometer_rms(runs, "series-1-soft")),)
 
 
-def _c2(runs: Sequence[Run]) -> tuple[float, ...]:
+def _c2(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     opposing = []
     assisting = []
     for run in _of(runs, "series-1-soft"):
@@ -169,7 +169,7 @@ def _c2(runs: Sequence[Run]) -> tuple[float, ...]:
     return (_pooled(opposing) / _pooled(assisting),)
 
 
-def _c3(runs: Sequence[Run]) -> tuple[float, ...]:
+def _c3(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     soft, stiff = (
         float(np.mean(_potentiometer_rms(runs, series))) for series in ("series-1-soft", "series-1")
     )
@@ -183,7 +183,7 @@ def _c3(runs: Sequence[Run]) -> tuple[float, ...]:
     return stiff / soft, stiff, float(np.mean(alike))
 
 
-def _c4(runs: Sequence[Run]) -> tuple[float, ...]:
+def _c4(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     truths = [run.log.truth for run in _of(runs, "series-1-soft")]
     motions = [
         hidden_motion(truth["theta"], truth[f"position_{side}"])
@@ -208,12 +208,12 @@ def hidden_motion(theta: Floats, position: Floats, within: float = 1e-4) -> floa
 
 def _ratio(
     numerator: tuple[str, str], denominator: tuple[str, str]
-) -> Callable[[Sequence[Run]], tuple[float, ...]]:
+) -> Callable[[Sequence[SeriesRun]], tuple[float, ...]]:
     """Return a measure: RMS error of one (series, estimator) over that of another."""
     return lambda runs: (rms(runs, *numerator) / rms(runs, *denominator),)
 
 
-def _c8(runs: Sequence[Run]) -> tuple[float, ...]:
+def _c8(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     low, high = (
         float(
             np.rad2deg(
@@ -227,7 +227,7 @@ def _c8(runs: Sequence[Run]) -> tuple[float, ...]:
     return high, rms(runs, "series-2", "simulation"), high / low if low > 0.0 else np.nan
 
 
-def _c9(runs: Sequence[Run]) -> tuple[float, ...]:
+def _c9(runs: Sequence[SeriesRun]) -> tuple[float, ...]:
     changes = [
         run.estimates["inextensible"].means - run.estimates["without linearity"].means
         for run in _of(runs, "series-1")
@@ -235,7 +235,7 @@ def _c9(runs: Sequence[Run]) -> tuple[float, ...]:
     return (_pooled([change[:, i] for change in changes for i in (1, 2)]),)
 
 
-_MEASURES: dict[str, Callable[[Sequence[Run]], tuple[float, ...]]] = {
+_MEASURES: dict[str, Callable[[Sequence[SeriesRun]], tuple[float, ...]]] = {
     "C1": _c1,
     "C2": _c2,
     "C3": _c3,

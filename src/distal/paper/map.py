@@ -90,7 +90,7 @@ def draw_map(search: Search) -> Figure:
     return drawing
 
 
-def described(search: Search) -> list[str]:
+def search_in_words(search: Search) -> list[str]:
     """Return a search in words, as lines."""
     best = search.order()[0]
     keys = [statement.key for statement in statements()]

@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 from distal.confidence import BAND
-from distal.paper.series import Run
+from distal.paper.series import SeriesRun
 from distal.reports.page import heading, paragraph, script_with
 from distal.results import BLACK, COLOURS, FAINT, SOFT
 
@@ -21,7 +21,7 @@ LAST = 7.0
 """What of a run is shown [s]: the heavier weight is hung at 1 s."""
 
 
-def moving_link(run: Run) -> list[str]:
+def moving_link(run: SeriesRun) -> list[str]:
     """Return the question, the picture that answers it, and what a band is, as parts of a page."""
     estimate = run.estimates["adaptive"]
     naive = run.estimates["inextensible"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.confidence import BAND
 from distal.paper.claims import potentiometer_errors, rms
-from distal.paper.series import PLANTS, SERIES_2, Run
+from distal.paper.series import PLANTS, SERIES_2, SeriesRun
 from distal.results import BAND_ALPHA, BLACK, COLOURS, DASHES, SOFT, TRUTH, draw_estimate, figure
 
 if TYPE_CHECKING:
@@ -57,12 +57,12 @@ AFTER = 0.4
 """How long the figures go on after the link has come to rest [s]."""
 
 
-def first_run(runs: Sequence[Run], series: str, plant: str) -> Run:
+def first_run(runs: Sequence[SeriesRun], series: str, plant: str) -> SeriesRun:
     """Return the run of a series and a plant with the first seed, which is drawn."""
     return next(run for run in runs if run.series == series and run.plant == plant)
 
 
-def end_of_motion(shown: Sequence[Run]) -> float:
+def end_of_motion(shown: Sequence[SeriesRun]) -> float:
     """Return when the figures of some runs end [s]: a little after the link has come to rest in
     all.
     """
@@ -74,7 +74,7 @@ def end_of_motion(shown: Sequence[Run]) -> float:
     return float(min(max(ends) + AFTER, shown[0].log.time[-1]))
 
 
-def draw_summary(runs: Sequence[Run]) -> Figure:
+def draw_summary(runs: Sequence[SeriesRun]) -> Figure:
     """Return the figure that sums the reproduction up: three estimates at rising tension on the
     plant with more friction.
 
@@ -140,7 +140,7 @@ def draw_summary(runs: Sequence[Run]) -> Figure:
     return drawing
 
 
-def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
+def draw_figure(name: str, runs: Sequence[SeriesRun]) -> Figure:
     """Return the figure `SUMMARY`, or one of `FIGURES`: the plant with the friction of Table 1
     beside the one with more.
     """
@@ -183,7 +183,7 @@ def draw_figure(name: str, runs: Sequence[Run]) -> Figure:
     return drawing
 
 
-def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
+def _potentiometers(top: Axes, bottom: Axes, run: SeriesRun) -> None:
     truth = np.rad2deg(run.log.truth["theta"])
     for i, (side, error) in enumerate(zip(("left", "right"), potentiometer_errors(run))):
         degrees = np.rad2deg(error)
@@ -199,7 +199,7 @@ def _potentiometers(top: Axes, bottom: Axes, run: Run) -> None:
         bottom.plot(run.log.time, degrees, color=COLOURS[i], linestyle=DASHES[i], linewidth=1.2)
 
 
-def _filters(top: Axes, bottom: Axes, run: Run) -> None:
+def _filters(top: Axes, bottom: Axes, run: SeriesRun) -> None:
     for name, i in {
         "ekf-2008": 1,
         "ekf": 2,

@@ -15,7 +15,7 @@ from distal.paper.moving import moving_link
 from distal.paper.paper_figures import CAPTIONS, FIGURES, SUMMARY, draw_figure
 from distal.paper.positioned import CAPTION, POSITIONED, positioned, positioned_text
 from distal.paper.reasons import EKF_NOTE, REASONS, SEARCH_NOTE
-from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, Run, all_runs
+from distal.paper.series import PLANTS, READINGS, SEEDS, SERIES_2, Plant, SeriesRun, all_runs
 from distal.reports import rig_svg, svg_of
 from distal.reports.page import heading, html_table, page, paragraph, picture
 from distal.results import figure_bytes, make_folder
@@ -43,7 +43,7 @@ REFERENCE = (
 
 def reproduce(
     out: Path, advance: Callable[[], None], lab: Path | None
-) -> tuple[tuple[Claim, ...], list[Run]]:
+) -> tuple[tuple[Claim, ...], list[SeriesRun]]:
     """Simulate and filter the paper's two series, and write the figures, ``results.json`` and
     ``index.html``.
 
@@ -91,7 +91,7 @@ def reproduce(
     return claims, runs
 
 
-def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
+def results(claims: Sequence[Claim], runs: Sequence[SeriesRun]) -> dict[str, object]:
     """Return what `results.json` holds: C1 to C12 with numbers and group, and the errors of all
     estimators.
     """
@@ -137,7 +137,7 @@ def results(claims: Sequence[Claim], runs: Sequence[Run]) -> dict[str, object]:
     return content
 
 
-def rms_of(runs: Sequence[Run], plant: str, series: str, estimator: str) -> float:
+def rms_of(runs: Sequence[SeriesRun], plant: str, series: str, estimator: str) -> float:
     """Return the RMS error of an estimator, a key of `Run.estimates`, in a series on a plant,
     pooled over the seeds [°].
     """
@@ -146,7 +146,7 @@ def rms_of(runs: Sequence[Run], plant: str, series: str, estimator: str) -> floa
 
 def _page(
     claims: Sequence[Claim],
-    runs: Sequence[Run],
+    runs: Sequence[SeriesRun],
     drawings: dict[str, str],
     positioned_sentences: str,
     lab: bool,
@@ -245,7 +245,7 @@ READING_NOTE = (
 )
 
 
-def _errors_table(runs: Sequence[Run]) -> str:
+def _errors_table(runs: Sequence[SeriesRun]) -> str:
     rows = []
     for plant in PLANTS:
         for series in SERIES_2:
@@ -269,7 +269,7 @@ def _errors_table(runs: Sequence[Run]) -> str:
     )
 
 
-def _readings_table(runs: Sequence[Run]) -> str:
+def _readings_table(runs: Sequence[SeriesRun]) -> str:
     rows = [
         [
             escape(name),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import degrees
 
-from distal.control import ClosedLoop, closed_loop, track
+from distal.control import ClosedLoop, closed_loop, trackings_of
 from distal.simulation import load_scenario, scenario_rig
 
 POSITIONED = "positioned"
@@ -34,7 +34,7 @@ def positioned(advance: Callable[[], None]) -> list[ClosedLoop]:
 
 def positioned_text(runs: list[ClosedLoop]) -> str:
     """Return what the closed loops show, in sentences."""
-    away = {run.feedback: degrees(track(run)[0].rms) for run in runs}
+    away = {run.feedback: degrees(trackings_of(run)[0].rms) for run in runs}
     return (
         "The paper ends with what its estimate is for: joints without sensors that are still "
         "positioned accurately. Here "

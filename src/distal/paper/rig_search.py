@@ -24,7 +24,7 @@ from distal.paper.series import Plant, run_series
 
 
 @dataclass(frozen=True)
-class Unknown:
+class UnknownOfRig:
     """Something that the paper does not print, or that its measurements contradict: tried from
     `low` to `high`.
     """
@@ -36,12 +36,12 @@ class Unknown:
 
 
 UNKNOWNS = (
-    Unknown("slider friction, constant", "N", 0.0, 0.4),
-    Unknown("slider friction by load", "", 0.0, 0.2),
-    Unknown("axle friction, exponent", "", 1.0, 2.5),
-    Unknown("axle friction, reference load", "N", 9.0, 17.0),
-    Unknown("axle friction, preload", "N", 3.9, 5.9),
-    Unknown("angle of Series 1", "deg", 15.0, 30.0),
+    UnknownOfRig("slider friction, constant", "N", 0.0, 0.4),
+    UnknownOfRig("slider friction by load", "", 0.0, 0.2),
+    UnknownOfRig("axle friction, exponent", "", 1.0, 2.5),
+    UnknownOfRig("axle friction, reference load", "N", 9.0, 17.0),
+    UnknownOfRig("axle friction, preload", "N", 3.9, 5.9),
+    UnknownOfRig("angle of Series 1", "deg", 15.0, 30.0),
 )
 """Friction of the sliders and the axle, and how far the hand turned the link to each side.
 
@@ -145,7 +145,7 @@ class Search:
         return [(i, j) for i, j in pairs if not (held[:, i] & held[:, j]).any()]
 
 
-def search(advance: Callable[[int], None]) -> Search:
+def search_rigs(advance: Callable[[int], None]) -> Search:
     """Return which statements hold on plants drawn over the unknowns' ranges, then closer and
     closer to the best.
 

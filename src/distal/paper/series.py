@@ -99,7 +99,7 @@ inextensible estimate are its result, rounded.
 
 
 @dataclass(frozen=True)
-class Run:
+class SeriesRun:
     """One simulated test, and the estimates of all estimators.
 
     Args:
@@ -139,7 +139,7 @@ def _estimator(series: str, name: str) -> Estimator:
 
 def run_series(
     series: str, plant: Plant, seeds: Sequence[int] = SEEDS, *, statements_only: bool = False
-) -> list[Run]:
+) -> list[SeriesRun]:
     """Simulate one test of the paper with several seeds and run its estimators.
 
     The motion is the same for all seeds and all sensors: it is simulated once. With
@@ -188,7 +188,7 @@ def run_series(
                     f"reading {name}": estimate(log, rig, _estimator(series, name))
                     for name in READINGS
                 }
-        runs.append(Run(series, plant.name, seed, rig, log, estimates))
+        runs.append(SeriesRun(series, plant.name, seed, rig, log, estimates))
     if series == "series-2" or (series in SERIES_2 and not statements_only):
         knowing = make_estimator("ekf-2008", rig.with_values(plant.values or observed_values()))
         for run in runs:
@@ -206,7 +206,7 @@ def hung_weights(log: Log, scenario: Scenario) -> Log:
     return replace(log, channels=channels)
 
 
-def all_runs(advance: Callable[[], None]) -> Iterator[Run]:
+def all_runs(advance: Callable[[], None]) -> Iterator[SeriesRun]:
     """Yield every run of the reproduction; `advance` is called after each test of a plant."""
     for plant in PLANTS:
         for series in (*SERIES_1, *SERIES_2):

@@ -22,9 +22,9 @@ from distal.regression.learn_map import (
 from distal.regression.map_function import (
     carried_size,
     first_memory,
+    map_coefficients_of,
     map_function,
     memory_size,
-    numbers_of,
     reporting_function,
 )
 from distal.regression.random_effects import correlated_samples, independent, line
@@ -61,9 +61,9 @@ __all__ = [
     "left_out_errors",
     "limits",
     "line",
+    "map_coefficients_of",
     "map_function",
     "memory_size",
-    "numbers_of",
     "outside",
     "predict",
     "reporting_function",

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.regression.learn_map import Kind, Terms
-from distal.regression.random_effects import row_of, rows_of
+from distal.regression.random_effects import row_of, rows_of_groups
 from distal.rig import CONSTANT, Affine, Discrepancy, JointMap, LearnedMap
 
 DEAD_BAND = 6.0
@@ -78,7 +78,7 @@ def as_discrepancy(affine: LearnedMap, frame: LearnedMap, follows: bool = False)
         coefficients[n + j] = -frame.scale[m + j]
         covariance = np.pad(np.asarray(joint.covariance), (0, nj))
         b = row_of(coefficients)
-        c = rows_of(covariance)
+        c = rows_of_groups(covariance)
         joints.append(JointMap(joint=joint.joint, coefficients=b, covariance=c, std=joint.std))
     ranges = ("centre", "scale", "low", "high", "rate")
     same = ("channels", "width", "distance", "reach", "correlation_time", "band", "logs", "dropped")

@@ -6,7 +6,13 @@ import numpy as np
 
 from distal.arrays import Bools, Floats
 from distal.regression.features import Samples, design, squared_distances
-from distal.regression.random_effects import correlated_samples, row_of, rows_of, surprise, updated
+from distal.regression.random_effects import (
+    correlated_samples,
+    posterior_of,
+    row_of,
+    rows_of_groups,
+    surprise,
+)
 from distal.rig import JointMap, LearnedMap
 
 ANYWHERE = (-1e9, 1e9)
@@ -95,7 +101,7 @@ def _after_window(
     )
     if ratio > EXPECTED**2:
         covariance = covariance * ratio
-    after, left = updated(mean, covariance, gram, moment, spread)
+    after, left = posterior_of(mean, covariance, gram, moment, spread)
     residual = y - x @ after
     # what this log leaves beyond the logs before it is its own
     square = float(np.mean(residual**2))
@@ -110,6 +116,6 @@ def _after_window(
         )
     )
     changed = JointMap(
-        joint=joint.joint, coefficients=row_of(after), covariance=rows_of(left), std=std
+        joint=joint.joint, coefficients=row_of(after), covariance=rows_of_groups(left), std=std
     )
     return changed, float(np.sqrt(ratio))

@@ -10,7 +10,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.confidence import BAND, COVERED
-from distal.regression.random_effects import rows_of
+from distal.regression.random_effects import rows_of_groups
 from distal.rig import LearnedMap
 
 SMALLEST_FACTOR = 0.5
@@ -130,7 +130,9 @@ def widened_between(learned: LearnedMap, wider: float) -> LearnedMap:
     """Return a map whose coefficients differ more from log to log: their standard deviation is
     `wider` times as large.
     """
-    covariances = [rows_of(wider**2 * np.asarray(joint.covariance)) for joint in learned.joints]
+    covariances = [
+        rows_of_groups(wider**2 * np.asarray(joint.covariance)) for joint in learned.joints
+    ]
     joints = [
         joint.model_copy(update={"covariance": c}) for joint, c in zip(learned.joints, covariances)
     ]

@@ -17,7 +17,7 @@ from distal.regression.band import Errors, rms_beyond_noise, sized, student, wid
 from distal.regression.beyond_homing import extrapolation
 from distal.regression.cross_validation import splits
 from distal.regression.features import Samples, design, predict
-from distal.regression.random_effects import independent, random_effects, row_of, rows_of
+from distal.regression.random_effects import independent, random_effects, row_of, rows_of_groups
 from distal.rig import JointMap, LearnedMap
 
 ENOUGH_LOGS = 5
@@ -248,7 +248,7 @@ def frame(logs: Sequence[Samples], kind: Kind, chosen: Terms) -> tuple[LearnedMa
                 chosen.width * (kind.noise / scale[:m] if chosen.of_noise else np.ones(m)), 1e-9
             )
         ),
-        distance=rows_of(distance),
+        distance=rows_of_groups(distance),
         reach=reach,
         correlation_time=logs[0].interval,
         spread=(0.0,) * len(kind.joints),

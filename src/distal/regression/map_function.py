@@ -51,7 +51,7 @@ def carried_size(learned: LearnedMap, touched: Sequence[int]) -> int:
     return len(learned.joints) if touched and not isinstance(learned, Contact) else 0
 
 
-def numbers_of(learned: LearnedMap) -> Floats:
+def map_coefficients_of(learned: LearnedMap) -> Floats:
     """Return the parameters of `map_function`, (n_p,)."""
     return np.concatenate(_parameters(learned))
 
@@ -212,7 +212,7 @@ def reporting_function(
     n_carry = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
     sizes = [memory_size(learned) + carried_size(learned, touched) for learned, *_ in maps]
-    counts = [len(numbers_of(learned)) for learned, *_ in maps]
+    counts = [len(map_coefficients_of(learned)) for learned, *_ in maps]
     carry = ca.MX.sym("carry", n_carry + sum(sizes))
     x = ca.MX.sym("x", inner.size1_in(1))
     p = ca.MX.sym("p", n_parameters + sum(counts))

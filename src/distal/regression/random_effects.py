@@ -43,7 +43,7 @@ def correlated_samples(residuals: Floats) -> float:
 
 
 @dataclass(frozen=True)
-class Line:
+class LogCoefficients:
     """Coefficients b = (XᵀX)⁻¹Xᵀy of one log by least squares, (n,), and their covariance s² N
     (XᵀX)⁻¹.
 
@@ -57,7 +57,7 @@ class Line:
     correlated: float
 
 
-def line(design: Floats, angles: Floats) -> Line:
+def line(design: Floats, angles: Floats) -> LogCoefficients:
     """Return the least-squares `Line` of `angles` y [rad], (k,), over a `design` X of full rank,
     (k, n).
     """
@@ -69,7 +69,7 @@ def line(design: Floats, angles: Floats) -> Line:
     # below one independent sample beyond the coefficients nothing could be said at all
     freedom = max(k / correlated - n, 1.0)
     std = max(float(np.sqrt(np.mean(residuals**2) * (freedom + n) / freedom)), SMALLEST_RESIDUAL)
-    return Line(coefficients, std**2 * correlated * inverse, std, correlated)
+    return LogCoefficients(coefficients, std**2 * correlated * inverse, std, correlated)
 
 
 def _inverse(gram: Floats) -> Floats:
@@ -84,7 +84,7 @@ def _inverse(gram: Floats) -> Floats:
     return inverse
 
 
-def updated(
+def posterior_of(
     mean: Floats, covariance: Floats, gram: Floats, moment: Floats, spread: float | Floats
 ) -> tuple[Floats, Floats]:
     """Return mean and covariance of coefficients after samples, by P⁺ = (P⁻¹ + XᵀX/r)⁻¹ in a form
@@ -176,7 +176,7 @@ def random_effects(
     full_designs, angles, intervals = zip(*parts)
     if len(parts) == 1:
         only = line(full_designs[0], angles[0])
-        return filled(
+        return filled_groups(
             joint, columns, only.coefficients, only.covariance, only.std
         ), only.correlated * intervals[0]
     basis = _basis(full_designs)
@@ -196,7 +196,7 @@ def random_effects(
     left = np.concatenate([y - x @ mean for x, y in zip(designs, angles)])
     spread = np.eye(len(mean)) * max(float(np.mean(left**2)), std**2)
     for _ in range(EM_ITERATIONS):
-        means, covariances = updated(mean, spread, grams, moments, std**2 * count)
+        means, covariances = posterior_of(mean, spread, grams, moments, std**2 * count)
         mean = mean if pooled else means.mean(axis=0)
         off = means - mean
         before = spread
@@ -212,7 +212,7 @@ def random_effects(
     ]
     covariance = basis @ (spread * (1.0 + 1.0 / len(parts))) @ basis.T
     covariance = 0.5 * (covariance + covariance.T)
-    return filled(joint, columns, basis @ mean, covariance, std), float(np.mean(times))
+    return filled_groups(joint, columns, basis @ mean, covariance, std), float(np.mean(times))
 
 
 def _basis(designs: Sequence[Floats]) -> Floats:
@@ -245,7 +245,7 @@ def _shrunk(spread: Floats, logs: int) -> Floats:
     return shrunk
 
 
-def filled(
+def filled_groups(
     joint: JointMap, columns: Sequence[int], mean: Floats, covariance: Floats, std: float
 ) -> JointMap:
     """Return a joint's map with some of its coefficients; the others are zero for certain.
@@ -261,7 +261,7 @@ def filled(
     return JointMap(
         joint=joint.joint,
         coefficients=row_of(coefficients),
-        covariance=rows_of(square),
+        covariance=rows_of_groups(square),
         std=float(std),
     )
 
@@ -271,6 +271,6 @@ def row_of(array: Floats) -> tuple[float, ...]:
     return tuple(float(number) for number in array)
 
 
-def rows_of(matrix: Floats) -> tuple[tuple[float, ...], ...]:
+def rows_of_groups(matrix: Floats) -> tuple[tuple[float, ...], ...]:
     """Return a matrix as rows of plain numbers."""
     return tuple(row_of(row) for row in matrix)

@@ -28,10 +28,10 @@ from distal.reports.drawing.draw_joints import (
     joint_lines,
 )
 from distal.reports.drawing.draw_tendons import draw_tendon, lane_room, wheels
-from distal.reports.drawing.labels import written
+from distal.reports.drawing.labels import label_of
 from distal.reports.drawing.pose import Stand, gravity_on_paper, stands
 from distal.reports.drawing.routes import Wheel
-from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
+from distal.reports.drawing.sheet import PITCH, SIZE, DrawnLine, Point, Sheet, width_of
 from distal.reports.page import svg_of
 from distal.results import FAINT, INK, PALE, SOFT
 from distal.rig import Capstan, Pinned, Rig
@@ -220,7 +220,7 @@ def _draw_proximal(
 def _write_joints(
     sheet: Sheet,
     placed: Sequence[Stand],
-    lines: Sequence[Sequence[Line]],
+    lines: Sequence[Sequence[DrawnLine]],
     around: Sequence[float],
     left: float,
 ) -> None:
@@ -293,7 +293,7 @@ def _draw_scale(sheet: Sheet, at: Point, scale: float) -> None:
     sheet.line([(x - size * scale, y), (x, y)], INK, 2.0, solid_capstyle="butt")
     for end in (x - size * scale, x):
         sheet.line([(end, y - 0.04), (end, y + 0.04)], INK, 0.8)
-    sheet.write((x - size * scale / 2, y + 0.1), written(float(size), "m"), ha="center")
+    sheet.write((x - size * scale / 2, y + 0.1), label_of(float(size), "m"), ha="center")
 
 
 def _draw_gravity(sheet: Sheet, rig: Rig, at: Point) -> None:
@@ -303,7 +303,7 @@ def _draw_gravity(sheet: Sheet, rig: Rig, at: Point) -> None:
         return
     (right, up, near), size = gravity
     x, y = at
-    text = f"g {written(size, 'm/s²')}"
+    text = f"g {label_of(size, 'm/s²')}"
     if abs(near) > 0.7:
         sheet.write((x, y), f"{text} {'⊙' if near > 0 else '⊗'}", ha="right")
         return

@@ -56,7 +56,7 @@ from distal.rig.sensors import (
     step_of,
     travel_of,
 )
-from distal.rig.subsystems import Part, independent_parts
+from distal.rig.subsystems import Subsystem, independent_parts
 from distal.rig.tendons import Creep, Meeting, Tendon
 from distal.rig.validation import validated
 
@@ -83,7 +83,6 @@ __all__ = [
     "Meeting",
     "Number",
     "Parameter",
-    "Part",
     "Pinned",
     "Polynomial",
     "Pulley",
@@ -93,6 +92,7 @@ __all__ = [
     "Size",
     "Slider",
     "SliderHysteresis",
+    "Subsystem",
     "Tendon",
     "angle_names",
     "build_rig",

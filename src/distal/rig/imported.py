@@ -40,7 +40,7 @@ class Imported:
         """Return the rig of a raw description with guesses; the `source` that lacks them is named
         in its comments.
         """
-        rig = build_rig(cast(dict[str, object], plain(dict(raw))), title)
+        rig = build_rig(cast(dict[str, object], plain_number(dict(raw))), title)
         return Imported(
             rig,
             written(raw, source),
@@ -56,13 +56,13 @@ def name_of(name: str, otherwise: str) -> str:
     return (f"{name}_" if name in ("std", "dot", "base") or name.endswith("_std") else name)[:64]
 
 
-def plain(raw: object) -> object:
+def plain_number(raw: object) -> object:
     """Return a raw description with the guesses' values."""
     if isinstance(raw, Guess):
-        return plain(raw.value)
+        return plain_number(raw.value)
     if isinstance(raw, dict):
-        return {key: plain(value) for key, value in raw.items()}
-    return [plain(value) for value in raw] if isinstance(raw, list) else raw
+        return {key: plain_number(value) for key, value in raw.items()}
+    return [plain_number(value) for value in raw] if isinstance(raw, list) else raw
 
 
 def guesses(raw: object) -> Iterator[Guess]:
@@ -89,7 +89,10 @@ def written(raw: Mapping[str, object], source: str) -> str:
             document.add(key, tables)
         else:
             document.add(
-                key, _table(part, source) if isinstance(part, dict) else tomlkit.item(plain(part))
+                key,
+                _table(part, source)
+                if isinstance(part, dict)
+                else tomlkit.item(plain_number(part)),
             )
     return tomlkit.dumps(document)
 
@@ -100,7 +103,7 @@ def _table(raw: dict[str, object], source: str) -> object:
 
     table = tomlkit.table()
     for key, part in raw.items():
-        node = tomlkit.item(_inline(plain(part)))
+        node = tomlkit.item(_inline(plain_number(part)))
         if isinstance(node, tomlkit.items.Array) and key == "crossings":
             node.multiline(True)
         table.add(key, node)

@@ -14,7 +14,7 @@ KINDS = ("joints", "drives", "tendons", "sensors")
 
 
 @dataclass(frozen=True)
-class Part:
+class Subsystem:
     """Joints that move one another, with all that pulls and measures them.
 
     Args:
@@ -51,7 +51,7 @@ def _split(path: str) -> tuple[str, str, str]:
     return kind, index, keys
 
 
-def independent_parts(rig: Rig) -> tuple[Part, ...]:
+def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
     """Return the parts of a rig that share no link, tendon, drive, coupling or common error; one if
     all is one.
 
@@ -88,7 +88,7 @@ def independent_parts(rig: Rig) -> tuple[Part, ...]:
         or rig.discrepancy is not None
         or rig.contact is not None
     ):
-        return (Part(rig, {kind: tuple(range(len(getattr(rig, kind)))) for kind in KINDS}),)
+        return (Subsystem(rig, {kind: tuple(range(len(getattr(rig, kind)))) for kind in KINDS}),)
     return tuple(_part(rig, [name for name in joints if root(name) == first]) for first in roots)
 
 
@@ -103,7 +103,7 @@ def _joints_of(rig: Rig, path: str) -> list[str]:
     return [name for tendon in rig.tendons if tendon.drive == part.name for name in tendon.joints]
 
 
-def _part(rig: Rig, names: list[str]) -> Part:
+def _part(rig: Rig, names: list[str]) -> Subsystem:
     tendons = [t for t, tendon in enumerate(rig.tendons) if tendon.joints[0] in names]
     drives = [
         d
@@ -128,6 +128,6 @@ def _part(rig: Rig, names: list[str]) -> Part:
     parts["joints"] = tuple(
         rig.joints[j].model_copy(update={"parent": p}) for j, p in zip(joints, names_of_parents)
     )
-    return Part(
+    return Subsystem(
         rig.model_copy(update=parts), {kind: tuple(indices) for kind, indices in chosen.items()}
     )

@@ -5,11 +5,11 @@ from distal.simulation.scenario import (
     Change,
     Control,
     DriveInput,
-    Hand,
     JointControl,
     JointInput,
     Rezero,
     Scenario,
+    TurningHand,
     build_scenario,
     load_scenario,
     scenario_rig,
@@ -17,26 +17,26 @@ from distal.simulation.scenario import (
     shipped_scenarios,
 )
 from distal.simulation.signals import Signal
-from distal.simulation.simulate import simulate
+from distal.simulation.simulate import simulate_plant
 from distal.simulation.simulate_batch import simulate_batch
 
 __all__ = [
     "Change",
     "Control",
     "DriveInput",
-    "Hand",
     "JointControl",
     "JointInput",
     "Piece",
     "Rezero",
     "Scenario",
     "Signal",
+    "TurningHand",
     "build_scenario",
     "load_scenario",
     "scenario_rig",
     "scenario_text",
     "shipped_scenarios",
-    "simulate",
     "simulate_batch",
     "simulate_pieces",
+    "simulate_plant",
 ]

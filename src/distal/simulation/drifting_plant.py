@@ -18,7 +18,7 @@ from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Rig, load_rig, named
-from distal.simulation.plant import Motion, at_rest, plant_kernel, rows_of
+from distal.simulation.plant import PlantMotion, at_rest, plant_kernel, rows_of
 from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
 from distal.simulation.signal_inputs import BodyInputs, body_inputs
@@ -86,7 +86,7 @@ def simulate_pieces(
         if rezero is not None:
             _replace(inputs, body_inputs(rezeroing, plant, grid[:-1]), rezero, plant, grid[:-1])
         carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
-        motion = Motion(plant, np.vstack([y, ys]))
+        motion = PlantMotion(plant, np.vstack([y, ys]))
         carry = carries[-1]
         y = ys[-1:]
         motion.check()
@@ -142,7 +142,7 @@ def _replace(
 
 
 def _read(
-    motion: Motion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
+    motion: PlantMotion, readings: Floats, grid: Floats, errors: ErrorsByRate, scenario: Scenario
 ) -> Piece:
     """Return what the sensors read in a piece, from its first stamp to before its last."""
     rig = motion.plant.rig

@@ -9,10 +9,10 @@ import numpy as np
 
 from distal.kernels import PlacedKernel, side_by_side
 from distal.model import Mechanism
-from distal.rig import Part, independent_parts
+from distal.rig import Subsystem, independent_parts
 
 
-def parts_of_plant(mechanism: Mechanism) -> tuple[Part, ...]:
+def parts_of_plant(mechanism: Mechanism) -> tuple[Subsystem, ...]:
     """Return the parts of a plant that do not touch each other; none where there is only one."""
     parts = independent_parts(mechanism.rig)
     return () if len(parts) == 1 or mechanism.parameters.inside else parts
@@ -20,7 +20,7 @@ def parts_of_plant(mechanism: Mechanism) -> tuple[Part, ...]:
 
 def plants_apart(
     mechanism: Mechanism,
-    parts: tuple[Part, ...],
+    parts: tuple[Subsystem, ...],
     plant: Callable[[Mechanism], ca.Function],
     rubbing: list[int],
 ) -> ca.Function:

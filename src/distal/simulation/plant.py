@@ -190,7 +190,7 @@ def internal_friction(mechanism: Mechanism, drives: list[int]) -> tuple[ca.Funct
 
 
 @dataclass(frozen=True)
-class Motion:
+class PlantMotion:
     """The plant's motion at the start and after every interval: its kernel's y, (k, n_y), see
     `plant_function`.
     """
@@ -270,7 +270,7 @@ def at_rest(
 
 def run_plant(
     mechanism: Mechanism, inputs: BodyInputs, start: Floats, dt: float, count: int
-) -> Motion:
+) -> PlantMotion:
     """Return the plant's motion at the start and after every interval of length `dt` [s]; see
     `run_plants`.
 
@@ -286,7 +286,7 @@ def run_plants(
     dt: float,
     kernel: Kernel,
     numbers: Sequence[Floats] | None = None,
-) -> list[Motion]:
+) -> list[PlantMotion]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
     Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the `numbers`
@@ -301,7 +301,7 @@ def run_plants(
     feeds = [Feed(carry, xs, p) for (carry, _), xs, p in zip(begun, rows, ps)]
     moved = advance_all(kernel, feeds, keep=())
     motions = [
-        Motion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)
+        PlantMotion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)
     ]
     for motion in motions:
         motion.check()

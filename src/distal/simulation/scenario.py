@@ -26,7 +26,7 @@ from distal.simulation.signals import PLACES, Signal, SignalIn
 from distal.suggestions import did_you_mean
 
 
-class SliderServo(Description):
+class SliderLoop(Description):
     """A position loop on a slider: F = stiffness · (position − x) − damping · ẋ + force."""
 
     position: Annotated[Signal, SignalIn("m", PLACES)] = Field(
@@ -64,10 +64,10 @@ class DriveInput(Description):
     torque: Annotated[Signal, SignalIn("N m")] | None = Field(
         None, description="a torque on a capstan"
     )
-    servo: SliderServo | CapstanServo | None = Field(None, description="a position loop")
+    servo: SliderLoop | CapstanServo | None = Field(None, description="a position loop")
 
 
-class Hand(Description):
+class TurningHand(Description):
     """A hand that turns the joint: torque = stiffness · (angle − θ) − damping · θ̇."""
 
     angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
@@ -82,7 +82,7 @@ class Hand(Description):
 class JointInput(Description):
     """What acts on a joint that nobody measures."""
 
-    hand: Hand | None = Field(None, description="a hand that turns the joint")
+    hand: TurningHand | None = Field(None, description="a hand that turns the joint")
     torque: Annotated[Signal, SignalIn("N m")] | None = Field(
         None, description="an external torque"
     )

@@ -13,10 +13,10 @@ from distal.model import GRAVITY, Mechanism
 from distal.simulation.scenario import (
     CapstanServo,
     DriveInput,
-    Hand,
     JointInput,
     Scenario,
-    SliderServo,
+    SliderLoop,
+    TurningHand,
 )
 from distal.suggestions import did_you_mean
 from distal.units import to_si
@@ -69,12 +69,12 @@ def _drive(inputs: BodyInputs, body: int, pull: DriveInput, time: Floats) -> Non
     if pull.weight is not None:
         inputs.added_inertia[:, body] = pull.weight.at(time) / GRAVITY
     if pull.servo is not None:
-        target = pull.servo.position if isinstance(pull.servo, SliderServo) else pull.servo.angle
+        target = pull.servo.position if isinstance(pull.servo, SliderLoop) else pull.servo.angle
         _spring(inputs, body, pull.servo, target.at(time))
 
 
 def _spring(
-    inputs: BodyInputs, body: int, spring: Hand | SliderServo | CapstanServo, target: Floats
+    inputs: BodyInputs, body: int, spring: TurningHand | SliderLoop | CapstanServo, target: Floats
 ) -> None:
     inputs.servo[:, body, 0] = spring.stiffness
     inputs.servo[:, body, 2] = spring.damping
@@ -82,7 +82,7 @@ def _spring(
 
 
 def _check_pull(pull: DriveInput, kind: str, where: str) -> None:
-    slider = isinstance(pull.servo, SliderServo)
+    slider = isinstance(pull.servo, SliderLoop)
     capstan = isinstance(pull.servo, CapstanServo)
     force, torque, weight = (
         signal is not None for signal in (pull.force, pull.torque, pull.weight)

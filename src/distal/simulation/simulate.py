@@ -14,7 +14,7 @@ from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
 from distal.rig import Rig, angle_names, load_rig, torque_names, travel_of
 from distal.sensor_errors import measure
-from distal.simulation.plant import Motion, equilibrium, longest_interval, run_plant
+from distal.simulation.plant import PlantMotion, equilibrium, longest_interval, run_plant
 from distal.simulation.readings import Readings
 from distal.simulation.scenario import Scenario, load_scenario
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
@@ -28,7 +28,7 @@ SIMULATED = TruthSource(TruthKind.SIMULATION, "the simulation")
 """Where the truth of a simulated log comes from."""
 
 
-def simulate(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
+def simulate_plant(rig: Rig | str | Path, scenario: Scenario | str | Path, seed: int = 0) -> Log:
     """Simulate a scenario without a controller: the part of `distal.simulate` that needs no
     estimator.
 
@@ -140,10 +140,10 @@ def intervals_of(plant: Mechanism, filled: float) -> tuple[float, int]:
     return dt, max(2, 2 * substeps(plant, dt))
 
 
-def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
+def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
     """Return what the sensors read of a motion."""
     # several plants of one structure move together: its numbers are those of the plant itself
-    motion = Motion(prepared.plant, motion.y)
+    motion = PlantMotion(prepared.plant, motion.y)
     rig = prepared.plant.rig
     duration = prepared.scenario.duration
     grid: Floats = prepared.dt * np.arange(len(motion.y), dtype=np.float64)
@@ -168,7 +168,7 @@ def sampled(prepared: Prepared, motion: Motion, seed: int) -> Log:
     )
 
 
-def true_motion(motion: Motion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
+def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
     """Return the truth of a log: angles, torques on the joints, places and forces of drives,
     tensions, (k,) each.
 

@@ -12,7 +12,7 @@ from distal.errors import ScenarioError
 from distal.kernels import in_order, lanes_here
 from distal.logs import Log
 from distal.rig import Rig, load_rig
-from distal.simulation.plant import Motion, plant_kernel, run_plants
+from distal.simulation.plant import PlantMotion, plant_kernel, run_plants
 from distal.simulation.scenario import Scenario
 from distal.simulation.simulate import Prepared, check_open, prepare, sampled
 
@@ -94,7 +94,7 @@ def _group(rig: Rig, jobs: list[Job]) -> list[Log | Exception]:
             at = len(distinct)
             distinct.append((scenario, ready))
         which.append(at)
-    motions: dict[int, Motion] = {}
+    motions: dict[int, PlantMotion] = {}
     plants = [(ready.plant.rig, ready.dt, ready.count) for _, ready in distinct]
     for i, (_, first) in enumerate(distinct):
         if i in motions:

@@ -26,7 +26,7 @@ from distal.rig import Rig, named
 from distal.run.estimate_batch import run_all
 from distal.run.offline import Run, prepared, runner_for
 from distal.simulation import Scenario
-from distal.simulation.plant import Motion, equilibrium, plant_kernel, run_plants
+from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel, run_plants
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
 from distal.simulation.simulate import Prepared, sampled, timing
 from distal.study.description import Plan
@@ -297,13 +297,13 @@ def _logs(
         for group in _groups(alike):
             motions = _motions(group[0][1], [built for _, _, built in group])
             for (k, setup, built), motion in zip(group, motions):
-                if isinstance(motion, Motion):
+                if isinstance(motion, PlantMotion):
                     yield k, setup, sampled(built, motion, _sensor_seed(plan, tasks[k]))
                 else:
                     yield k, setup, motion
 
 
-def _motions(setup: _Setup, group: Sequence[Prepared]) -> Iterable[Motion | DistalError]:
+def _motions(setup: _Setup, group: Sequence[Prepared]) -> Iterable[PlantMotion | DistalError]:
     runs = [(built.inputs, built.start) for built in group]
     numbers = [built.plant.parameters.values for built in group]
     try:

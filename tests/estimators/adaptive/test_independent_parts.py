@@ -9,7 +9,7 @@ import pytest
 
 from distal import LiveEstimator, Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter
-from distal.estimators.adaptive.independent_subsystems import parts_of
+from distal.estimators.adaptive.independent_subsystems import subsystems_of
 from distal.rig import independent_parts
 from distal.simulation import Scenario
 from tests.hand_rigs import hand
@@ -105,7 +105,7 @@ def test_live_and_smoothed(rig: Rig, log: Log) -> None:
 def test_inputs_of_a_fit_reach_their_part(rig: Rig) -> None:
     paths = ["joints.3.inertia", "tendons.0.stiffness", "sensors.0.noise"]
     whole = AdaptiveFilter(rig, inputs=paths)
-    first, second = parts_of(whole.states)
+    first, second = subsystems_of(whole.states)
     assert first.states.context.mechanism.parameters.inputs == (
         "tendons.0.stiffness",
         "sensors.0.noise",

@@ -14,7 +14,7 @@ from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter
 from distal.estimators.adaptive.drive_tracking import REMEMBERED, Tracks
 from distal.estimators.adaptive.interval import Interval
-from distal.estimators.adaptive.slack_pairs import play_function, slack_pairs, within_play
+from distal.estimators.adaptive.slack_pairs import slack_pair_function, slack_pairs, within_play
 from distal.rig.hand_tables import Row, hand_of
 from distal.sensor_errors import variance
 
@@ -78,7 +78,7 @@ def test_a_play_is_as_wide_as_slack_and_the_most_stretch(
 ) -> None:
     [(drive, *pair)] = slack_pairs(runner.states.context)
     given = asked(runner, angle, torque)
-    residual, width, known, slope = play_function(runner.states, drive, pair)(*given)
+    residual, width, known, slope = slack_pair_function(runner.states, drive, pair)(*given)
     [sensor] = rig().sensors_of("force")
     most = (abs(torque) + FRICTION + 3 * np.sqrt(variance(sensor))) / SPOOL
     let_in = SPOOL * PLACE - ARM * angle  # of the tendon that the motor winds
@@ -127,7 +127,7 @@ def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFi
     [(drive, *pair)] = slack_pairs(runner.states.context)
     given, before = asked(runner, 0.0, 0.0), covariance_of(runner, 1.0)
     residual, width, _, slope = (
-        np.array(ca.DM(part)) for part in play_function(runner.states, drive, pair)(*given)
+        np.array(ca.DM(part)) for part in slack_pair_function(runner.states, drive, pair)(*given)
     )
     g, most = slope.ravel(), float(width.item()) ** 2 / 12
     s = g @ before @ g

@@ -104,7 +104,7 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class Motion:
+class DriveMotion:
     """How a drive moves.
 
     Args:
@@ -118,7 +118,7 @@ class Motion:
     clear: Scalar
 
 
-def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
+def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> DriveMotion:
     """Return how a drive moves: mean motion over `MOTION_SPAN` against what its sensor's noise
     alone would show.
 
@@ -132,7 +132,7 @@ def motion_of(drive: Drive, noise: Scalar, dt: Scalar, slow: float) -> Motion:
     moving = ca.fmax(ca.fmax(square - alone, 0), mean**2)
     stuck = still / (moving + still)
     direction = mean / ca.sqrt(moving + still) / (1 + drive.bend**2 / (SHARP_BEND**2 * noise))
-    return Motion(
+    return DriveMotion(
         stuck, direction, ca.logic_and(stuck < CLEAR_STICK, ca.fabs(direction) > CLEAR_DIRECTION)
     )
 
@@ -164,7 +164,7 @@ def _slipping(residual: Residual, direction: Scalar, doubt: Scalar) -> tuple[Sca
 
 
 def _unknown(
-    context: FilterContext, motion: Motion, residual: Residual, interval: Scalar, dt: Scalar
+    context: FilterContext, motion: DriveMotion, residual: Residual, interval: Scalar, dt: Scalar
 ) -> Comparison:
     """Return how a force is compared whose friction the rig does not declare."""
     robustness = context.robustness
@@ -188,7 +188,7 @@ def _unknown(
 
 
 def _declared(
-    context: FilterContext, motion: Motion, residual: Residual, interval: Scalar, dt: Scalar
+    context: FilterContext, motion: DriveMotion, residual: Residual, interval: Scalar, dt: Scalar
 ) -> Comparison:
     """Return how a force is compared whose friction the rig declares: a clipped residual while its
     drive sticks, (21).

@@ -16,7 +16,7 @@ from distal.estimators.adaptive.drive_tracking import remembered_place
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.first_sample import prior_function
-from distal.estimators.adaptive.independent_subsystems import Apart, parts_of
+from distal.estimators.adaptive.independent_subsystems import Apart, subsystems_of
 from distal.estimators.adaptive.states import KINDS, Kind, StateVector
 from distal.estimators.adaptive.touch import TORQUE
 from distal.estimators.adaptive.tuning import Robustness
@@ -27,7 +27,7 @@ from distal.estimators.report import Report
 from distal.estimators.state_kinds import StateKind, states_of
 from distal.kernels import Structure, kernel_of, structure_of
 from distal.logs import frozen
-from distal.regression import numbers_of, reporting_function
+from distal.regression import map_coefficients_of, reporting_function
 from distal.rig import Affine, Contact, Discrepancy, LearnedMap, Rig, Sensor
 
 
@@ -110,7 +110,7 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self._states.context.mechanism.parameters.values
-        numbers = np.concatenate([parameters, *map(numbers_of, self._maps)])
+        numbers = np.concatenate([parameters, *map(map_coefficients_of, self._maps)])
         measured = tuple(sensor.name for sensor in channels.compared)
         state_names = self._states.names
         super().__init__(
@@ -221,7 +221,7 @@ class AdaptiveFilter(KernelEstimator):
         )
         assert [after.terms for after in changed._maps] == [before.terms for before in self._maps]
         parameters = self.numbers[: len(self.parameter_names)]
-        changed._p = frozen(np.concatenate([parameters, *map(numbers_of, changed._maps)]))
+        changed._p = frozen(np.concatenate([parameters, *map(map_coefficients_of, changed._maps)]))
         changed._begin = None
         return changed
 
@@ -332,7 +332,7 @@ class AdaptiveFilter(KernelEstimator):
     @property
     def parts(self) -> tuple[Apart, ...]:
         """Its parts that do not touch each other; none where there is only one."""
-        return parts_of(self._states)
+        return subsystems_of(self._states)
 
     @cached_property
     def priors(self) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, tracking
-from distal.estimators.adaptive.independent_subsystems import filter_by_parts, parts_of
+from distal.estimators.adaptive.independent_subsystems import filter_by_parts, subsystems_of
 from distal.estimators.adaptive.internal_motion import follow
 from distal.estimators.adaptive.interval import Interval, Prediction
 from distal.estimators.adaptive.joint_motion import Moved, moved
@@ -51,7 +51,7 @@ def adaptive_function(
     context = states.context
     layout = adaptive_layout(states)
     filters = [
-        (part, adaptive_function(part.states, resolution, trace)) for part in parts_of(states)
+        (part, adaptive_function(part.states, resolution, trace)) for part in subsystems_of(states)
     ]
     if filters:
         return filter_by_parts(states, filters, layout, trace)

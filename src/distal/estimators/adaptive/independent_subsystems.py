@@ -22,7 +22,7 @@ from distal.estimators.adaptive.states.vector import StateVector
 from distal.estimators.adaptive.touch import DRIVE, FORCE, TORQUE, compared_forces
 from distal.estimators.read_channels import Channels
 from distal.kernels import Indices, Layout, PlacedKernel, side_by_side
-from distal.rig import Part, independent_parts
+from distal.rig import Subsystem, independent_parts
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Apart:
 
 
 @lru_cache(maxsize=32)
-def parts_of(states: StateVector) -> tuple[Apart, ...]:
+def subsystems_of(states: StateVector) -> tuple[Apart, ...]:
     """Return the parts of a filter that do not touch each other; none where there is only one."""
     mechanism = states.context.mechanism
     parts = independent_parts(mechanism.rig)
@@ -61,7 +61,7 @@ def parts_of(states: StateVector) -> tuple[Apart, ...]:
     return filters if np.array_equal(covered, np.arange(len(states))) else ()
 
 
-def _apart(states: StateVector, part: Part) -> Apart:
+def _apart(states: StateVector, part: Subsystem) -> Apart:
     context = states.context
     parameters = states.context.mechanism.parameters
     inputs = part.own_paths(parameters.inputs)
@@ -95,7 +95,7 @@ def _apart(states: StateVector, part: Part) -> Apart:
     )
 
 
-def _whole_name(part: Part, at: Sequence[int], name: str) -> str:
+def _whole_name(part: Subsystem, at: Sequence[int], name: str) -> str:
     """Return the name among the whole filter's inputs of one of a part's, whose states stand `at`
     those of the whole.
     """
@@ -131,7 +131,7 @@ class _PartOfChannels(Channels):
         return self.nominal_interval
 
 
-def _channels(part: Part, channels: Channels) -> Channels:
+def _channels(part: Subsystem, channels: Channels) -> Channels:
     names = {sensor.name for sensor in part.rig.sensors}
     joints = {joint.name for joint in part.rig.joints}
 

@@ -36,7 +36,7 @@ SLOPED = ("residual", "limit", "asymmetry")
 
 
 @dataclass(frozen=True)
-class Row:
+class MeasurementRow:
     """One force, tension or angle to compare, as expressions of a symbolic state.
 
     Args:
@@ -67,9 +67,9 @@ class Row:
     compares_motion: bool = False
 
 
-def rows_of(
+def measurement_rows_of(
     states: StateVector, state: Vector, tracks: Tracks[ca.SX], rates: Vector, x: Vector
-) -> list[Row]:
+) -> list[MeasurementRow]:
     """Return what is compared: U = Σ T ∂ℓ/∂s + B_d ṡ + friction of each drive, measured tensions, a
     reference's angle.
 
@@ -103,7 +103,7 @@ def rows_of(
             lasting = nominal_std**2 * 2 * NOMINAL_TIME / ca.fmax(x[0], 1e-6)
             residual = context.number(path) - expected
             rows.append(
-                Row(
+                MeasurementRow(
                     drive.name,
                     residual,
                     spread + lasting,
@@ -119,7 +119,7 @@ def rows_of(
         if transmitted is not None:
             damped = dampings[body] * rates[i]
             rows.append(
-                Row(
+                MeasurementRow(
                     sensor.name,
                     state[transmitted[0]] - (expected - damped),
                     TIE**2 * noise + spread,
@@ -129,7 +129,7 @@ def rows_of(
             continue
         read = context.value(x, sensor)
         residual = read - expected - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, noise + spread, mask, *friction))
+        rows.append(MeasurementRow(sensor.name, residual, noise + spread, mask, *friction))
     tendons = [tendon.name for tendon in mechanism.rig.tendons]
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
@@ -137,7 +137,7 @@ def rows_of(
         spread = context.noise(sensor) + tension_slopes[t, body] ** 2 * tracks[body - nj].variance
         read = context.value(x, sensor)
         residual = read - tensions[t] - states.sensor_error(sensor, read, state)
-        rows.append(Row(sensor.name, residual, spread, context.mask(x, sensor)))
+        rows.append(MeasurementRow(sensor.name, residual, spread, context.mask(x, sensor)))
     moment = Moment(mechanism, q, v, tensions, pulls)
     unknowns = states.unknowns(state)
     for sensor in (*context.channels.angles, *context.channels.others):
@@ -150,7 +150,7 @@ def rows_of(
         rate = context.number(f"{context.path(sensor)}.rate")
         lasting = ca.SX(1) if trusted else ca.fmax(1, context.robustness.sticking_time * rate)
         shared = {"lasting": lasting, "compares_motion": not trusted}
-        rows.append(Row(sensor.name, residual, noise, mask, trusted=trusted, **shared))
+        rows.append(MeasurementRow(sensor.name, residual, noise, mask, trusted=trusted, **shared))
     # as the filter names its innovations: by the rig's order of sensors; nominal pulls come last
     names = [sensor.name for sensor in context.channels.compared]
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
@@ -174,7 +174,7 @@ def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar
 
 
 @dataclass(frozen=True)
-class Slopes:
+class MeasurementSlopes:
     """Slopes of a row by the state, (n, 1) each."""
 
     residual: VectorNode
@@ -186,9 +186,9 @@ class Slopes:
 class RowAt:
     """A row at a state: what is compared, its numbers (a `ROW`), and their slopes."""
 
-    row: Row
+    row: MeasurementRow
     values: VectorNode
-    slopes: Slopes
+    slopes: MeasurementSlopes
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class Rows:
     row.
     """
 
-    rows: Sequence[Row]
+    rows: Sequence[MeasurementRow]
     function: ca.Function
 
     @classmethod
@@ -208,7 +208,7 @@ class Rows:
         vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
         rates = ca.SX.sym("rates", context.n_drives)
         x = ca.SX.sym("x", context.width)
-        rows = rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
+        rows = measurement_rows_of(states, state, Tracks(vector, context.n_drives), rates, x)
         outputs = dict[str, ca.SX]()
         for k, row in enumerate(rows):
             outputs[f"values_{k}"] = ROW.joined(
@@ -234,6 +234,10 @@ class Rows:
         """
         outputs = self.function(state=state, tracks=tracks, rates=rates, x=x, p=p)
         return [
-            RowAt(row, outputs[f"values_{k}"], Slopes(*(outputs[f"{part}_{k}"] for part in SLOPED)))
+            RowAt(
+                row,
+                outputs[f"values_{k}"],
+                MeasurementSlopes(*(outputs[f"{part}_{k}"] for part in SLOPED)),
+            )
             for k, row in enumerate(self.rows)
         ]

@@ -35,7 +35,7 @@ def within_play(
     numbers = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
     told = {at: share for at, share in numbers.items() if at not in states.torque_states}
     for drive, *pair in slack_pairs(states.context):
-        residual, width, is_read, slope = play_function(states, drive, pair)(
+        residual, width, is_read, slope = slack_pair_function(states, drive, pair)(
             mean, interval.tracks, interval.x, interval.p
         )
         across = updates.times(slope)
@@ -74,7 +74,7 @@ def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
             yield i, tendons[0], tendons[1]
 
 
-def play_function(states: StateVector, drive: int, pair: list[int]) -> ca.Function:
+def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.Function:
     """Return (state, tracks, x, p) → how far from the middle of its play a joint is, the width,
     whether they are known.
 

@@ -11,7 +11,7 @@ from distal.estimators.adaptive.drive_friction import Comparison, Residual, comp
 from distal.estimators.adaptive.drive_tracking import TRACKED, Drive, Tracks
 from distal.estimators.adaptive.guards import robust_variance
 from distal.estimators.adaptive.interval import Interval, Prediction
-from distal.estimators.adaptive.measurement import ROW, SLOPED, Row, Rows
+from distal.estimators.adaptive.measurement import ROW, SLOPED, MeasurementRow, Rows
 from distal.estimators.adaptive.states import StateVector
 from distal.estimators.adaptive.stop_contact import sure_of_stops
 from distal.estimators.adaptive.touch import (
@@ -163,7 +163,7 @@ def updated(
     return mean, covariance.matrix(), y
 
 
-def comparison_function(states: StateVector, row: Row) -> ca.Function:
+def comparison_function(states: StateVector, row: MeasurementRow) -> ca.Function:
     """Return (values, since, track, dt, p) → the parts of `Comparison` of one row.
 
     Values are its `ROW` at the prior, since is a `SINCE`, track is of its drive, zeros where it has

@@ -17,7 +17,7 @@ from distal.logs.cells import Cells, Column, in_memory
 from distal.logs.formats.format import Format
 from distal.logs.header_units import needed
 from distal.logs.memory_limit import check_memory
-from distal.logs.vectors import names_in, numbered
+from distal.logs.vectors import component_names_in, numbered
 
 WIDEST = 16
 """Bytes of a cell whose size the header does not say, such as text."""
@@ -107,7 +107,7 @@ def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
         batch = next(file.iter_batches(1, columns=[column.name]), None)
         first = None if batch is None or not batch.num_rows else batch.column(0)[0].as_py()
         if first:
-            names = numbered(column.name, names_in(path, column.name), len(first))
+            names = numbered(column.name, component_names_in(path, column.name), len(first))
             found |= {name: (column.name, k) for k, name in enumerate(names)}
     return found
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.model import Mechanism
-from distal.reports.drawing.labels import rounded
-from distal.reports.drawing.sheet import PITCH, Line, Point, Sheet
+from distal.reports.drawing.labels import rounded_label
+from distal.reports.drawing.sheet import PITCH, DrawnLine, Point, Sheet
 from distal.results import COLOURS, DASHES, INK, SOFT, legend_above, styled
 from distal.rig import Rig
 
@@ -55,8 +55,8 @@ def table_width(rig: Rig) -> float:
 
 
 def _columns(rig: Rig) -> tuple[float, list[float]]:
-    first = max(Line(tendon.name, True).width for tendon in rig.tendons) + 0.45
-    return first, [max(Line(joint.name, True).width, 0.45) + 0.16 for joint in rig.joints]
+    first = max(DrawnLine(tendon.name, True).width for tendon in rig.tendons) + 0.45
+    return first, [max(DrawnLine(joint.name, True).width, 0.45) + 0.16 for joint in rig.joints]
 
 
 def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
@@ -79,7 +79,7 @@ def draw_table(sheet: Sheet, rig: Rig, arms: Floats, at: Point) -> Point:
         sheet.write((at[0] + 0.36, y), rig.tendons[i].name, bold=True)
         for joint, end, arm in zip(rig.joints, ends, row):
             crossed = joint.name in rig.tendons[i].joints
-            text = rounded(1e3 * arm) if crossed else "–"
+            text = rounded_label(1e3 * arm) if crossed else "–"
             sheet.write((end - 0.06, y), f"+{text}" if crossed and arm > 0 else text, ha="right")
     y -= 0.8 * PITCH
     sheet.line([(at[0], y), (right, y)], SOFT, 0.5)

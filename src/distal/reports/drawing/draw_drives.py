@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from itertools import product
 from math import pi
 
-from distal.reports.drawing.labels import rounded, written
+from distal.reports.drawing.labels import label_of, rounded_label
 from distal.reports.drawing.sensors import sensor_lines, sensors_of_part
-from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc
+from distal.reports.drawing.sheet import BADGE, DrawnLine, Point, Sheet, arc
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Capstan, Rig, Slider
 
@@ -26,24 +26,24 @@ TRAVEL = 0.4
 """A longer way between a slider's stops is drawn shorter [in]."""
 
 
-def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[Line]:
+def drive_lines(rig: Rig, drive: Slider | Capstan) -> list[DrawnLine]:
     """Return what is written beside a drive: name, sizes, sensors."""
-    lines = [Line(drive.name, bold=True)]
+    lines = [DrawnLine(drive.name, bold=True)]
     unit = "m"
     if isinstance(drive, Capstan):
         unit = "rad"
-        lines.append(Line(f"spool r {written(drive.radius.value, 'm')}"))
+        lines.append(DrawnLine(f"spool r {label_of(drive.radius.value, 'm')}"))
         gears = {getattr(sensor, "gear", 1.0) for sensor in sensors_of_part(rig, drive)} - {1.0}
-        lines += [Line(f"gear {rounded(gear)} : 1") for gear in sorted(gears)]
+        lines += [DrawnLine(f"gear {rounded_label(gear)} : 1") for gear in sorted(gears)]
     if drive.stops is not None:
-        lines.append(Line(f"stops {' … '.join(written(stop, unit) for stop in drive.stops)}"))
+        lines.append(DrawnLine(f"stops {' … '.join(label_of(stop, unit) for stop in drive.stops)}"))
     if drive.backlash is not None:
-        lines.append(Line(f"backlash {written(drive.backlash.width.value, unit)}"))
+        lines.append(DrawnLine(f"backlash {label_of(drive.backlash.width.value, unit)}"))
     return [*lines, *sensor_lines(rig, drive)]
 
 
 def draw_capstan(
-    sheet: Sheet, drive: Capstan, lines: Sequence[Line], at: Point, scale: float, way: int
+    sheet: Sheet, drive: Capstan, lines: Sequence[DrawnLine], at: Point, scale: float, way: int
 ) -> None:
     """Draw a motor seen along its shaft, at a scale [in/m]; `way` is +1 where a positive angle
     turns counter-clockwise.
@@ -80,7 +80,7 @@ def motor_half(drive: Capstan, scale: float) -> float:
 def draw_slider(
     sheet: Sheet,
     drive: Slider,
-    lines: Sequence[Line],
+    lines: Sequence[DrawnLine],
     right: Point,
     lanes: Sequence[float],
     scale: float,

@@ -13,11 +13,11 @@ from math import cos, dist, pi, sin
 import numpy as np
 
 from distal.arrays import Floats
-from distal.reports.drawing.labels import rounded, written
+from distal.reports.drawing.labels import label_of, rounded_label
 from distal.reports.drawing.pose import Stand
-from distal.reports.drawing.routes import Wheel, heading
+from distal.reports.drawing.routes import Wheel, route_heading
 from distal.reports.drawing.sensors import sensor_lines
-from distal.reports.drawing.sheet import BADGE, Line, Point, Sheet, arc, on_circle
+from distal.reports.drawing.sheet import BADGE, DrawnLine, Point, Sheet, arc, on_circle
 from distal.results import FAINT, INK, PALE, SOFT, WHITE
 from distal.rig import Joint, Linkage, Meeting, Polynomial, Rig
 
@@ -38,7 +38,7 @@ def meetings_at(rig: Rig, joint: Joint) -> list[Meeting]:
     ]
 
 
-def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
+def joint_lines(rig: Rig, index: int, turn: int) -> list[DrawnLine]:
     """Return what is written of a joint; `turn` is +1 where a positive angle turns
     counter-clockwise on paper.
     """
@@ -47,24 +47,24 @@ def joint_lines(rig: Rig, index: int, turn: int) -> list[Line]:
     if rig.is_chain or joint.gravity is not None:
         texts.append(f"axis {axis_name(joint.axis)} {'⊙' if turn > 0 else '⊗'}")
     if joint.coupled is not None:
-        shift = f" + {written(joint.coupled.offset, 'rad')}" if joint.coupled.offset else ""
-        texts.append(f"θ = {rounded(joint.coupled.ratio)} θ of {joint.coupled.joint}{shift}")
+        shift = f" + {label_of(joint.coupled.offset, 'rad')}" if joint.coupled.offset else ""
+        texts.append(f"θ = {rounded_label(joint.coupled.ratio)} θ of {joint.coupled.joint}{shift}")
     texts += _sizes(rig, joint)
     if joint.spring is not None:
-        texts.append(f"spring {written(joint.spring.stiffness.value, 'N m/rad')}")
-        texts.append(f"relaxed at {written(joint.spring.rest_angle.value, 'rad')}")
+        texts.append(f"spring {label_of(joint.spring.stiffness.value, 'N m/rad')}")
+        texts.append(f"relaxed at {label_of(joint.spring.rest_angle.value, 'rad')}")
     if joint.extension_spring is not None:
-        texts.append(f"spring {written(joint.extension_spring.stiffness.value, 'N/m')}")
+        texts.append(f"spring {label_of(joint.extension_spring.stiffness.value, 'N/m')}")
     if joint.friction is not None:
-        size = written(joint.friction.radius.value, "m")
-        mu = rounded(joint.friction.coefficient.value)
+        size = label_of(joint.friction.radius.value, "m")
+        mu = rounded_label(joint.friction.coefficient.value)
         texts.append(f"axle r {size}, μ {mu}")
     if joint.backlash is not None:
-        texts.append(f"backlash {written(joint.backlash.width.value, 'rad')}")
+        texts.append(f"backlash {label_of(joint.backlash.width.value, 'rad')}")
     body = joint.link or joint.gravity
     if body is not None and not body.mass.absent:
-        texts.append(f"link {written(body.mass.value, 'kg')}")
-    return [Line(joint.name, bold=True), *map(Line, texts), *sensor_lines(rig, joint)]
+        texts.append(f"link {label_of(body.mass.value, 'kg')}")
+    return [DrawnLine(joint.name, bold=True), *map(DrawnLine, texts), *sensor_lines(rig, joint)]
 
 
 def _sizes(rig: Rig, joint: Joint) -> list[str]:
@@ -76,11 +76,11 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
             kinds.setdefault(("arms by polynomial", ""), [])
             continue
         shifted = isinstance(shape, Linkage) and shape.centre.value != 0.0
-        behind = f" at {written(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
+        behind = f" at {label_of(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
         kinds.setdefault((shape.DRAWN, behind), []).append(shape.radius.value)
     texts = []
     for (name, behind), radii in kinds.items():
-        sizes = dict.fromkeys(rounded(1e3 * radius) for radius in sorted(radii, reverse=True))
+        sizes = dict.fromkeys(rounded_label(1e3 * radius) for radius in sorted(radii, reverse=True))
         texts.append(f"{name} {', '.join(sizes)} mm{behind}" if sizes else name)
     return texts
 
@@ -117,7 +117,7 @@ def draw_coupling(sheet: Sheet, leader: Point, follower: Point, ratio: float) ->
     for way in (1, -1):
         first = Wheel(leader, min(max(0.12 * abs(ratio), 0.06), 0.24), way)
         last = Wheel(follower, 0.12, way if ratio > 0 else -way)
-        along = heading(first, last)
+        along = route_heading(first, last)
         sheet.disc(leader, first.radius, "none", INK, order=3.1, ls=(0, (6, 2, 1, 2)))
         sheet.line(
             [first.point(along), last.point(along)], INK, 0.9, ls=(0, (6, 2, 1, 2)), zorder=3.1
@@ -131,7 +131,7 @@ def draw_joint(
     stand: Stand,
     scale: float,
     around: float,
-    lines: Sequence[Line],
+    lines: Sequence[DrawnLine],
 ) -> None:
     """Draw what turns about a joint's axis, its springs and sensors, at a scale [in/m]; stops stand
     `around` it [in].
@@ -192,7 +192,7 @@ def _draw_stops(sheet: Sheet, stops: tuple[float, float], stand: Stand, around: 
         block = Wedge(centre, around + 0.06, *edges, width=0.12, facecolor=INK, zorder=4.5)
         sheet.patch(block, on_circle(centre, around + 0.06, angle))
         out = (cos(angle), sin(angle))
-        sheet.write_near(on_circle(centre, around + 0.13, angle), out, written(stop, "rad"))
+        sheet.write_near(on_circle(centre, around + 0.13, angle), out, label_of(stop, "rad"))
 
 
 def _draw_wheels(sheet: Sheet, rig: Rig, joint: Joint, stand: Stand, scale: float) -> None:

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from distal.reports.drawing.draw_joints import coil
-from distal.reports.drawing.labels import rounded, written
+from distal.reports.drawing.labels import label_of, rounded_label
 from distal.reports.drawing.pose import Stand
 from distal.reports.drawing.routes import WRAP, Wheel, route
 from distal.reports.drawing.sensors import sensor_lines
-from distal.reports.drawing.sheet import PITCH, SIZE, Line, Point, Sheet, width_of
+from distal.reports.drawing.sheet import PITCH, SIZE, DrawnLine, Point, Sheet, width_of
 from distal.results import COLOURS, DASHES, WHITE
 from distal.rig import Linkage, Pinned, Rig, Tendon
 
@@ -52,20 +52,20 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
     return past
 
 
-def tendon_lines(rig: Rig, tendon: Tendon) -> list[Line]:
+def tendon_lines(rig: Rig, tendon: Tendon) -> list[DrawnLine]:
     """Return what is written of a tendon below its line: sizes and sensors."""
-    sizes = f"k {written(tendon.stiffness.value, 'N/m')}"
+    sizes = f"k {label_of(tendon.stiffness.value, 'N/m')}"
     if not tendon.pretension.absent:
-        sizes += f", T₀ {written(tendon.pretension.value, 'N')}"
+        sizes += f", T₀ {label_of(tendon.pretension.value, 'N')}"
     if not tendon.slack.absent:
-        sizes += f", slack {written(tendon.slack.value, 'm')}"
-    lines = [Line(sizes)]
+        sizes += f", slack {label_of(tendon.slack.value, 'm')}"
+    lines = [DrawnLine(sizes)]
     if tendon.path is not None:
         kind = "sheath" if tendon.path.nodes else "guides"
         lines.append(
-            Line(
-                f"{kind} {written(tendon.path.wrap.value, 'rad')}, μ "
-                f"{rounded(tendon.path.friction.value)}"
+            DrawnLine(
+                f"{kind} {label_of(tendon.path.wrap.value, 'rad')}, μ "
+                f"{rounded_label(tendon.path.friction.value)}"
             )
         )
     return [*lines, *sensor_lines(rig, tendon)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 LARGE = {"N/m": (1e3, 1e-3, "N/mm"), "kg": (1.0, 1.0, "kg"), "m": (1.0, 1.0, "m")}
-"""SI unit → from where on, factor and name of what is written instead."""
+"""SI unit → from where on, factor and name of what is label_of instead."""
 
 SMALL = {
     "m": (1.0, 1e3, "mm"),
@@ -13,13 +13,13 @@ SMALL = {
     "N m/rad": (0.01, 1e3, "mN m/rad"),
     "N m": (0.1, 1e3, "mN m"),
 }
-"""SI unit → below what, factor and name of what is written instead."""
+"""SI unit → below what, factor and name of what is label_of instead."""
 
 
-def written(value: float, si: str) -> str:
+def label_of(value: float, si: str) -> str:
     """Return a value in its SI unit to three digits, such as "23 N/mm", "8 mm" or "−20°"."""
     if si == "rad":
-        return f"{rounded(math.degrees(value))}°"
+        return f"{rounded_label(math.degrees(value))}°"
     if si in LARGE and abs(value) >= LARGE[si][0]:
         _, factor, unit = LARGE[si]
     elif si in SMALL and abs(value) < SMALL[si][0]:
@@ -27,10 +27,10 @@ def written(value: float, si: str) -> str:
     else:
         factor = 1.0
         unit = si
-    return f"{rounded(factor * value)} {unit.replace('N m', 'N·m')}".rstrip()
+    return f"{rounded_label(factor * value)} {unit.replace('N m', 'N·m')}".rstrip()
 
 
-def rounded(value: float) -> str:
+def rounded_label(value: float) -> str:
     """Return a number to three digits, with a true minus."""
     digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value and abs(value) < 1e3 else 0
     if abs(value) >= 1e5 or digits > 7:

@@ -33,7 +33,7 @@ class Wheel:
         return self.centre[0] + arm * sin(heading), self.centre[1] - arm * cos(heading)
 
 
-def heading(first: Wheel, last: Wheel) -> float:
+def route_heading(first: Wheel, last: Wheel) -> float:
     """Return the direction of the straight line that leaves one circle and meets the next one
     [rad].
     """
@@ -51,7 +51,7 @@ def route(wheels: Sequence[Wheel], wrap: float) -> list[Point]:
     """Return the points of a tendon's way past at least two circles; on the last one it ends after
     some wrap [rad].
     """
-    headings = [heading(first, last) for first, last in pairwise(wheels)]
+    headings = [route_heading(first, last) for first, last in pairwise(wheels)]
     points = [wheels[0].point(headings[0])]
     for k, (wheel, arrives) in enumerate(zip(wheels[1:], headings)):
         last = k == len(headings) - 1

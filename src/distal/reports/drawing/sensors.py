@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from distal.reports.drawing.sheet import Line
+from distal.reports.drawing.sheet import DrawnLine
 from distal.rig import Capstan, Joint, Rig, Sensor, Slider, Tendon, measurand_of, part_of
 
 
@@ -11,9 +11,9 @@ def sensors_of_part(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[S
     return [s for s in rig.sensors if getattr(rig, measurand_of(s).of)[part_of(s, rig)] is part]
 
 
-def sensor_lines(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[Line]:
+def sensor_lines(rig: Rig, part: Slider | Capstan | Tendon | Joint) -> list[DrawnLine]:
     """Return a line with the letter of what it measures for each sensor of a part."""
     return [
-        Line(sensor.name, badge=measurand_of(sensor).letter(part))
+        DrawnLine(sensor.name, badge=measurand_of(sensor).letter(part))
         for sensor in sensors_of_part(rig, part)
     ]

@@ -36,7 +36,7 @@ MARGIN = 0.14
 
 
 @dataclass(frozen=True)
-class Line:
+class DrawnLine:
     """A line of text beside a part: bold for its name, with a sensor's badge of one letter in front
     of it.
     """
@@ -157,7 +157,7 @@ class Sheet:
                 break
         self.write(place, text, ha=ha, clear=True)
 
-    def block(self, at: Point, lines: Sequence[Line]) -> None:
+    def block(self, at: Point, lines: Sequence[DrawnLine]) -> None:
         """Write lines below one another, from the left end of the first one's middle line."""
         for k, line in enumerate(lines):
             x = at[0]
@@ -172,7 +172,7 @@ class Sheet:
         self.disc(at, BADGE - 0.016, WHITE, order=8.0)
         self.write(at, letter, size=5.5, ha="center")
 
-    def mark(self, lines: Sequence[Line], places: Mapping[str, Point]) -> None:
+    def mark(self, lines: Sequence[DrawnLine], places: Mapping[str, Point]) -> None:
         """Repeat the badges of some lines on the part that they are of, each in its place there."""
         for letter, at in places.items():
             if any(line.badge == letter for line in lines):

@@ -54,6 +54,6 @@ def series_stiffness(drives: int, joints: int) -> Guess:
     )
 
 
-def initial_angle(angle: float) -> Guess:
+def initial_angle_of_model(angle: float) -> Guess:
     """Return where a joint starts whose model says its `angle` [rad]."""
     return Guess({"value": angle, "std": "5 deg"}, "angle at the start")

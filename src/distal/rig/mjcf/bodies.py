@@ -12,7 +12,11 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.rig.imported import name_of
-from distal.rig.mjcf.assumed_values import FRICTION_COEFFICIENT, JOINT_FRICTION, initial_angle
+from distal.rig.mjcf.assumed_values import (
+    FRICTION_COEFFICIENT,
+    JOINT_FRICTION,
+    initial_angle_of_model,
+)
 from distal.rig.mjcf.loading import mujoco_module
 
 if TYPE_CHECKING:
@@ -111,7 +115,7 @@ def described_joints(
         raw["inertia"] = max(float(model.dof_armature[dof]) * units.torque, SMALLEST_INERTIA)
         raw["damping"] = float(np.ravel(model.dof_damping[dof])[0]) * units.torque
         initial = float(model.qpos0[int(model.jnt_qposadr[j])])
-        raw["initial"] = initial_angle(initial)
+        raw["initial"] = initial_angle_of_model(initial)
         loss = float(model.dof_frictionloss[dof]) * units.torque
         if loss > 0.0:
             load = loss / (FRICTION_COEFFICIENT * FRICTION_RADIUS)

@@ -17,7 +17,7 @@ from distal.rig import torque_names
 
 
 @dataclass(frozen=True)
-class ExternalTorque(ZeroMean):
+class ExternalTorqueState(ZeroMean):
     """τ_ext, a first-order Gauss–Markov process: e^{−dt/T} of it is left after dt.
 
     Where the rig declares none it is zero until a touch opens its variance, (13b).
@@ -69,5 +69,5 @@ def external_torques(context: FilterContext) -> list[State]:
     blocks = list[State]()
     for j, joint in enumerate(joints):
         if joint.external_torque.std > 0.0 or j in context.touchable:
-            blocks.append(ExternalTorque(context, j))
+            blocks.append(ExternalTorqueState(context, j))
     return blocks

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.states.external_torque import ExternalTorque
+from distal.estimators.adaptive.states.external_torque import ExternalTorqueState
 from distal.estimators.adaptive.states.joint import JointMotion
 from distal.estimators.adaptive.states.registry import KINDS, Kind
 from distal.estimators.adaptive.states.state import Fading, Learning, State
@@ -45,7 +45,7 @@ class StateVector:
         self.unsmoothed = tuple(i for i, block in enumerate(block_of) if not block.smoothed)
         self.lasting = np.array([block.lasting for block in block_of], dtype=np.bool_)
         torques = (
-            (i, block) for i, block in enumerate(block_of) if isinstance(block, ExternalTorque)
+            (i, block) for i, block in enumerate(block_of) if isinstance(block, ExternalTorqueState)
         )
         self.torque_states = {i: block.joint for i, block in torques}
         self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
