@@ -1,4 +1,4 @@
-"""What a command reads and writes, compared before it begins: see `distal.logs.check_command_outputs`."""
+"""What a command reads and writes, compared before it begins: see `distal.logs.check_outputs`."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def check_command_outputs(
         inputs.append(("standard input", 0))
     printed = (("standard output", sys.stdout, 1), ("standard error", sys.stderr, 2))
     streams = [(label, number) for label, stream, number in printed if stream is not None]
-    files.check_command_outputs(outputs, inputs, streams)
+    files.check_outputs(outputs, inputs, streams)
     for output in outputs:
         files.check_format(output.path)
 
