@@ -272,11 +272,11 @@ def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], 
         noisy = true + np.deg2rad(0.03) * rng.normal(size=true.shape)
         keys = ["theta"] if true.shape[1] == 1 else [f"theta_{joint.name}" for joint in rig.joints]
         logs.append(Log(time, channels, dict(zip(keys, noisy.T)), f"{name} {k}", FROM_SENSOR))
-        positions = [
+        position_sensors = [
             next(s.name for s in rig.sensors_of("position") if s.of == drive.name)
             for drive in rig.drives
         ]
-        places.append(np.column_stack([channels[each] for each in positions]))
+        places.append(np.column_stack([channels[each] for each in position_sensors]))
         angles.append(noisy)
     matrix = np.column_stack([np.vstack(angles), np.ones(sum(map(len, angles)))])
     slopes = np.linalg.lstsq(matrix, np.vstack(places), rcond=None)[0]

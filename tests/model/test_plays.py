@@ -144,14 +144,14 @@ def rest_of(mechanism: Mechanism, ways: list[list[float]]) -> list[tuple[Any, An
     place to place.
     """
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters.symbols
-    place, pulls = mechanism.place(q), mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
+    place, pulls = mechanism.internal_state(q), mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
     function = ca.Function(
         "place",
         [q, p],
         [place.q, ca.vertcat(*place.inside), pulls.joint, pulls.drive, pulls.forces],
     )
     still = Mechanism(mechanism.rig)
-    start, own = still.place(q).inside, still.parameters
+    start, own = still.internal_state(q).inside, still.parameters
     numbers = np.array(mechanism.parameters.values)
     at = [mechanism.parameters.names.index(name) for name in mechanism.plays]
     begin = ca.Function("begin", [q, own.symbols], [ca.vertcat(*start)])

@@ -92,12 +92,12 @@ def chain_function(
     n = nj
     width = len(channels.names)
     p = mechanism.parameters
-    layout = carry_layout(n, places=nd, pulls=nd)
+    layout = carry_layout(n, read_positions=nd, pulls=nd)
     carry = ca.SX.sym("carry", layout.size)
     x = ca.SX.sym("x", 1 + 2 * width)
-    places = layout.part(carry, "places")
+    read_positions = layout.part(carry, "read_positions")
     pulls = layout.part(carry, "pulls")
-    positions, filtered = read_drives(mechanism.rig, channels, places, pulls, x)
+    positions, filtered = read_drives(mechanism.rig, channels, read_positions, pulls, x)
     errors = [ca.SX(0)] * nd
     for sensor in channels.positions:
         drive = [drive.name for drive in mechanism.rig.drives].index(sensor.of)
@@ -139,7 +139,7 @@ def chain_function(
     covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(
         unseen_covariance(mechanism.rig)
     )
-    following = layout.joined(mean=angles, covariance=covariance, places=positions, pulls=filtered)
+    following = layout.joined(mean=angles, covariance=covariance, read_positions=positions, pulls=filtered)
     outputs = [ca.cse(following), ca.SX.zeros(1)]
     return ca.Function(
         "kinematic", [carry, x, p.symbols], outputs, ["carry", "x", "p"], ["next", "y"]

@@ -127,7 +127,7 @@ class Equations:
                 return parameters
 
             moved = ca.Function(
-                "moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.place(q_).inside)]
+                "moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.internal_state(q_).inside)]
             )
             crept = ca.Function(
                 "crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))]
@@ -188,7 +188,7 @@ class Equations:
         q = ca.SX.sym("q", still.n_bodies)
         p = self.mechanism.parameters.symbols
         symbols = still.parameters.symbols
-        inside = list(still.place(q).inside)
+        inside = list(still.internal_state(q).inside)
         for name in still.strains:
             _, index, kind, _ = name.split(".")
             settled = getattr(still.rig.tendons[int(index)], kind).settled.value

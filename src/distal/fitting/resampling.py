@@ -75,5 +75,5 @@ def refined(
     keep = np.ones(len(fine_times), dtype=bool)
     for j in range(1, steps):
         keep[j::steps] = even & np.isfinite(fine[j::steps, :places]).all(axis=1)
-    positions = np.cumsum(keep) - 1
-    return fine_times[keep], fine[keep], positions[rows]
+    new_rows = np.cumsum(keep) - 1
+    return fine_times[keep], fine[keep], new_rows[rows]

@@ -212,7 +212,7 @@ class Balance:
         q = ca.SX.sym("q", self.mechanism.n_bodies)
         dt = ca.SX.sym("dt")
         p = self.mechanism.parameters.symbols
-        inside = [*mechanism.place(q).inside, *mechanism.crept(q, dt)]
+        inside = [*mechanism.internal_state(q).inside, *mechanism.crept(q, dt)]
         return ca.Function("moved", [q, dt, p], [ca.densify(ca.vertcat(*inside))])
 
     @cached_property

@@ -92,7 +92,7 @@ class Stop:
     implicitness: Scalar
 
     def pressed(
-        self, push: Push, position: Scalar, place: Scalar, drift: Scalar, contact: Scalar = True
+        self, push: Push, position: Scalar, stop_position: Scalar, drift: Scalar, contact: Scalar = True
     ) -> Scalar:
         """Return the velocity of a body that presses against a stop, exact with friction, implicit
         in the spring.
@@ -104,13 +104,13 @@ class Stop:
 
         Args:
             position: x at the start of the drift, of length h = `drift` [s].
-            place: the stop, x_L or x_H; `contact` says whether it is pressed.
+            stop_position: the stop, x_L or x_H; `contact` says whether it is pressed.
         """
         z = push.z
         limit = push.limit
         b = push.b
         implicit = push.implicit
-        inside = position - place
+        inside = position - stop_position
         held = 1 / (1 + b * (implicit + self.implicitness * self.stiffness * drift + self.damping))
         forward, back = slip(z - b * self.stiffness * inside, limit, held)
         spring = (forward + back) * (b * self.stiffness)
@@ -142,25 +142,25 @@ def kick_at_stops(
         end < stop.low, stop.stiffness * (end - stop.low) + stop.damping * free < 0
     )
     contact = ca.logic_or(at_high, at_low)
-    place = ca.if_else(at_high, stop.high, stop.low)
-    velocity = stop.pressed(push, position, place, drift, contact)
+    stop_position = ca.if_else(at_high, stop.high, stop.low)
+    velocity = stop.pressed(push, position, stop_position, drift, contact)
     final = position + drift * velocity
     if isinstance(stop.rebound, (int, float)):
         return velocity, final
     bounces, after, bounced = bounce(
-        stop.rebound, at_high, place, Flight(free, position, before, length, drift)
+        stop.rebound, at_high, stop_position, Flight(free, position, before, length, drift)
     )
     bounces = ca.logic_and(bounces, contact)
     return ca.if_else(bounces, after, velocity), ca.if_else(bounces, bounced, final)
 
 
 def bounce(
-    rebound: Scalar, at_high: Scalar, place: Scalar, flight: Flight
+    rebound: Scalar, at_high: Scalar, stop_position: Scalar, flight: Flight
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Return whether a body that meets a stop flies off again, and its velocity and place then.
+    """Return whether a body that meets a stop flies off again, and its velocity and position then.
 
     It meets the stop (the upper one where `at_high`) at the time at which its parabola reaches the
-    stop's place, leaves with −e times its speed there, and flies on for the rest of the drift;
+    stop, leaves with −e times its speed there, and flies on for the rest of the drift;
     without a rebound e is 0.
     """
     free = flight.free
@@ -170,7 +170,7 @@ def bounce(
     towards = ca.if_else(at_high, 1, -1)
     acceleration = towards * (free - flight.before) / ca.if_else(length > 0, length, 1)
     start = towards * free - acceleration * drift / 2
-    gap = towards * (place - flight.position)
+    gap = towards * (stop_position - flight.position)
     speed = ca.sqrt(ca.fmax(start * start + 2 * acceleration * gap, 0))
     closing = start + speed
     time = ca.fmin(2 * gap / ca.if_else(closing > 0, closing, 1), drift)
@@ -181,7 +181,7 @@ def bounce(
         ca.logic_and(gap > 0, 2 * rebound * speed > acceleration * left), rebound > 0
     )
     away = -rebound * speed
-    bounced = place + towards * (away * left + acceleration * left * left / 2)
+    bounced = stop_position + towards * (away * left + acceleration * left * left / 2)
     return flies, towards * (away + acceleration * (left - drift / 2)), bounced
 
 

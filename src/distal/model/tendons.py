@@ -29,7 +29,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Place:
+class InternalState:
     """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m],
     and what moves inside.
 
@@ -153,7 +153,7 @@ class Tendons:
         )
         return jacobian(q, p)
 
-    def place(self, q: Vector, settled: bool = False) -> Place:
+    def internal_state(self, q: Vector, settled: bool = False) -> InternalState:
         """Return where what moves inside comes to rest as the bodies have come to q; where
         `settled`, it has already.
         """
@@ -175,7 +175,7 @@ class Tendons:
             points and not settled
         ):  # what the points have let go, the far sides of backlashes take up
             tied, far_sides = self._tied(q, far_sides, inside, settled)
-        return Place(tied, (*far_sides, *inside))
+        return InternalState(tied, (*far_sides, *inside))
 
     def _tied(
         self,
@@ -215,13 +215,13 @@ class Tendons:
             points = [self.parameters[name] for name in self.plays if name.startswith("tendons.")]
             rests = self._far_side(index, q, self.parameters[self.plays[which]], points, False)
             return Bounds(rests, rests)
-        place = self.place(q, settled=True)
+        state = self.internal_state(q, settled=True)
         sheath = self.sheath(index, q)
         point = int(keys[-1])
         assert sheath is not None
-        drive, joint = self._ends(index, place.q, self.elongations(place.q))
+        drive, joint = self._ends(index, state.q, self.elongations(state.q))
         first = which - point
-        line = [drive, *place.inside[first : first + sheath.count], joint]
+        line = [drive, *state.inside[first : first + sheath.count], joint]
         return sheath.bounds(point, line[point], line[point + 2])
 
     def _far_side(
@@ -327,15 +327,15 @@ class Tendons:
         what they do to the bodies.
 
         Equations (8) and (9) at q and v with the mend max(·, 0), in the general form with damping
-        and pre-tension. For `settled` see `place`.
+        and pre-tension. For `settled` see `internal_state`.
         """
         p = self.parameters
-        place = self.place(q, settled)
+        state = self.internal_state(q, settled)
         nj = self.n_joints
-        jacobian = self.length_jacobian(place.q)
+        jacobian = self.length_jacobian(state.q)
         rates = ca.mtimes(jacobian, v)
         taut: list[list[Scalar]] = []
-        for elastic in self._end_forces(place.q, place.inside[self._first_point :]):
+        for elastic in self._end_forces(state.q, state.inside[self._first_point :]):
             taut.append([self._taut(force) for force in elastic])
             for i in range(self.n_tendons):
                 if p.has(f"tendons.{i}.damping"):
@@ -437,7 +437,7 @@ class Tendons:
         """Return Σ c (∂ℓ/∂q_j)² at q over tendons with tensions > 0, (n_bodies,): each body's own
         part of their damping.
         """
-        jacobian = self.length_jacobian(self.place(q).q)
+        jacobian = self.length_jacobian(self.internal_state(q).q)
         total = ca.SX(self.n_bodies, 1)
         for i in range(self.n_tendons):
             if self.parameters.has(f"tendons.{i}.damping"):

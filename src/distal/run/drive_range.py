@@ -79,20 +79,20 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
         }
         if not isinstance(drive, Capstan) or not {"position", "force"} <= set(sensors):
             continue
-        position = sensors["position"]
+        position_sensor = sensors["position"]
         place, torque = (list(channels).index(sensors[kind].name) for kind in ("position", "force"))
-        reached = _reached(rig, position)
+        reached = _reached(rig, position_sensor)
         for tendon in (tendon for tendon in rig.tendons if tendon.drive == drive.name):
             way = tendon.winding
             joint = drive.radius.value / tendon.total_arm
-            if reached is None or position.bias.total_std * joint > KNOWN:
+            if reached is None or position_sensor.bias.total_std * joint > KNOWN:
                 continue
             end = max(way * reading for reading in reached)
             loose = tendon.slack.value - tendon.pretension.value / tendon.stiffness.value
             # numbers that were found at the ends of the ranges are wrong together: there, what is
             # not known of the ranges makes no difference
             ranges = max(part.stops_std for part in rig.joints if part.name in tendon.arms())
-            stds = position.bias.total_std * joint, tendon.slack.total_std / tendon.total_arm
+            stds = position_sensor.bias.total_std * joint, tendon.slack.total_std / tendon.total_arm
             unsure = sqrt(sum(max(std**2 - ranges**2, 0.0) for std in stds))
             found.append(
                 RangeEnd(
@@ -104,7 +104,7 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
                     room=ROOM + ROOM_STDS * unsure,
                     give=1.0 / (tendon.stiffness.value * drive.radius.value**2),
                     joint=joint,
-                    same=position.noise,
+                    same=position_sensor.noise,
                 )
             )
     return tuple(found)

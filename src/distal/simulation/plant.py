@@ -76,7 +76,7 @@ def settled_function(mechanism: Mechanism) -> ca.Function:
     q = ca.SX.sym("q", mechanism.n_bodies)
     dt = ca.SX.sym("dt")
     p = mechanism.parameters.symbols
-    inside = [*mechanism.place(q).inside, *mechanism.crept(q, dt)]
+    inside = [*mechanism.internal_state(q).inside, *mechanism.crept(q, dt)]
     return ca.Function("inside", [q, dt, p], [ca.densify(ca.cse(ca.vertcat(*inside)))])
 
 
@@ -115,7 +115,7 @@ def _inside_function(mechanism: Mechanism) -> ca.Function:
     for i, name in _creeping(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
         strains.append(_settled(mechanism, i, name) * p[f"{name}.share"] * stretch)
-    return ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.place(at).inside, *strains)])
+    return ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)])
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -317,7 +317,7 @@ def resting_force(mechanism: Mechanism) -> ca.Function:
 def _resting_force(mechanism: Mechanism) -> ca.Function:
     still = Mechanism(mechanism.rig)
     q = ca.SX.sym("q", mechanism.n_bodies)
-    tied = still.place(q).q
+    tied = still.internal_state(q).q
     pull = -ca.mtimes(still.length_jacobian(tied).T, still.elastic_forces(tied))
     return ca.Function("force", [q, still.parameters.symbols], [pull])
 
@@ -336,15 +336,15 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
 
     force = resting_force(mechanism)
     p = mechanism.parameters.values[: len(mechanism.parameters) - len(mechanism.parameters.inside)]
-    place = np.concatenate([angles, np.zeros(mechanism.n_drives)])
+    coordinates = np.concatenate([angles, np.zeros(mechanism.n_drives)])
     servo = inputs.servo[0]
 
     for i, drive in enumerate(mechanism.rig.drives, mechanism.n_joints):
 
         def net(position: float, body: int = i) -> float:
-            place[body] = position
+            coordinates[body] = position
             spring = servo[body, 0] * (servo[body, 1] - position)
-            return float(force(place, p)[body]) + float(inputs.effort[0, body]) + float(spring)
+            return float(force(coordinates, p)[body]) + float(inputs.effort[0, body]) + float(spring)
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):
@@ -354,7 +354,7 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
                     f"drives.{mechanism.bodies[i].name}: no equilibrium at the start; check its "
                     "pull"
                 )
-        place[i] = float(brentq(net, -reach, reach, xtol=1e-12))
+        coordinates[i] = float(brentq(net, -reach, reach, xtol=1e-12))
         if drive.stops is not None:
-            place[i] = float(np.clip(place[i], *drive.stops))
-    return place
+            coordinates[i] = float(np.clip(place[i], *drive.stops))
+    return coordinates

@@ -128,7 +128,7 @@ class BacklashOrSheathState(Inside):
         sheath = still.sheath(index, q)
         point = self.point
         assert sheath is not None  # it has points
-        position = still.place(q).inside[self.which]
+        position = still.internal_state(q).inside[self.which]
         joints = still.joints_of[index]
         initial = [f"joints.{j}.initial" for j in range(mechanism.n_joints)]
         slopes = ca.jacobian(position, q)
