@@ -65,16 +65,16 @@ class Cable:
             *_, moved, _ = dgtsv(-near[1:], own, -far[:-1], right)
             line = np.concatenate([[drive], moved, [joint]])
             pulls = springs * (line[:-1] - line[1:])
-            wanted = np.where(pulls[:-1] > self.drawn * pulls[1:] + 1e-9, 1, 0)
-            wanted = np.where(pulls[1:] > self.out * pulls[:-1] + 1e-9, -1, wanted)
-            wanted = np.where(sliding == 0, wanted, sliding)
+            desired = np.where(pulls[:-1] > self.drawn * pulls[1:] + 1e-9, 1, 0)
+            desired = np.where(pulls[1:] > self.out * pulls[:-1] + 1e-9, -1, desired)
+            desired = np.where(sliding == 0, desired, sliding)
             # what would slide back is held
-            wanted = np.where(
-                (sliding * (moved - self.points) < -1e-12) & (sliding != 0), 0, wanted
+            desired = np.where(
+                (sliding * (moved - self.points) < -1e-12) & (sliding != 0), 0, desired
             )
-            if np.array_equal(wanted, sliding):
+            if np.array_equal(desired, sliding):
                 break
-            sliding = wanted
+            sliding = desired
         return moved, sliding
 
     def tensions(self, drive: float, joint: float) -> tuple[float, float]:

@@ -207,14 +207,14 @@ def least_errors(rig: Rig, angles: np.ndarray) -> np.ndarray:
     )
     solved = np.linalg.pinv(arms)
     apart = (np.eye(len(drives)) - arms @ solved) / noise**2
-    told = np.diag(1.0 / np.array(stds) ** 2)
+    identified = np.diag(1.0 / np.array(stds) ** 2)
     by_arm = np.zeros((len(angles), len(drives), len(stds)))
     for k, (row, joint, side) in enumerate(slopes):
         by_arm[:, row, k] = side * angles[:, joint]
-    told += np.einsum("tik,ij,tjl->kl", by_arm, apart, by_arm)
+    identified += np.einsum("tik,ij,tjl->kl", by_arm, apart, by_arm)
     shift = np.einsum("ji,tik->tjk", solved, by_arm)
     return np.rad2deg(
-        np.sqrt(np.einsum("tjk,kl,tjl->j", shift, np.linalg.inv(told), shift) / len(angles))
+        np.sqrt(np.einsum("tjk,kl,tjl->j", shift, np.linalg.inv(identified), shift) / len(angles))
     )
 
 
@@ -286,7 +286,7 @@ def straight_chain(joints: int) -> Rig:
 def step_time(rig: Rig, repeats: int = 5) -> tuple[AdaptiveFilter, float, float]:
     """Return the filter, its time per sample over a log [µs], and how long it took to build [s]."""
     begun = time.perf_counter()
-    runner = AdaptiveFilter(rig)
+    estimator = AdaptiveFilter(rig)
     rng, count = np.random.default_rng(0), 1000
     time_ = np.arange(count) / rig.sensors[0].rate
     channels = {}
@@ -298,9 +298,9 @@ def step_time(rig: Rig, repeats: int = 5) -> tuple[AdaptiveFilter, float, float]
         ]
         channels[sensor.name] = mean + size * wave + sensor.noise * rng.normal(size=count)
     log = Log(time_, channels, {}, "slow motion", "")
-    best = min(scan_time(runner, log, np.min) for _ in range(repeats))
+    best = min(scan_time(estimator, log, np.min) for _ in range(repeats))
     built = time.perf_counter() - begun
-    return runner, best, built
+    return estimator, best, built
 
 
 def cost() -> None:
@@ -312,13 +312,13 @@ def cost() -> None:
     ]
     rows = []
     for rig in rigs:
-        runner, each, built = step_time(rig)
+        estimator, each, built = step_time(rig)
         rows.append(
             [
                 rig.name,
                 f"{len(rig.joints)}",
-                f"{len(runner.states)}",
-                f"{runner.substeps}",
+                f"{len(estimator.states)}",
+                f"{estimator.substeps}",
                 f"{each:.2f}",
                 f"{each / paper:.1f}",
                 f"{built:.1f}",

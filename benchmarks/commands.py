@@ -70,7 +70,7 @@ METHODS = (
 )
 
 
-def wanted_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -> Floats:
+def desired_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -> Floats:
     """Return wanted angles of `count` joints, (k, count) [rad]."""
     time = np.arange(round(DURATION / PERIOD)) * PERIOD
     low, high = np.deg2rad(RANGES[plant])
@@ -96,9 +96,9 @@ def wanted_angles(kind: str, plant: str, count: int, rng: np.random.Generator) -
     return np.column_stack(columns)
 
 
-def inextensible(rig: Rig, angles: Floats, places: Floats) -> Floats:
+def inextensible(rig: Rig, angles: Floats, positions: Floats) -> Floats:
     """Return the drives' places by lengths alone, from those at the first sample, (k, n_drives)."""
-    found = np.tile(places, (len(angles), 1))
+    found = np.tile(positions, (len(angles), 1))
     joints = [joint.name for joint in rig.joints]
     for d, drive in enumerate(rig.drives):
         own = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
@@ -120,23 +120,23 @@ def inextensible(rig: Rig, angles: Floats, places: Floats) -> Floats:
     return found
 
 
-def run(plant: Any, sent_places: Floats) -> tuple[Floats, list[dict[str, float]]]:
+def run(plant: Any, sent_positions: Floats) -> tuple[Floats, list[dict[str, float]]]:
     """Return true angles, (k, n_joints), and what was read, while places are sent one after the
     other.
     """
     servos = Servos(plant, getattr(plant, "errors", None))
-    begin = plant.places + servos.errors(plant.places)
+    begin = plant.positions + servos.errors(plant.positions)
     for k in range(round(GOES_THERE / PERIOD)):
         share = min(1.0, (k + 1) * PERIOD / (GOES_THERE - 0.5))
-        servos.step(begin + share * (sent_places[0] - begin))
-    angles, read = zip(*(servos.step(row) for row in sent_places))
+        servos.step(begin + share * (sent_positions[0] - begin))
+    angles, read = zip(*(servos.step(row) for row in sent_positions))
     return np.array(angles), list(read)
 
 
 def driven(
     plant: Any,
     rig: Rig,
-    wanted: Floats,
+    desired: Floats,
     free: Sequence[int],
     start: Floats,
     law: Callable[..., Command | Floats],
@@ -147,13 +147,13 @@ def driven(
     A law that returns commands sends speeds, another one places.
     """
     servos = Servos(plant, getattr(plant, "errors", None))
-    begin = plant.places + servos.errors(plant.places)
+    begin = plant.positions + servos.errors(plant.positions)
     angles, read = servos.step(begin)
     for k in range(round(GOES_THERE / PERIOD)):
         share = min(1.0, (k + 1) * PERIOD / (GOES_THERE - 0.5))
         angles, read = servos.step(begin + share * (start - begin))
-    found = np.empty((len(wanted), len(rig.joints)))
-    for k, row in enumerate(wanted):
+    found = np.empty((len(desired), len(rig.joints)))
+    for k, row in enumerate(desired):
         found[k] = angles
         said = law(k * PERIOD, row[list(free)], read, angles)
         if isinstance(said, Command) and not servos.speeds:
@@ -162,10 +162,12 @@ def driven(
     return found
 
 
-def led(rig: Rig, places: Floats) -> Floats:
+def led(rig: Rig, positions: Floats) -> Floats:
     """Return what is sent so that servos are at places in time."""
-    time = np.arange(len(places)) * PERIOD
-    return np.column_stack([sent(time, places[:, i], drive) for i, drive in enumerate(rig.drives)])
+    time = np.arange(len(positions)) * PERIOD
+    return np.column_stack(
+        [sent(time, positions[:, i], drive) for i, drive in enumerate(rig.drives)]
+    )
 
 
 def live_law(rig: Rig, feedback: Feedback, speeds: bool = False) -> Callable[..., Command | Floats]:
@@ -173,10 +175,10 @@ def live_law(rig: Rig, feedback: Feedback, speeds: bool = False) -> Callable[...
     inverse = LiveInverse(rig, least_tension=LEAST_TENSION, feedback=feedback)
 
     def law(
-        time: float, wanted: Floats, read: dict[str, float], angles: Floats
+        time: float, desired: Floats, read: dict[str, float], angles: Floats
     ) -> Command | Floats:
-        command = inverse.step(time, wanted, np.array([read[name] for name in inverse.channels]))
-        return command if speeds else command.places
+        command = inverse.step(time, desired, np.array([read[name] for name in inverse.channels]))
+        return command if speeds else command.positions
 
     return law
 
@@ -207,12 +209,12 @@ def pi_law(
     return law
 
 
-def hunts(time: Floats, wanted: Floats, angles: Floats) -> int:
+def hunts(time: Floats, desired: Floats, angles: Floats) -> int:
     """Return the number of rests of the wanted angles in which a joint, after the first second,
     moves to and fro.
     """
     count = 0
-    for begin, end in constant_parts(time, *wanted.T):
+    for begin, end in constant_parts(time, *desired.T):
         late = angles[begin + round(1.0 / PERIOD) : end]
         if time[end - 1] - time[begin] >= FOR and max(map(swings, late.T)) > 1:
             count += 1
@@ -240,29 +242,29 @@ class Result:
     hunts: dict[str, int]
 
     def add(
-        self, method: str, wanted: Floats, angles: Floats, commands: Commands | None = None
+        self, method: str, desired: Floats, angles: Floats, commands: Commands | None = None
     ) -> None:
         """Add a run of a method: true angles, and what its commands said of them."""
-        time = np.arange(len(wanted)) * PERIOD
+        time = np.arange(len(desired)) * PERIOD
         late = time >= COUNTED
-        self.squares.setdefault(method, []).append(float(np.mean((angles - wanted)[late] ** 2)))
+        self.squares.setdefault(method, []).append(float(np.mean((angles - desired)[late] ** 2)))
         if commands is not None:
             is_inside = np.abs(angles - commands.angles)[late] < BAND * commands.stds[late]
             self.inside.setdefault(method, []).append(float(np.mean(is_inside)))
-        self.hunts[method] = self.hunts.get(method, 0) + hunts(time, wanted, angles)
+        self.hunts[method] = self.hunts.get(method, 0) + hunts(time, desired, angles)
 
 
 def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], Floats]]:
     """Return the rig fitted to three logs of its plant, and an affine inverse by least squares on
     the same logs.
     """
-    logs, places, angles = list[Log](), [], []
+    logs, positions, angles = list[Log](), [], []
     free = Inverse(rig, compiled=False).model.free
     for k in range(3):
         rng = np.random.default_rng([seed, 7, k])
         plant = PLANTS[name](seed)
         wish = reachable(
-            rig, np.vstack([wanted_angles("ramps", name, len(free), rng) for _ in range(2)])
+            rig, np.vstack([desired_angles("ramps", name, len(free), rng) for _ in range(2)])
         )
         time = np.arange(len(wish)) * PERIOD
         commands = Inverse(rig, least_tension=LEAST_TENSION)(time, wish[:, free])
@@ -276,18 +278,18 @@ def calibrated(name: str, seed: int, rig: Rig) -> tuple[Rig, Callable[[Floats], 
             next(s.name for s in rig.sensors_of("position") if s.of == drive.name)
             for drive in rig.drives
         ]
-        places.append(np.column_stack([channels[each] for each in position_sensors]))
+        positions.append(np.column_stack([channels[each] for each in position_sensors]))
         angles.append(noisy)
     matrix = np.column_stack([np.vstack(angles), np.ones(sum(map(len, angles)))])
-    slopes = np.linalg.lstsq(matrix, np.vstack(places), rcond=None)[0]
+    slopes = np.linalg.lstsq(matrix, np.vstack(positions), rcond=None)[0]
     fitted = written(rig, logs, "fit")
     return fitted, lambda wish: np.column_stack([wish, np.ones(len(wish))]) @ slopes
 
 
-def reachable(rig: Rig, wanted: Floats) -> Floats:
+def reachable(rig: Rig, desired: Floats) -> Floats:
     """Return the nearest angles of all joints that the drives can hold by the rig file."""
-    time = np.arange(len(wanted)) * PERIOD
-    commands = Inverse(rig, least_tension=LEAST_TENSION)(time, wanted)
+    time = np.arange(len(desired)) * PERIOD
+    commands = Inverse(rig, least_tension=LEAST_TENSION)(time, desired)
     return commands.angles
 
 
@@ -306,13 +308,13 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
     free = inverses["inverse"].model.free
     for kind in KINDS:
         rng = np.random.default_rng([seed, KINDS.index(kind), 3])
-        wanted = reachable(rig, wanted_angles(kind, name, len(free), rng))
-        time = np.arange(len(wanted)) * PERIOD
+        desired = reachable(rig, desired_angles(kind, name, len(free), rng))
+        time = np.arange(len(desired)) * PERIOD
         commands: dict[str, Commands] = {
-            key: inverse(time, wanted[:, free]) for key, inverse in inverses.items()
+            key: inverse(time, desired[:, free]) for key, inverse in inverses.items()
         }
         for key, command in commands.items():
-            found.add(key, wanted, run(PLANTS[name](seed), command.sent)[0], command)
+            found.add(key, desired, run(PLANTS[name](seed), command.sent)[0], command)
         again = PLANTS[name](seed)
         run(again, commands["inverse"].sent[::-1][:200])  # friction begun otherwise
         moved, first = (
@@ -322,22 +324,24 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
         found.add("repeatability", first, moved)
         start = commands["inverse"].sent[0]
         found.add(
-            "ratio", wanted, run(PLANTS[name](seed), led(rig, inextensible(rig, wanted, start)))[0]
+            "ratio",
+            desired,
+            run(PLANTS[name](seed), led(rig, inextensible(rig, desired, start)))[0],
         )
         if affine is not None:
-            found.add("affine", wanted, run(PLANTS[name](seed), led(rig, affine(wanted)))[0])
+            found.add("affine", desired, run(PLANTS[name](seed), led(rig, affine(desired)))[0])
         if with_loops:
             laws: dict[str, Callable[..., Command | Floats]] = {
                 "live": live_law(rig, Feedback(follow=0.0)),
                 "live, feedback": live_law(rig, Feedback()),
                 "live, speeds": live_law(rig, Feedback(), speeds=True),
-                "PI on the estimate": pi_law(rig, free, start, wanted[0], 4.0, encoder=False),
-                "PI on an encoder": pi_law(rig, free, start, wanted[0], 4.0, encoder=True),
+                "PI on the estimate": pi_law(rig, free, start, desired[0], 4.0, encoder=False),
+                "PI on an encoder": pi_law(rig, free, start, desired[0], 4.0, encoder=True),
             }
             if with_fit:
                 laws["fitted, feedback"] = live_law(fitted, Feedback())
             for key, law in laws.items():
-                found.add(key, wanted, driven(PLANTS[name](seed), rig, wanted, free, start, law))
+                found.add(key, desired, driven(PLANTS[name](seed), rig, desired, free, start, law))
     return found
 
 
@@ -410,10 +414,10 @@ def times() -> None:
         begun = time.perf_counter()
         inverse, monitor = LiveInverse(rig), Monitor(LiveEstimator(rig))
         built = time.perf_counter() - begun
-        sample, wanted = np.zeros(len(inverse.channels)), np.full(len(inverse.joints), 0.2)
+        sample, desired = np.zeros(len(inverse.channels)), np.full(len(inverse.joints), 0.2)
         kernel = inverse._loop.step
         found = [
-            cost(partial(_with, inverse.step, wanted, sample)),
+            cost(partial(_with, inverse.step, desired, sample)),
             cost(partial(_with, monitor.take, sample)),
             cost(lambda _, step=kernel: step()),
         ]

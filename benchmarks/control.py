@@ -182,10 +182,10 @@ class Finger:
             mujoco.mj_step(self._model, data)
 
     def _sample(self) -> tuple[float, Floats]:
-        places, (size, phase) = np.array(self._data.qpos[self._n :]), self._bends
+        positions, (size, phase) = np.array(self._data.qpos[self._n :]), self._bends
         read = (
-            places
-            + 1e-4 * size * np.sin(2 * np.pi * places / 0.02 + phase)
+            positions
+            + 1e-4 * size * np.sin(2 * np.pi * positions / 0.02 + phase)
             + 5e-6 * self._rng.normal(size=4)
         )
         values = np.concatenate([read, self._efforts + 0.2 * self._rng.normal(size=4)])

@@ -191,11 +191,11 @@ class Copy:
             limit: longest time [s].
         """
         # what the conftest calls the folder of kernels lies beside the base folder: copies share it
-        wanted, left_out = (
+        desired, left_out = (
             self._found(stage),
             [each for before in range(stage) for each in self._found(before)],
         )
-        if not wanted:
+        if not desired:
             return Outcome(False, "", 0.0)
         command = [
             sys.executable,
@@ -212,7 +212,7 @@ class Copy:
             "--tb=line",
             f"--basetemp={self._temporary}",
             *(f"--ignore={each}" for each in left_out),
-            *wanted,
+            *desired,
         ]
         started = time.monotonic()
         code, said = self._processes.run(command, self.folder, self._environment, limit)

@@ -88,7 +88,7 @@ READERS = (
 )
 
 
-def costs(read: Callable[[Path], Values], path: Path, told: Any) -> None:
+def costs(read: Callable[[Path], Values], path: Path, identified: Any) -> None:
     """Send wall and processor time [s], memory beyond that of a read of two lines [MB], and the
     values' bytes' hash.
     """
@@ -99,7 +99,7 @@ def costs(read: Callable[[Path], Values], path: Path, told: Any) -> None:
     values = read(path)
     wall, processor = time.perf_counter() - wall, time.process_time() - processor
     memory = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    told.send(
+    identified.send(
         (
             wall,
             processor,

@@ -46,10 +46,10 @@ def logs(name: str, seed: int) -> Iterator[tuple[str, Log]]:
     """Return a log for each event; one drawn place jumps or is silent."""
     rig, rng = load_rig(name), np.random.default_rng([seed, 2])
     log = plain(name, seed, load=False)
-    places = channels_of(rig, "adaptive").positions
-    place = places[int(rng.integers(len(places)))]
+    positions = channels_of(rig, "adaptive").positions
+    position = positions[int(rng.integers(len(positions)))]
     spools = {drive.name: drive.radius.value for drive in rig.drives if isinstance(drive, Capstan)}
-    jump = rng.choice((-1.0, 1.0)) * JUMP / spools.get(place.of, 1.0)
+    jump = rng.choice((-1.0, 1.0)) * JUMP / spools.get(position.of, 1.0)
     within = (log.time >= START) & (log.time < END)
     yield "none", log
     yield "load", plain(name, seed, load=True)
@@ -58,7 +58,7 @@ def logs(name: str, seed: int) -> Iterator[tuple[str, Log]]:
         ("lasting jump", np.where(log.time >= START, jump, 0.0)),
         ("silent", np.where(within, np.nan, 0.0)),
     ):
-        channels = {**log.channels, place.name: log.channels[place.name] + added}
+        channels = {**log.channels, position.name: log.channels[position.name] + added}
         yield event, Log(log.time, channels, log.truth, event, log.truth_source)
 
 

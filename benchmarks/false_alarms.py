@@ -64,13 +64,20 @@ def main() -> None:
             named = sum(
                 any(finding.kind == "would explain" for finding in one[1].findings) for one in right
             )
-            told = sum(contradicts(one[1]) for one in low)
+            identified = sum(contradicts(one[1]) for one in low)
             rows.append(
                 [
                     name,
                     *(
                         f"{n}"
-                        for n in (len(found), len(alarms[0]), len(alarms[1]), named, len(low), told)
+                        for n in (
+                            len(found),
+                            len(alarms[0]),
+                            len(alarms[1]),
+                            named,
+                            len(low),
+                            identified,
+                        )
                     ),
                 ]
             )

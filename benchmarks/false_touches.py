@@ -50,8 +50,8 @@ PLANTS: dict[str, Callable[[int, int], Columns]] = {
 
 def counted(name: str, seed: int, minutes: float) -> list[str]:
     """Return the row of one rig."""
-    with tempfile.TemporaryDirectory() as place:
-        folder, begun, seconds, k = Path(place), 0, 0.0, 0
+    with tempfile.TemporaryDirectory() as position:
+        folder, begun, seconds, k = Path(position), 0, 0.0, 0
         rig = fitted(CASES[name](seed, folder), folder)
         while seconds < 60 * minutes:
             k += 1

@@ -166,9 +166,9 @@ def score(job: tuple[Variant, int]) -> tuple[float, float]:
     rig, log = case.rig, case.log
     if case.homing is not None:
         rig, _ = with_references(rig, log)
-    runner = filter_with(variant, rig.model_dump_json(), case.homing is not None)
+    estimator = filter_with(variant, rig.model_dump_json(), case.homing is not None)
     try:
-        found = estimate(log, runner.rig, runner, homing=case.homing)
+        found = estimate(log, estimator.rig, estimator, homing=case.homing)
     except DistalError:
         return scoring.LOST, 0.0
     return float(np.rad2deg(found.rms_error())), found.inside_band()

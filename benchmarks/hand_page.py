@@ -33,18 +33,18 @@ class Motors:
 
     def __init__(self) -> None:
         _, self.hands = orca_like([3], ("index_mcp", "ring_abd"))
-        self.driven, self.places = (
+        self.driven, self.positions = (
             Driven(self.hands),
-            self.hands.places + self.hands.d.zeros * self.hands.d.signs,
+            self.hands.positions + self.hands.d.zeros * self.hands.d.signs,
         )
-        self.torques = np.zeros_like(self.places)
+        self.torques = np.zeros_like(self.positions)
 
     def read(self) -> dict[str, float]:
         """Return what the motors read."""
         return {
             f"m{k + 1}_{name}": float(factor * values[0, k])
             for name, factor, values in (
-                ("position", 1.0, self.places),
+                ("position", 1.0, self.positions),
                 ("current", 2000.0, self.torques),
             )
             for k in range(2)
@@ -56,8 +56,8 @@ class Motors:
 
     def write(self, goals: Mapping[str, float]) -> None:
         """Let one period pass on the way to some goals [rad]."""
-        wanted = np.array([[goals.get(f"m{k + 1}", self.places[0, k]) for k in range(2)]])
-        self.places, self.torques = self.driven.read(wanted)
+        desired = np.array([[goals.get(f"m{k + 1}", self.positions[0, k]) for k in range(2)]])
+        self.positions, self.torques = self.driven.read(desired)
 
 
 def main() -> None:

@@ -73,7 +73,7 @@ class Driven:
         constant.
         """
         read = self.hands.step(np.asarray(goals) * self.signs)
-        return read["places"] * self.signs, TORQUE_CONSTANT * read["currents"] * self.signs
+        return read["positions"] * self.signs, TORQUE_CONSTANT * read["currents"] * self.signs
 
 
 def calibrated(
@@ -88,16 +88,16 @@ def calibrated(
         for _ in range(count)
     ]
     names = [(f"{motor}_position", f"{motor}_current") for motor in known.motors]
-    places = hands.places + hands.d.zeros * hands.d.signs
-    torques, k = np.zeros_like(places), 0
+    positions = hands.positions + hands.d.zeros * hands.d.signs
+    torques, k = np.zeros_like(positions), 0
     while not all(routine.done for routine in routines):
-        goals = places.copy()
+        goals = positions.copy()
         for a, routine in enumerate(routines):
-            sample = {place: places[a, m] for m, (place, _) in enumerate(names)}
+            sample = {position: positions[a, m] for m, (position, _) in enumerate(names)}
             sample |= {torque: torques[a, m] for m, (_, torque) in enumerate(names)}
             sent = routine.step(k * PERIOD, sample)
             goals[a] = [sent[motor] for motor in known.motors]
-        places, torques = driven.read(goals)
+        positions, torques = driven.read(goals)
         k += 1
     for routine in routines:
         if routine.aborted:
@@ -128,24 +128,24 @@ def motion(
     """
     rng, driven = np.random.default_rng([seed, 9]), Driven(hands)
     low, high = ends
-    places = hands.places + hands.d.zeros * hands.d.signs
-    begin, goals, left = places.copy(), places.copy(), np.zeros_like(places)
-    span, rows = np.ones_like(places), {"places": [], "torques": [], "angles": []}
+    positions = hands.positions + hands.d.zeros * hands.d.signs
+    begin, goals, left = positions.copy(), positions.copy(), np.zeros_like(positions)
+    span, rows = np.ones_like(positions), {"positions": [], "torques": [], "angles": []}
     for k in range(round(seconds / PERIOD)):
         happens(hands, k * PERIOD)
         fresh = left <= 0
         begin = np.where(fresh, goals, begin)
-        to = rng.uniform(0.05, 0.95, places.shape)
+        to = rng.uniform(0.05, 0.95, positions.shape)
         if at_ends:
-            to = np.where(rng.random(places.shape) < at_ends, np.round(to), to)
+            to = np.where(rng.random(positions.shape) < at_ends, np.round(to), to)
         goals = np.where(fresh, low + (high - low) * to, goals)
-        span = np.where(fresh, rng.uniform(0.6, 2.2, places.shape), span)
+        span = np.where(fresh, rng.uniform(0.6, 2.2, positions.shape), span)
         left = np.where(fresh, span, left) - PERIOD
         share = np.clip((1 - left / span) * 1.2, 0, 1)
         smooth = share**3 * (10 - 15 * share + 6 * share**2)
-        places, torques = driven.read(begin + (goals - begin) * smooth)
+        positions, torques = driven.read(begin + (goals - begin) * smooth)
         for name, value in (
-            ("places", places),
+            ("positions", positions),
             ("torques", torques),
             ("angles", hands.angles.copy()),
         ):
@@ -155,9 +155,10 @@ def motion(
 
 def log_of(known: Known, run: dict[str, Any], a: int) -> Log:
     """Return the log of one hand."""
-    time_ = np.arange(len(run["places"])) * PERIOD
+    time_ = np.arange(len(run["positions"])) * PERIOD
     channels = {
-        f"{motor}_position": run["places"][:, a, m].copy() for m, motor in enumerate(known.motors)
+        f"{motor}_position": run["positions"][:, a, m].copy()
+        for m, motor in enumerate(known.motors)
     }
     channels |= {
         f"{motor}_current": run["torques"][:, a, m].copy() for m, motor in enumerate(known.motors)
@@ -165,12 +166,12 @@ def log_of(known: Known, run: dict[str, Any], a: int) -> Log:
     return Log(time_, channels, {}, f"hand {a}")
 
 
-def ratio(known: Known, places: Any, ends: tuple[Any, Any]) -> Any:
+def ratio(known: Known, positions: Any, ends: tuple[Any, Any]) -> Any:
     """Return angles as a hand's own software makes them: each joint's range over the motor's travel
     between its stops.
     """
     low, high = ends
-    angles = np.zeros((len(places), len(known.joints)))
+    angles = np.zeros((len(positions), len(known.joints)))
     of_joint = {}
     for t in range(len(known.motors)):
         for j in np.flatnonzero(known.arms[t]):
@@ -179,7 +180,7 @@ def ratio(known: Known, places: Any, ends: tuple[Any, Any]) -> Any:
             if arm > of_joint.get(j, (0.0, 0))[0]:
                 of_joint[j] = (arm, t)
     for j, (_, t) in of_joint.items():
-        share = np.clip((places[:, t] - low[t]) / (high[t] - low[t]), 0, 1)
+        share = np.clip((positions[:, t] - low[t]) / (high[t] - low[t]), 0, 1)
         angles[:, j] = known.low[j] + share * (known.high[j] - known.low[j])
     return angles
 
@@ -194,12 +195,12 @@ def fitted(seeds: range, joints: Sequence[str]) -> list[list[str]]:
     m = len(known.motors)
     ends = np.zeros((2, len(found), m))
     for a, (_, log) in enumerate(found):
-        places = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
-        ends[:, a] = np.min(places, axis=0), np.max(places, axis=0)
+        positions = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
+        ends[:, a] = np.min(positions, axis=0), np.max(positions, axis=0)
     runs = [motion(known, hands, ends, seeds[0] + 1000 * k) for k in range(4)]
     for a, (result, _) in enumerate(found):
         off = {name: list[Any]() for name in ("routine", "fitted", "ratio")}
-        plain = ratio(known, runs[3]["places"][:, a], (ends[0, a], ends[1, a]))
+        plain = ratio(known, runs[3]["positions"][:, a], (ends[0, a], ends[1, a]))
         for j, part in enumerate(independent_parts(result.rig)):
             truth = runs[3]["angles"][:, a, j]
             logs = [log_of(known, run, a) for run in runs]
@@ -252,8 +253,8 @@ def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[lis
     ends = np.zeros((2, len(found), m))
     for a, (_, log) in enumerate(found):
         for k, motor in enumerate(known.motors):
-            place = log.channels[f"{motor}_position"]
-            ends[:, a, k] = np.nanmin(place), np.nanmax(place)
+            position = log.channels[f"{motor}_position"]
+            ends[:, a, k] = np.nanmin(position), np.nanmax(position)
             if (
                 len([t for t in rig.tendons if t.drive == motor]) == 1
             ):  # what it lets out beyond is no travel
@@ -266,7 +267,7 @@ def judged(make: Callable[[Any], tuple[Known, Hands]], seeds: range) -> list[lis
             warnings.simplefilter("ignore", distal.DistalWarning)
             estimate = distal.estimate(log_of(known, run, a), result.rig)
         off = np.rad2deg(estimate.angles - truth)
-        plain = np.rad2deg(ratio(known, run["places"][:, a], (ends[0, a], ends[1, a])) - truth)
+        plain = np.rad2deg(ratio(known, run["positions"][:, a], (ends[0, a], ends[1, a])) - truth)
         inside = np.abs(off) < 1.96 * np.rad2deg(estimate.angle_stds)
         sizes = [float(np.sqrt(np.mean(errors**2))) for errors in (off, plain)]
         per_joint = np.sqrt(np.mean(off**2, axis=0))
@@ -287,9 +288,10 @@ def injected(hands: Hands, seed: int) -> list[list[str]]:
     """Give each motor of hands with pairs of tendons one fault, or none, and return which, by hand
     and motor.
     """
-    rng, n, d = np.random.default_rng([seed, 5]), hands.places.shape[1], hands.d
+    rng, n, d = np.random.default_rng([seed, 5]), hands.positions.shape[1], hands.d
     kinds = [
-        [FAULTS[int(k)] for k in rng.integers(0, len(FAULTS), n)] for _ in range(len(hands.places))
+        [FAULTS[int(k)] for k in rng.integers(0, len(FAULTS), n)]
+        for _ in range(len(hands.positions))
     ]
     for a, of_hand in enumerate(kinds):
         for k, kind in enumerate(of_hand):

@@ -40,7 +40,7 @@ class Injected:
     @classmethod
     def drawn(cls, hands: Hands, seed: int, seconds: float, sound: bool) -> Injected:
         """Draw them."""
-        rng, shape = np.random.default_rng([seed, 77]), hands.places.shape
+        rng, shape = np.random.default_rng([seed, 77]), hands.positions.shape
         kinds = [
             ["" if sound else KINDS[int(k)] for k in rng.integers(0, len(KINDS), shape[1])]
             for _ in range(shape[0])
@@ -49,7 +49,7 @@ class Injected:
 
     def apply(self, hands: Hands, time: float) -> None:
         """Make the faults of one period."""
-        n, d, rng = hands.places.shape[1], hands.d, self.rng
+        n, d, rng = hands.positions.shape[1], hands.d, self.rng
         for a, k in zip(*np.nonzero((self.when <= time) & (time < self.when + PERIOD))):
             kind, side = self.kinds[a][k], k + n * int(rng.integers(0, 2))
             if kind in ("loosened", "slack"):
@@ -99,8 +99,8 @@ def main() -> None:
     ends = np.array(
         [
             [
-                [place.min(), place.max()]
-                for place in (log.channels[f"{motor}_position"] for motor in known.motors)
+                [position.min(), position.max()]
+                for position in (log.channels[f"{motor}_position"] for motor in known.motors)
             ]
             for _, log in results
         ]

@@ -29,12 +29,12 @@ def play(effort: Floats, limit: float) -> Floats:
     return np.array(held)
 
 
-def dahl(place: Floats, length: float) -> Floats:
+def dahl(position: Floats, length: float) -> Floats:
     """Return Dahl's hysteresis of a displacement: z⁺ = σ + (z − σ) e^{−|dx|/δ}, with a dead band of
     one count.
     """
-    z, last, held = 0.0, float(place[0]), []
-    for x in place:
+    z, last, held = 0.0, float(position[0]), []
+    for x in position:
         step = float(x) - last
         if abs(step) > 0.06:
             z = np.sign(step) + (z - np.sign(step)) * np.exp(-abs(step) / length)

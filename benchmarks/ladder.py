@@ -84,7 +84,7 @@ def steps(rig: Rig, factors: Sequence[float] = FACTORS) -> Iterator[Step]:
                 added=0.35 if sensor.si == "rad" else 1.5e-3,
             )
     for tendon in rig.tendons:
-        places = tuple(
+        positions = tuple(
             sensor.name
             for sensor in rig.sensors
             if sensor.of == tendon.drive and sensor.measures == "position"
@@ -98,13 +98,19 @@ def steps(rig: Rig, factors: Sequence[float] = FACTORS) -> Iterator[Step]:
             f"tendons.{tendon.name}.stiffness", tendon.stiffness.value, force, factors
         )
         yield from _scaled(
-            f"tendons.{tendon.name}.pretension", tendon.pretension.value, (*places, *force), factors
+            f"tendons.{tendon.name}.pretension",
+            tendon.pretension.value,
+            (*positions, *force),
+            factors,
         )
         for path, shape in tendon.shapes():
             radius = getattr(shape, "radius", None)
             if radius is not None:
                 joint = tendon.joints[int(path.split(".")[1])] if "." in path else tendon.joints[0]
-                words = (f"{tendon.drive} at {joint}", *(places if len(tendon.joints) == 1 else ()))
+                words = (
+                    f"{tendon.drive} at {joint}",
+                    *(positions if len(tendon.joints) == 1 else ()),
+                )
                 yield from _scaled(
                     f"tendons.{tendon.name}.{path}.radius", radius.value, words, factors
                 )
@@ -112,12 +118,14 @@ def steps(rig: Rig, factors: Sequence[float] = FACTORS) -> Iterator[Step]:
     yield from _frictions(rig)
     for drive in rig.drives:
         if drive.kind == "capstan":
-            places = tuple(
+            positions = tuple(
                 sensor.name
                 for sensor in rig.sensors
                 if sensor.of == drive.name and sensor.measures == "position"
             )
-            yield from _scaled(f"drives.{drive.name}.radius", drive.radius.value, places, factors)
+            yield from _scaled(
+                f"drives.{drive.name}.radius", drive.radius.value, positions, factors
+            )
 
 
 def _swaps(rig: Rig) -> Iterator[Step]:

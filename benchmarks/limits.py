@@ -27,23 +27,25 @@ REPEATS = 25
 Summary = Callable[[list[float]], Any]
 
 
-def scan_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
+def scan_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
     """Return the time per sample of a whole log's loop in C [µs], the median of some repeats."""
-    samples = samples_of(log, runner.channels)
-    rows, _ = runner.checked_rows(runner.initial(log.time[0], samples[0]), log.time, samples)
-    carry = runner.initial(log.time[0], samples[0]).carry
-    return _timed(lambda: runner.kernel.scan(carry, rows, runner.numbers), summary) / len(rows)
+    samples = samples_of(log, estimator.channels)
+    rows, _ = estimator.checked_rows(estimator.initial(log.time[0], samples[0]), log.time, samples)
+    kernel_state = estimator.initial(log.time[0], samples[0]).kernel_state
+    return _timed(
+        lambda: estimator.kernel.scan(kernel_state, rows, estimator.numbers), summary
+    ) / len(rows)
 
 
-def lane_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
+def lane_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
     """Return the time per sample and run of as many logs as there are vector lanes, in one loop
     [µs].
     """
-    samples = samples_of(log, runner.channels)
-    start = runner.initial(log.time[0], samples[0])
-    rows, _ = runner.checked_rows(start, log.time, samples)
-    kernel = LaneKernel(Recipe(lambda: runner.kernel.function))
-    runs = kernel.lanes * [Feed(start.carry, rows, runner.numbers)]
+    samples = samples_of(log, estimator.channels)
+    start = estimator.initial(log.time[0], samples[0])
+    rows, _ = estimator.checked_rows(start, log.time, samples)
+    kernel = LaneKernel(Recipe(lambda: estimator.kernel.function))
+    runs = kernel.lanes * [Feed(start.kernel_state, rows, estimator.numbers)]
     return _timed(lambda: kernel.scan(runs, [0]), summary) / len(rows) / kernel.lanes
 
 
@@ -65,9 +67,9 @@ long long loop(long long n, const double* carry, const double* x, const double* 
 """
 
 
-def casadi_time(runner: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
+def casadi_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median) -> float:
     """Return the time per sample of the same function in the C of CasADi's own generator [µs]."""
-    compiler, function = find_compiler(), runner.kernel.function
+    compiler, function = find_compiler(), estimator.kernel.function
     assert not isinstance(compiler, str)
     generator = ca.CodeGenerator("casadi.c", {"with_header": False, "main": False})
     generator.add(function)
@@ -78,12 +80,12 @@ def casadi_time(runner: KernelEstimator, log: Log, summary: Summary = np.median)
         sz_iw=function.sz_iw() + 1,
         sz_w=function.sz_w() + 1,
         n_x=function.numel_in(1),
-        n_carry=function.numel_out(0),
+        n_kernel_state=function.numel_out(0),
         n_y=function.numel_out(1),
     )
-    samples = samples_of(log, runner.channels)
-    start = runner.initial(log.time[0], samples[0])
-    rows, _ = runner.checked_rows(start, log.time, samples)
+    samples = samples_of(log, estimator.channels)
+    start = estimator.initial(log.time[0], samples[0])
+    rows, _ = estimator.checked_rows(start, log.time, samples)
     with tempfile.TemporaryDirectory() as folder:
         source, library = Path(folder) / "casadi.c", Path(folder) / "casadi.so"
         source.write_text(generator.dump() + loop)
@@ -91,7 +93,11 @@ def casadi_time(runner: KernelEstimator, log: Log, summary: Summary = np.median)
             [*compiler.command, *FLAGS, str(source), "-o", str(library), "-lm"], check=True
         )
         call = ctypes.CDLL(str(library)).loop
-        arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
+        arrays = [
+            np.array(start.kernel_state),
+            np.ascontiguousarray(rows),
+            np.array(estimator.numbers),
+        ]
         arrays += [np.zeros((len(rows), function.numel_out(i))) for i in range(2)]
         arguments = [
             ctypes.c_longlong(len(rows)),
@@ -106,24 +112,28 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
     """
     compiler = find_compiler()
     assert not isinstance(compiler, str)
-    runner = make_estimator("ekf", rig)
-    samples = samples_of(log, runner.channels)
-    start = runner.initial(log.time[0], samples[0])
-    rows, _ = runner.checked_rows(start, log.time, samples)
+    estimator = make_estimator("ekf", rig)
+    samples = samples_of(log, estimator.channels)
+    start = estimator.initial(log.time[0], samples[0])
+    rows, _ = estimator.checked_rows(start, log.time, samples)
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "ekf.so"
         subprocess.run(
             [*compiler.command, *FLAGS, str(HANDWRITTEN), "-o", str(library), "-lm"], check=True
         )
         scan = ctypes.CDLL(str(library)).ekf_scan
-        arrays = [np.array(start.carry), np.ascontiguousarray(rows), np.array(runner.numbers)]
+        arrays = [
+            np.array(start.kernel_state),
+            np.ascontiguousarray(rows),
+            np.array(estimator.numbers),
+        ]
         arrays += [np.zeros((len(rows), 44)), np.zeros((len(rows), 4))]
         arguments = [
             ctypes.c_longlong(len(rows)),
             *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
         ]
         taken = _timed(lambda: scan(*arguments)) / len(rows)
-        known, _ = runner.kernel.scan(start.carry, rows, runner.numbers)
+        known, _ = estimator.kernel.scan(start.kernel_state, rows, estimator.numbers)
     return taken, float(np.abs(arrays[3][:, 0] - known[:, 0]).max())
 
 
@@ -188,9 +198,9 @@ def numpy_substeps(states: np.ndarray, pulls: np.ndarray, dt: float, count: int 
         z = a * v + b * force
         v = np.sign(z) * np.maximum(np.abs(z) - limit, 0.0)
         end = q[:, 1:] + h * v[:, 1:]
-        place = np.clip(end, low, high)
-        inside = (end - place) * (1e5 * (end - place) + 3.0 * v[:, 1:]) > 0
-        pressed = z[:, 1:] - b[1:] * 1e5 * (q[:, 1:] - place)
+        position = np.clip(end, low, high)
+        inside = (end - position) * (1e5 * (end - position) + 3.0 * v[:, 1:]) > 0
+        pressed = z[:, 1:] - b[1:] * 1e5 * (q[:, 1:] - position)
         pressed = (
             np.sign(pressed)
             * np.maximum(np.abs(pressed) - limit[:, 1:], 0.0)

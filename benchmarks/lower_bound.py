@@ -38,9 +38,9 @@ def lower_bound(rig: Rig, log: Log) -> float:
         unknown_friction=usual.unknown_friction,
     )
     bound = AdaptiveFilter(rig, robustness=guards, name="bound")
-    places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
+    positions = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
     forces = {sensor.of: sensor.name for sensor in rig.sensors_of("force")}
-    channels = {name: log.truth[f"position_{of}"] for of, name in places.items()}
+    channels = {name: log.truth[f"position_{of}"] for of, name in positions.items()}
     channels |= {name: log.truth[f"force_{of}"] for of, name in forces.items()}
     channels |= {
         sensor.name: log.truth[f"tension_{sensor.of}"] for sensor in rig.sensors_of("tension")
@@ -48,12 +48,12 @@ def lower_bound(rig: Rig, log: Log) -> float:
     true = Log(log.time, channels, dict(log.truth), log.source)
     samples = samples_of(true, bound.channels, bound.name)
     belief = bound.initial(true.time[0], first_values(samples))
-    carry = np.array(belief.carry)
+    kernel_state = np.array(belief.kernel_state)
     known = true_angles(log, [joint.name for joint in rig.joints])
     if known is None:
         raise EstimationError(f"{log.source}: has no truth; the bound is for simulated logs")
-    carry[bound.angles] = known[0]
-    started = type(belief)(belief.time, carry, belief.size)
+    kernel_state[bound.angles] = known[0]
+    started = type(belief)(belief.time, kernel_state, belief.size)
     _, covariances, _, _ = bound.scan(started, true.time, samples)
     variances = np.diagonal(covariances, axis1=1, axis2=2)[:, bound.angles]
     return float(np.sqrt(np.mean(variances)))

@@ -125,8 +125,8 @@ def in_casadis_c(rig: Rig, estimator: str) -> Exported:
     place.
     """
     made = c_filter(rig, estimator, True, "filter")
-    runner = make_estimator(estimator, rig, compiled=False)
-    functions = runner.prior_function(), runner.kernel.function
+    chosen = make_estimator(estimator, rig, compiled=False)
+    functions = chosen.prior_function(), chosen.kernel.function
     emitter = Emitter(Plain(True))
     names = emitter.add(functions[0]), emitter.add(functions[1], in_place=True)
     assert emitter.text in made.source
@@ -195,16 +195,16 @@ def against_casadi() -> None:
 
 def main() -> None:
     """Measure, print and save."""
-    wanted = sys.argv[1:] or ["float-errors", "microcontroller", "casadi"]
-    if "float-errors" in wanted and not isinstance(find_compiler(), str):
+    desired = sys.argv[1:] or ["float-errors", "microcontroller", "casadi"]
+    if "float-errors" in desired and not isinstance(find_compiler(), str):
         float_errors()
     missing = missing_tools()
     if missing:
         print(f"no Cortex-M here: {missing} is not installed")
         return
-    if "microcontroller" in wanted:
+    if "microcontroller" in desired:
         sizes()
-    if "casadi" in wanted:
+    if "casadi" in desired:
         against_casadi()
 
 

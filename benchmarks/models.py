@@ -132,10 +132,10 @@ def length_rms(
     zero.
     """
     home = at_poses(model, joints, np.zeros((1, len(joints)))).lengths[0, t]
-    places, weights = np.polynomial.legendre.leggauss(8)
+    positions, weights = np.polynomial.legendre.leggauss(8)
     drawn = []
     for row in angles:
-        arms = [tendon.arms(dict(zip(names, place * row))) for place in (places + 1) / 2]
+        arms = [tendon.arms(dict(zip(names, position * row))) for position in (positions + 1) / 2]
         drawn.append(
             sum(
                 w / 2 * sum(a.get(n, 0.0) * q for n, q in zip(names, row))
@@ -306,10 +306,10 @@ def hands() -> list[list[str]]:
     rows = []
     for count in (1, 5):
         rig = hand(["finger-underactuated"] * count)
-        runner, live = make_estimator("adaptive", rig), LiveEstimator(rig)
+        estimator, live = make_estimator("adaptive", rig), LiveEstimator(rig)
         sample = np.array([0.2 if name.endswith("phi_flexor") else 0.02 for name in live.channels])
-        loop, best = runner.kernel.loop(runner.numbers), [np.inf, np.inf]
-        loop.carry[:] = runner.initial(0.0, sample).carry
+        loop, best = estimator.kernel.loop(estimator.numbers), [np.inf, np.inf]
+        loop.kernel_state[:] = estimator.initial(0.0, sample).kernel_state
         loop.x[:] = [0.005, *sample, *np.ones(len(sample))]
         live.step(0.0, sample)
         for _ in range(30):

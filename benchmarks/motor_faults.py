@@ -106,20 +106,20 @@ class Wired:
         for m, name in enumerate(self.plant.known.motors):
             if not fault.strikes(m):
                 continue
-            place = f"{name}_position"
+            position = f"{name}_position"
             if self._now("lost reads") and fault.rng.random() < fault.size:
                 found = {key: value for key, value in found.items() if not key.startswith(name)}
             if self._now("lost bursts"):
                 found = {key: value for key, value in found.items() if not key.startswith(name)}
             if self._now("NaN"):
-                found[place] = float("nan")
+                found[position] = float("nan")
             if self._now("jump"):
-                found[place] += fault.size
+                found[position] += fault.size
             if self._now("noise"):
-                found[place] += fault.size * fault.rng.normal()
+                found[position] += fault.size * fault.rng.normal()
             if fault.kind == "restart" and self.time >= fault.begin:
-                turned = found[place] + self._turned(m)
-                found[place] = float("nan") if self._boots(m) else turned
+                turned = found[position] + self._turned(m)
+                found[position] = float("nan") if self._boots(m) else turned
         return found
 
     def _boots(self, motor: int) -> bool:
@@ -160,25 +160,25 @@ class Plant:
         each = [seed % PLANTS for seed in seeds for _ in range(copies)]
         self.known, self.hands = orca_like(each, JOINTS)
         self.signs = self.hands.d.signs
-        self.goals = self.hands.places + self.hands.d.zeros * self.signs
-        self.places, self.torques = self.goals.copy(), np.zeros_like(self.goals)
+        self.goals = self.hands.positions + self.hands.d.zeros * self.signs
+        self.positions, self.torques = self.goals.copy(), np.zeros_like(self.goals)
 
     def step(self) -> None:
         """Let a period pass."""
         read = self.hands.step(self.goals * self.signs)
-        self.places = read["places"] * self.signs
+        self.positions = read["positions"] * self.signs
         self.torques = TORQUE_CONSTANT * read["currents"] * self.signs
 
     def readings(self, row: int) -> dict[str, float]:
         """Return what one hand reads."""
         found = {}
         for m, name in enumerate(self.known.motors):
-            found[f"{name}_position"] = float(self.places[row, m])
+            found[f"{name}_position"] = float(self.positions[row, m])
             found[f"{name}_current"] = float(self.torques[row, m])
         return found
 
 
-def told(known: Known, hands: Hands, row: int) -> Rig:
+def identified(known: Known, hands: Hands, row: int) -> Rig:
     """Return the rig with what a calibration would find of one hand."""
     d, values = hands.d, dict[str, object]()
     for m, name in enumerate(known.motors):
@@ -204,9 +204,9 @@ def run(
     wires = [
         Wired(plant, row, faults[row // 2] if row % 2 else None) for row in range(2 * len(seeds))
     ]
-    rigs = [told(plant.known, plant.hands, 2 * k) for k in range(len(seeds))]
+    rigs = [identified(plant.known, plant.hands, 2 * k) for k in range(len(seeds))]
     owned = [Hand(wire, rigs[wire.row // 2], compiled=compiled) for wire in wires]
-    wanted = [np.random.default_rng([seed, 37]).uniform(0.05, 0.95, (2, 2)) for seed in seeds]
+    desired = [np.random.default_rng([seed, 37]).uniform(0.05, 0.95, (2, 2)) for seed in seeds]
     low, high = np.rad2deg(plant.known.low), np.rad2deg(plant.known.high)
     steps = round(SECONDS / PERIOD)
     rows = {name: [] for name in ("angles", "torques", "speeds", "goals")}
@@ -222,7 +222,7 @@ def run(
             said[k, row] = reading.health not in ("ok", "untested") or bool(
                 health.held_back or health.silent
             )
-            for at, targets in zip((FIRST, SECOND), wanted[row // 2]):
+            for at, targets in zip((FIRST, SECOND), desired[row // 2]):
                 if k == round(at / PERIOD) or (
                     wire.fault is not None and wire.fault.kind == "late" and at < time < at + 3.2
                 ):

@@ -26,7 +26,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from benchmarks.copies import BaselineError, Copy, Outcome, Processes
-from benchmarks.mutations import Mutant, Place, mutant, places
+from benchmarks.mutations import Mutant, Position, mutant, positions
 
 ROOT = Path(__file__).parents[1]
 ESTIMATORS = "src/distal/estimators"
@@ -79,13 +79,14 @@ def drawn(root: Path, files: Sequence[Path], count: int, seed: int) -> list[Muta
         seed: of the choice.
     """
     sources = {file: (root / file).read_text(encoding="utf-8") for file in files}
-    every: list[tuple[Path, Place]] = [
-        (file, place) for file in files for place in places(sources[file])
+    every: list[tuple[Path, Position]] = [
+        (file, position) for file in files for position in positions(sources[file])
     ]
     choice = random.Random(seed)
     chosen = choice.sample(every, min(count, len(every)))
     return [
-        mutant(file, sources[file], place, choice.choice(place.after)) for file, place in chosen
+        mutant(file, sources[file], position, choice.choice(position.after))
+        for file, position in chosen
     ]
 
 

@@ -83,7 +83,7 @@ LEFT_ALONE = (
 
 
 @dataclass(frozen=True)
-class Place:
+class Position:
     """A place in a file that can be changed.
 
     Args:
@@ -122,7 +122,7 @@ class Mutant:
     text: str
 
 
-def changed(source: str, place: Place, after: str) -> str:
+def changed(source: str, position: Position, after: str) -> str:
     """Return the source with one place replaced.
 
     Args:
@@ -131,10 +131,10 @@ def changed(source: str, place: Place, after: str) -> str:
         after: what stands there instead.
     """
     data = source.encode()
-    return (data[: place.start] + after.encode() + data[place.end :]).decode()
+    return (data[: position.start] + after.encode() + data[position.end :]).decode()
 
 
-def mutant(file: Path, source: str, place: Place, after: str) -> Mutant:
+def mutant(file: Path, source: str, position: Position, after: str) -> Mutant:
     """Return a file with one change.
 
     Args:
@@ -143,18 +143,18 @@ def mutant(file: Path, source: str, place: Place, after: str) -> Mutant:
         place: what is replaced.
         after: by what.
     """
-    data, text = source.encode(), changed(source, place, after)
-    line = data.count(b"\n", 0, place.start)
-    behind = data.count(b"\n", place.end)
+    data, text = source.encode(), changed(source, position, after)
+    line = data.count(b"\n", 0, position.start)
+    behind = data.count(b"\n", position.end)
 
     def lines(of: str) -> str:
         rows = of.split("\n")
         return " ⏎ ".join(row.strip() for row in rows[line : len(rows) - behind])
 
-    return Mutant(file, line + 1, place.kind, lines(source), lines(text), text)
+    return Mutant(file, line + 1, position.kind, lines(source), lines(text), text)
 
 
-def places(source: str) -> list[Place]:
+def positions(source: str) -> list[Position]:
     """Return every place of a module that can be changed, in the order of the text.
 
     Args:
@@ -162,12 +162,14 @@ def places(source: str) -> list[Place]:
     """
     finder = _Finder(source)
     finder.visit(ast.parse(source))
-    return sorted(set(finder.found), key=lambda place: (place.start, place.end, place.kind))
+    return sorted(
+        set(finder.found), key=lambda position: (position.start, position.end, position.kind)
+    )
 
 
 class _Finder(ast.NodeVisitor):
     def __init__(self, source: str) -> None:
-        self.data, self.found = source.encode(), list[Place]()
+        self.data, self.found = source.encode(), list[Position]()
         lines = source.splitlines(keepends=True)
         self.starts = [0]
         for line in lines:
@@ -195,11 +197,11 @@ class _Finder(ast.NodeVisitor):
     def add(self, kind: str, start: int, before: str, *after: str) -> None:
         end = start + len(before.encode())
         assert self.data[start:end].decode() == before
-        self.found.append(Place(kind, start, end, before, after))
+        self.found.append(Position(kind, start, end, before, after))
 
-    def between(self, left: int, right: int, wanted: str) -> int:
+    def between(self, left: int, right: int, desired: str) -> int:
         """Return where a token stands between two bytes."""
-        return next(at for at, text in self.tokens if left <= at < right and text == wanted)
+        return next(at for at, text in self.tokens if left <= at < right and text == desired)
 
     def visit(self, node: ast.AST) -> None:
         if isinstance(node, LEFT_ALONE):
@@ -278,8 +280,8 @@ class _Finder(ast.NodeVisitor):
                 "sign", self.start(node.left), self.text(node.left), f"-{self.text(node.left)}"
             )
         whole = self.whole
-        for operand, told in ((node.left, signed and not additive), (node.right, True)):
-            self.signed = told and isinstance(operand, ast.BinOp)
+        for operand, identified in ((node.left, signed and not additive), (node.right, True)):
+            self.signed = identified and isinstance(operand, ast.BinOp)
             # a power with a fraction has no value for a negative base: seen at once, and no mistake
             # that people make
             self.whole = whole or (operation is ast.Pow and operand is node.right)
@@ -418,6 +420,6 @@ def every_mutant(file: Path, source: str) -> Iterator[Mutant]:
         file: its path within the project.
         source: its text.
     """
-    for place in places(source):
-        for after in place.after:
-            yield mutant(file, source, place, after)
+    for position in positions(source):
+        for after in position.after:
+            yield mutant(file, source, position, after)

@@ -125,9 +125,9 @@ class Counted:
             self.rows += sum(len(feed.rows) for feed in feeds)
             return lanes(kernel, feeds, keep)
 
-        def one_by_one(kernel: Kernel, carry: Any, xs: Any, p: Any) -> Any:
+        def one_by_one(kernel: Kernel, kernel_state: Any, xs: Any, p: Any) -> Any:
             self.rows += len(xs) if kernel.n_x > 1 else 0
-            return alone(kernel, carry, xs, p)
+            return alone(kernel, kernel_state, xs, p)
 
         LaneKernel.scan, Kernel.scan = in_lanes, one_by_one  # type: ignore[method-assign]
 

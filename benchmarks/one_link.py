@@ -118,7 +118,7 @@ def link_log(
     middle = (2.5e-3 if plant.joint_gap else 1e-3) + plant.slack / 2
     viscous = float(values.get("drives.0.damping", 0.0))
 
-    def places(t: float) -> tuple[float, float]:
+    def positions(t: float) -> tuple[float, float]:
         turn = RADIUS * (
             0.45 * sin(2 * pi * fast[0] * t + phase[0]) + 0.2 * sin(2 * pi * fast[1] * t + phase[1])
         )
@@ -139,7 +139,7 @@ def link_log(
     # it settles before the log begins
     for k in range(-round(1.0 / step), round(duration / step)):
         t = max(k, 0) * step
-        left, right = places(t)
+        left, right = positions(t)
         end = plant.settle(left, right, y[0])
         if plant.cable is not None:
             plant.cable.settle(end, RADIUS * y[0])
@@ -147,13 +147,13 @@ def link_log(
             y[2] = 0.0  # a load that has just come
         if k >= 0 and k % every == 0:
             _, at_drive, other = plant.tensions(end, right, y[0], y[2])
-            speed = (places(t + step)[0] - left) / step
+            speed = (positions(t + step)[0] - left) / step
             rows.append([t, left, right, at_drive + viscous * speed, other, y[0]])
         later = t + (step if k >= 0 else 0.0)
         ends = [
             (end, right),
             *(
-                ((end if plant.gap else places(s)[0]), places(s)[1])
+                ((end if plant.gap else positions(s)[0]), positions(s)[1])
                 for s in ((t + later) / 2, later)
             ),
         ]

@@ -35,14 +35,14 @@ class PlantClient:
         for joint, low_high in orca.config.joint_roms_dict.items():
             j = self.known.joints.index(joint)
             d.low[0, j], d.high[0, j] = np.deg2rad(low_high)
-        self.goals = self.hands.places + d.zeros * d.signs
+        self.goals = self.hands.positions + d.zeros * d.signs
         self.fails = 0
 
     def step(self, at: float) -> None:
         """Let a period pass."""
         read = self.hands.step(self.hands.d.signs * self.goals)
         for number, j in zip(self.orca.config.motor_ids, self.columns):
-            self.client._pos[number] = float(read["places"][0, j])
+            self.client._pos[number] = float(read["positions"][0, j])
             self.client._cur[number] = 1e3 * float(read["currents"][0, j])
         silent = REBOOT < at < REBOOT + SILENT
         # what the mock offers to make a read fail
@@ -70,7 +70,7 @@ def main() -> None:
     spent, late, words = [], 0, dict[str, int]()
     begin = time.perf_counter()
     for k in range(round(seconds / PERIOD)):
-        plant.goals[0] = plant.hands.places[0] + 0.0
+        plant.goals[0] = plant.hands.positions[0] + 0.0
         wave = 0.6 * np.sin(2 * np.pi * 0.3 * k * PERIOD + np.arange(len(plant.goals[0])))
         plant.goals[0] = plant.hands.d.zeros[0] * plant.hands.d.signs[0] + wave
         plant.step(k * PERIOD)

@@ -69,11 +69,11 @@ def case_of(seed: int) -> Case | None:
     low, high = np.array([ends[j] for j in free.model.free]).T
     reach = 1.3 if kind == "wide" else 0.9
     middle, half = (low + high) / 2, (high - low) / 2
-    wanted = middle + reach * half * rng.uniform(-1, 1, len(low))
+    desired = middle + reach * half * rng.uniform(-1, 1, len(low))
     time = np.linspace(0.0, GETS_THERE, 60)
     way = 0.5 - 0.5 * np.cos(np.pi * time / GETS_THERE)
     begin = np.clip(0.0, low, high)
-    angles = begin + way[:, None] * (wanted - begin)
+    angles = begin + way[:, None] * (desired - begin)
     full = free(time, angles)
     changed = narrowed(rig, full, kind, float(rng.uniform(0.2, 0.9)))
     inverse = Inverse(changed, compiled=False)
@@ -83,7 +83,7 @@ def case_of(seed: int) -> Case | None:
         return None
     error = reached - commands.angles[-1]
     missed = bool(
-        np.abs(reached - commands.wanted[-1]).max() > MISSES + 2 * commands.stds[-1].max()
+        np.abs(reached - commands.desired[-1]).max() > MISSES + 2 * commands.stds[-1].max()
     )
     inside = np.abs(error) <= BAND * commands.stds[-1] + 1e-3
     away = float(np.rad2deg(np.abs(error)).max())
@@ -95,9 +95,9 @@ def narrowed(rig: Rig, full: Commands, kind: str, share: float) -> Rig:
     values = dict[str, object]()
     for i, drive in enumerate(rig.drives):
         if kind == "drive stops":
-            places = full.places[:, i]
-            low, high = float(places.min()), float(places.max())
-            first = float(places[0])
+            positions = full.positions[:, i]
+            low, high = float(positions.min()), float(positions.max())
+            first = float(positions[0])
             ends = sorted((first + share * (low - first), first + share * (high - first)))
             values[f"drives.{drive.name}.stops"] = [ends[0] - 1e-4, ends[1] + 1e-4]
         elif kind == "force limit":
@@ -110,8 +110,8 @@ def plant(rig: Rig, commands: Commands) -> np.ndarray | None:
     drives = {}
     for i, drive in enumerate(rig.drives):
         unit = "m" if drive.kind == "slider" else "rad"
-        rows = zip(commands.time, commands.places[:, i])
-        way = [[f"{t:.6g} s", f"{place:.9g} {unit}"] for t, place in rows]
+        rows = zip(commands.time, commands.positions[:, i])
+        way = [[f"{t:.6g} s", f"{position:.9g} {unit}"] for t, position in rows]
         key = "position" if drive.kind == "slider" else "angle"
         drives[drive.name] = {"servo": {key: way, **SERVO[drive.kind]}}
     initial = {

@@ -216,12 +216,12 @@ def run(job: tuple[int, int]) -> tuple[int, float, float, float, float]:
 def main() -> None:
     """Fit, judge, print."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    wanted = [at for at, part in enumerate(PARTS) if not sys.argv[2:] or part.name in sys.argv[2:]]
-    jobs = [(at, seed) for at in wanted for seed in range(seeds)]
+    desired = [at for at, part in enumerate(PARTS) if not sys.argv[2:] or part.name in sys.argv[2:]]
+    jobs = [(at, seed) for at in desired for seed in range(seeds)]
     with ProcessPoolExecutor() as pool:
         found = list(pool.map(run, jobs))
     rows = []
-    for at, part in ((at, PARTS[at]) for at in wanted):
+    for at, part in ((at, PARTS[at]) for at in desired):
         away, after, known, inside = (
             np.array(each) for each in list(zip(*(one for one in found if one[0] == at)))[1:]
         )
@@ -250,7 +250,7 @@ def main() -> None:
         "ratio",
         "inside",
     ]
-    table("parts" if len(wanted) == len(PARTS) else "parts-some", title, columns, rows)
+    table("parts" if len(desired) == len(PARTS) else "parts-some", title, columns, rows)
 
 
 if __name__ == "__main__":

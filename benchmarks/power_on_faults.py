@@ -75,13 +75,13 @@ def run(seeds: Sequence[int]) -> list[tuple[Spoiled, Calibrated | None, Calibrat
             rigs[row] = rig.with_values({f"drives.{known.motors[0]}.radius": fault.size * radius})
     routines = [Routine(one) for one in rigs]
     driven = Driven(hands)
-    places = hands.places + hands.d.zeros * hands.d.signs
-    torques, held, k = np.zeros_like(places), places.copy(), 0
+    positions = hands.positions + hands.d.zeros * hands.d.signs
+    torques, held, k = np.zeros_like(positions), positions.copy(), 0
     while not all(routine.done for routine in routines) and k < MOST / PERIOD:
         goals = held.copy()
         for row, routine in enumerate(routines):
             fault = faults[row // 2] if row % 2 else None
-            sample = sample_of(known, places[row], torques[row], fault, k * PERIOD)
+            sample = sample_of(known, positions[row], torques[row], fault, k * PERIOD)
             sent = routine.step(k * PERIOD, sample)
             for m, motor in enumerate(known.motors):
                 turned = turned_by(fault, m, k * PERIOD)
@@ -90,7 +90,7 @@ def run(seeds: Sequence[int]) -> list[tuple[Spoiled, Calibrated | None, Calibrat
                 ):
                     goals[row, m] = sent[motor] - turned
         held = goals
-        places, torques = driven.read(goals)
+        positions, torques = driven.read(goals)
         k += 1
     return [
         (
@@ -109,12 +109,12 @@ def turned_by(fault: Spoiled | None, motor: int, time: float) -> float:
 
 
 def sample_of(
-    known: Known, places: np.ndarray, torques: np.ndarray, fault: Spoiled | None, time: float
+    known: Known, positions: np.ndarray, torques: np.ndarray, fault: Spoiled | None, time: float
 ) -> dict[str, float]:
     """Return what a routine reads of one hand."""
     sample = {}
     for m, motor in enumerate(known.motors):
-        sample[f"{motor}_position"] = float(places[m]) + turned_by(fault, m, time)
+        sample[f"{motor}_position"] = float(positions[m]) + turned_by(fault, m, time)
         sample[f"{motor}_current"] = float(torques[m])
         if fault is None:
             continue

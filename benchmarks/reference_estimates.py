@@ -199,7 +199,7 @@ def save(path: Path, compiled: bool) -> None:
             "channels": list(case.log.channels),
             "truth": list(case.log.truth),
             "source": case.log.source,
-            "truth_source": case.log.truth_source.place,
+            "truth_source": case.log.truth_source.position,
             "truth_kind": case.log.truth_kind.value,
             "estimates": {},
         }

@@ -26,7 +26,7 @@ EPISODES, ROWS = 1000, 1500
 def written(folder: Path, episodes: int) -> Path:
     """Write a LeRobot dataset of version 3, fifty episodes in a file."""
     (folder / "meta").mkdir(parents=True)
-    names = {"observation.state": {"names": ["place", "torque"]}}
+    names = {"observation.state": {"names": ["position", "torque"]}}
     (folder / "meta" / "info.json").write_text(json.dumps({"features": names}))
     data = folder / "data" / "chunk-000"
     data.mkdir(parents=True)
@@ -34,8 +34,10 @@ def written(folder: Path, episodes: int) -> Path:
     for number in range(0, episodes, 50):
         parts = []
         for episode in range(number, min(number + 50, episodes)):
-            place = np.cumsum(rng.normal(0.0, 2e-3, ROWS))
-            state = np.column_stack([place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32)
+            position = np.cumsum(rng.normal(0.0, 2e-3, ROWS))
+            state = np.column_stack([position, 0.02 * np.sign(np.gradient(position))]).astype(
+                np.float32
+            )
             parts.append(
                 pa.table(
                     {

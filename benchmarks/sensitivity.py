@@ -147,15 +147,15 @@ def main() -> None:
         )
     scores = dict(zip(jobs, results))
 
-    def chosen(**wanted: object) -> list[tuple[float, float, float, float]]:
+    def chosen(**desired: object) -> list[tuple[float, float, float, float]]:
         names = ("what", "kind", "plant", "seed", "prior", "followed", "n")
         return [
             score
             for job, score in scores.items()
             if all(
-                value in wanted[name]
-                if isinstance(wanted.get(name), list)
-                else wanted.get(name, value) == value
+                value in desired[name]
+                if isinstance(desired.get(name), list)
+                else desired.get(name, value) == value
                 for name, value in zip(names, job)
             )
         ]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.commands import wanted_angles
+from benchmarks.commands import desired_angles
 from benchmarks.hands import Driven, calibrated, rig_of
 from benchmarks.report import table
 from benchmarks.strangers.servo_hands import PERIOD, Hands, Known, orca_like
@@ -47,7 +47,7 @@ def hands_of(seed: int) -> tuple[Known, Hands]:
 def angles_of(known: Known, seed: int, kind: str) -> Any:
     """Return wanted angles, (k, n) [rad], within the joints' ranges."""
     rng = np.random.default_rng([seed, 71])
-    raw = wanted_angles(kind, "finger-2n", len(known.joints), rng)
+    raw = desired_angles(kind, "finger-2n", len(known.joints), rng)
     share = (raw - np.deg2rad(5.0)) / np.deg2rad(45.0)
     low, high = known.low + 0.25, known.high - 0.25
     return low + (high - low) * np.clip(share, 0.0, 1.0)
@@ -56,14 +56,18 @@ def angles_of(known: Known, seed: int, kind: str) -> Any:
 def driven(known: Known, hands: Hands, goals: Any) -> dict[str, Any]:
     """Send goals [rad], as sensors read them, one after the other; first go to where they begin."""
     servo = Driven(hands)
-    begin = hands.places * 1.0 + hands.d.zeros * hands.d.signs
+    begin = hands.positions * 1.0 + hands.d.zeros * hands.d.signs
     count = round(GOES_THERE / PERIOD)
     for k in range(count):
         servo.read(begin + min(1.0, 1.2 * (k + 1) / count) * (goals[0] - begin))
-    rows = {"places": [], "torques": [], "angles": []}
+    rows = {"positions": [], "torques": [], "angles": []}
     for goal in goals:
-        places, torques = servo.read(goal[None])
-        for name, value in (("places", places), ("torques", torques), ("angles", hands.angles)):
+        positions, torques = servo.read(goal[None])
+        for name, value in (
+            ("positions", positions),
+            ("torques", torques),
+            ("angles", hands.angles),
+        ):
             rows[name].append(value[0].copy())
     return {name: np.array(value) for name, value in rows.items()}
 
@@ -71,7 +75,7 @@ def driven(known: Known, hands: Hands, goals: Any) -> dict[str, Any]:
 def log_of(known: Known, run: dict[str, Any], goals: Any, name: str) -> Log:
     """Return the log of a run, with a reference."""
     time = np.arange(len(goals)) * PERIOD
-    channels = {f"{m}_position": run["places"][:, i] for i, m in enumerate(known.motors)}
+    channels = {f"{m}_position": run["positions"][:, i] for i, m in enumerate(known.motors)}
     channels |= {f"{m}_current": run["torques"][:, i] for i, m in enumerate(known.motors)}
     seen = ENCODER * np.round(run["angles"] / ENCODER)
     truth = {f"theta_{joint}": seen[:, j] for j, joint in enumerate(known.joints)}
@@ -98,22 +102,22 @@ def moving(angles: Any) -> Any:
     return np.column_stack([affine(angles), speed, np.tanh(speed / 0.1)])
 
 
-def live(known: Known, hands: Hands, rig: Rig, wanted: Any) -> Any:
+def live(known: Known, hands: Hands, rig: Rig, desired: Any) -> Any:
     """Return true angles, (k, n), with `LiveInverse` in the loop."""
     inverse, servo = LiveInverse(rig), Driven(hands)
-    places = hands.places + hands.d.zeros * hands.d.signs
-    torques, count, angles = np.zeros_like(places), round(GOES_THERE / PERIOD), []
+    positions = hands.positions + hands.d.zeros * hands.d.signs
+    torques, count, angles = np.zeros_like(positions), round(GOES_THERE / PERIOD), []
     names = [joint.name for joint in rig.joints]
     begin = hands.angles[0].copy()
-    for k in range(count + len(wanted)):
-        sample = dict(zip([f"{m}_position" for m in known.motors], places[0]))
+    for k in range(count + len(desired)):
+        sample = dict(zip([f"{m}_position" for m in known.motors], positions[0]))
         sample |= dict(zip([f"{m}_current" for m in known.motors], torques[0]))
         share = min(1.0, 1.2 * (k + 1) / count)
-        now = wanted[k - count] if k >= count else begin + share * (wanted[0] - begin)
+        now = desired[k - count] if k >= count else begin + share * (desired[0] - begin)
         values = np.array([sample[name] for name in inverse.channels])
         command = inverse.step(k * PERIOD, dict(zip(names, now.tolist())), values)
-        goals = np.where(np.isfinite(command.places), command.places, places[0])
-        places, torques = servo.read(goals[None])
+        goals = np.where(np.isfinite(command.positions), command.positions, positions[0])
+        positions, torques = servo.read(goals[None])
         if k >= count:
             angles.append(hands.angles[0].copy())
     return np.array(angles)
@@ -134,24 +138,26 @@ def errors_of(seed: int) -> dict[str, float]:
     rigs |= {f"{name}, stiff servo": without(one) for name, one in rigs.items()}
     sums = dict[str, list[float]]()
     for i, kind in enumerate(KINDS):
-        wanted = angles_of(known, 1000 * seed + 100 + i, kind)
-        time = np.arange(len(wanted)) * PERIOD
+        desired = angles_of(known, 1000 * seed + 100 + i, kind)
+        time = np.arange(len(desired)) * PERIOD
         ways = {
             "affine by hand": np.column_stack(
-                [affine(wanted[:, j]) @ by_hand(logs, j, affine, known) for j in range(2)]
+                [affine(desired[:, j]) @ by_hand(logs, j, affine, known) for j in range(2)]
             ),
             "with speed, by hand": np.column_stack(
-                [moving(wanted[:, j]) @ by_hand(logs, j, moving, known) for j in range(2)]
+                [moving(desired[:, j]) @ by_hand(logs, j, moving, known) for j in range(2)]
             ),
-            **{f"open loop, {name}": Inverse(one)(time, wanted).sent for name, one in rigs.items()},
+            **{
+                f"open loop, {name}": Inverse(one)(time, desired).sent for name, one in rigs.items()
+            },
         }
         for name, goals in ways.items():
             _, own = hands_of(seed)
-            error = driven(known, own, goals)["angles"] - wanted
+            error = driven(known, own, goals)["angles"] - desired
             sums.setdefault(name, []).append(float(np.mean(error**2)))
         for name, one in rigs.items():
             _, own = hands_of(seed)
-            error = live(known, own, one, wanted) - wanted
+            error = live(known, own, one, desired) - desired
             sums.setdefault(f"live, {name}", []).append(float(np.mean(error**2)))
     return {name: float(np.rad2deg(np.sqrt(np.mean(each)))) for name, each in sums.items()}
 

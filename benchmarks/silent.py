@@ -114,14 +114,16 @@ def homing(until: float = 3.0) -> None:
         errors.append(np.array(said) - truths[:, 0])
         # the map, learned in the second half of the move
         described, references = with_references(rig, log)
-        runner = AdaptiveFilter(described, references=references)
-        told = np.where(since < until / 2, truths[:, 0], np.nan)
-        samples = np.column_stack([log.channels.get(name, told) for name in runner.channels])
-        begun = runner.initial(log.time[0], first_values(samples))
-        plain = plain_samples(runner, begun, log, samples, truths)
-        assert runner.discrepancy is not None
-        learned, _ = calibrate_window(runner.discrepancy, plain, (since >= until / 2) & ~late)
-        mapped = runner.with_map(learned)
+        estimator = AdaptiveFilter(described, references=references)
+        identified = np.where(since < until / 2, truths[:, 0], np.nan)
+        samples = np.column_stack(
+            [log.channels.get(name, identified) for name in estimator.channels]
+        )
+        begun = estimator.initial(log.time[0], first_values(samples))
+        plain = plain_samples(estimator, begun, log, samples, truths)
+        assert estimator.discrepancy is not None
+        learned, _ = calibrate_window(estimator.discrepancy, plain, (since >= until / 2) & ~late)
+        mapped = estimator.with_map(learned)
         means = mapped.scan(mapped.initial(log.time[0], first_values(samples)), log.time, samples)[
             0
         ]

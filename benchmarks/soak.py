@@ -60,11 +60,11 @@ def main() -> None:
             times[i], values[i] = reader.json(line)
         belief = belief if belief is not None else offline.initial(times[0], values[0])
         rows, _ = offline.checked_rows(belief, times, values)
-        carries, _ = offline.kernel.scan(belief.carry, rows, offline.numbers)
-        worst = max(worst, float(np.abs(carries[:, 0] - angles).max()))
-        belief = type(belief)(float(times[-1]), carries[-1].copy(), belief.size, done + count)
+        kernel_states, _ = offline.kernel.scan(belief.kernel_state, rows, offline.numbers)
+        worst = max(worst, float(np.abs(kernel_states[:, 0] - angles).max()))
+        belief = type(belief)(float(times[-1]), kernel_states[-1].copy(), belief.size, done + count)
         done += count
-        del carries, rows, lines
+        del kernel_states, rows, lines
         memories.append(memory())
         if done % (10 * CHUNK) == 0:
             print(

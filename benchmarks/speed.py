@@ -40,13 +40,13 @@ ROUNDS = 5
 
 
 def step_times(
-    kernel: Kernel, carry: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12
+    kernel: Kernel, kernel_state: np.ndarray, rows: np.ndarray, p: np.ndarray, repeats: int = 12
 ) -> np.ndarray:
     """Return the times of single steps over a log [µs]; the first pass warms up."""
     loop = kernel.loop(p)
     times = []
     for repeat in range(repeats):
-        loop.carry[:] = carry
+        loop.kernel_state[:] = kernel_state
         for row in rows:
             loop.x[:] = row
             start = time.perf_counter_ns()
@@ -108,13 +108,13 @@ def emitters() -> None:
     log = simulate(rig, scenario)
     rows = []
     for name in ("adaptive", "ekf", "ekf-2008"):
-        runner = make_estimator(name, rig)
+        estimator = make_estimator(name, rig)
         ways = {
             "CasADi's C": casadi_time,
             "own C": scan_time,
             f"own C, {lanes_here()} lanes": lane_time,
         }
-        rounds = [[way(runner, log, np.min) for way in ways.values()] for _ in range(ROUNDS)]
+        rounds = [[way(estimator, log, np.min) for way in ways.values()] for _ in range(ROUNDS)]
         least = np.min(rounds, axis=0)  # others on the machine only ever make it slower
         for what, taken in zip(ways, least):
             rows.append([name, what, f"{taken:.2f}", f"{least[0] / taken:.2f}"])
@@ -154,7 +154,10 @@ def everything() -> None:
             samples = samples_of(log, estimator.channels)
             rows, _ = estimator.rows(np.diff(log.time, prepend=0.0), samples)
             times = step_times(
-                estimator.kernel, estimator.initial(0.0, samples[0]).carry, rows, estimator.numbers
+                estimator.kernel,
+                estimator.initial(0.0, samples[0]).kernel_state,
+                rows,
+                estimator.numbers,
             )
             found.append((f"{name}, {estimator.kernel.backend}, one step", *_both(times)))
     found.append(("adaptive, LiveEstimator.step in Python", *_both(live_times(rig, log))))
@@ -171,8 +174,8 @@ def everything() -> None:
         kernel = Kernel(plant_function(mechanism, count), compiled)
         x = np.zeros((SAMPLES, kernel.n_x))
         x[:, 1], x[:, 2], x[:, -1] = 3.0, 2.0, 0.01
-        carry = np.array([0.0, 2.5e-3, 2.5e-3, 0, 0, 0])
-        times = step_times(kernel, carry, x, mechanism.parameters.values)
+        kernel_state = np.array([0.0, 2.5e-3, 2.5e-3, 0, 0, 0])
+        times = step_times(kernel, kernel_state, x, mechanism.parameters.values)
         found.append((f"simulation of 10 ms, {kernel.backend}", *_both(times)))
     estimator = make_estimator("ekf", rig)
     order = [estimator.channels.index(name) for name in ("x1", "x2", "u1", "u2")]

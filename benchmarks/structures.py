@@ -82,15 +82,15 @@ def rigs_like(name: str, seed: int = 1) -> Iterator[Rig]:
 
 def functions_of(rig: Rig) -> dict[str, tuple[Structure, Callable[[], ca.Function]]]:
     """Return kind → the structure of a kernel and what makes its function."""
-    runner, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
-    assert runner.structure is not None  # no states by others
+    estimator, model = AdaptiveFilter(rig, compiled=False), CommandModel(rig)
+    assert estimator.structure is not None  # no states by others
     plant = Mechanism(rig, remembers=True)
     functions: dict[str, tuple[Structure, Callable[[], ca.Function]]] = {
         "plant": (structure_of("plant", plant), lambda: plant_function(plant, 4)),
-        "filter": (runner.structure, lambda: adaptive_function(runner.states)),
+        "filter": (estimator.structure, lambda: adaptive_function(estimator.states)),
         "live": (
-            live_structure(model, runner.states),
-            lambda: live_function(model, runner.states),
+            live_structure(model, estimator.states),
+            lambda: live_function(model, estimator.states),
         ),
     }
     commands = {"command": CommandModel.function, "band": spread_kernel, "held": held_kernel}
@@ -136,14 +136,14 @@ def steps() -> None:
     for name in shipped_rigs():
         usual = AdaptiveFilter(load_rig(name))
         both = usual, usual.folded()
-        kernels = [Kernel(runner.kernel.function) for runner in both]
+        kernels = [Kernel(estimator.kernel.function) for estimator in both]
         samples = np.zeros((SAMPLES, len(usual.channels)))
         feeds = []
-        for runner in both:
-            begun = runner.initial(0.0, samples[0])
-            times = runner.interval * np.arange(1, SAMPLES + 1)
-            rows, _ = runner.checked_rows(begun, times, samples)
-            feeds.append(Feed(begun.carry, rows, runner.numbers))
+        for estimator in both:
+            begun = estimator.initial(0.0, samples[0])
+            times = estimator.interval * np.arange(1, SAMPLES + 1)
+            rows, _ = estimator.checked_rows(begun, times, samples)
+            feeds.append(Feed(begun.kernel_state, rows, estimator.numbers))
         for way, count in (("scan", 1), ("lanes", lanes_here())):
             least = [inf, inf]
             for _ in range(ROUNDS):

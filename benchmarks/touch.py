@@ -340,7 +340,7 @@ def best_line(calibration: Sequence[Samples], others: Sequence[Samples]) -> list
     return [float(np.rad2deg(yardstick_error(best, calibration, samples))) for samples in others]
 
 
-def told_squares(log: Log, closed: Rig) -> Floats:
+def identified_squares(log: Log, closed: Rig) -> Floats:
     """Return the squared errors [°²] of a filter that is told when something touches the rig, and
     the RMS of its torques: with torques of that std while touched, and never touched else.
     """
@@ -371,8 +371,8 @@ def onsets(rig: Rig, log: Log) -> int:
 
 def judged(name: str, seed: int) -> list[str]:
     """Return the row of one rig."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as position:
+        folder = Path(position)
         drawn = CASES[name](seed, folder)
         rig = fitted(drawn, folder)
         closed = rig.with_values({"joints.*.touch": "never"})
@@ -393,7 +393,7 @@ def judged(name: str, seed: int) -> list[str]:
             kind: [Judged.of(estimate(log, closed), log, False) for log in group]
             for kind, group in logs.items()
         }
-        told = np.concatenate([told_squares(log, closed) for log in logs["touched"]])
+        identified = np.concatenate([identified_squares(log, closed) for log in logs["touched"]])
         minutes = sum(float(np.ptp(log.time)) for log in logs["free"]) / 60
         false = sum(onsets(rig, log) for log in logs["free"])
     touched = [run.inside[run.touched] for run in runs["touched"]]
@@ -409,7 +409,7 @@ def judged(name: str, seed: int) -> list[str]:
                 _rms(runs["touched"]),
                 _rms(before["touched"]),
                 float(np.sqrt(np.mean(np.square(lines["touched"])))),
-                float(np.sqrt(np.mean(told))),
+                float(np.sqrt(np.mean(identified))),
             )
         ),
         "/".join(

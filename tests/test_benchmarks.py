@@ -44,8 +44,10 @@ def test_nothing_that_a_benchmark_names_is_gone() -> None:
         str(ROOT / "benchmarks"),
         str(ROOT / "tools"),
     ]
-    told, _, _ = api.run(arguments)
-    errors = [line for line in told.splitlines() if line.endswith(tuple(f"[{k}]" for k in GONE))]
+    identified, _, _ = api.run(arguments)
+    errors = [
+        line for line in identified.splitlines() if line.endswith(tuple(f"[{k}]" for k in GONE))
+    ]
     assert errors == []
 
 

@@ -75,8 +75,8 @@ def test_arguments_are_documented_where_their_names_and_types_do_not_say_it(name
             if needs and not re.search(rf"(?m)(^\s+{argument}: |\b{argument}\b|`{argument}`)", doc):
                 missing.append(f"{path}: {argument}")
         section = re.search(r"(?ms)^Args:\n(.*?)(^\S|\Z)", doc)
-        told = re.findall(r"(?m)^    \*{0,2}(\w+): ", section[1]) if section else []
-        unknown += [f"{path}: {argument}" for argument in told if argument not in arguments]
+        identified = re.findall(r"(?m)^    \*{0,2}(\w+): ", section[1]) if section else []
+        unknown += [f"{path}: {argument}" for argument in identified if argument not in arguments]
     assert not missing
     assert not unknown
 

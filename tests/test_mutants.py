@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from benchmarks import copies, mutants
-from benchmarks.mutations import Mutant, every_mutant, mutant, places
+from benchmarks.mutations import Mutant, every_mutant, mutant, positions
 
 FILE = Path("small.py")
 
@@ -96,7 +96,7 @@ def test_each_kind_of_change(code: str, expected: set[str]) -> None:
     ],
 )
 def test_what_is_left_alone(code: str) -> None:
-    assert places(text(code)) == []
+    assert positions(text(code)) == []
 
 
 def test_what_changes_nothing_is_no_change() -> None:
@@ -135,10 +135,10 @@ def test_exactly_the_place_is_replaced() -> None:
     """
     tree = ast.dump(ast.parse(SMALL))
     data = SMALL.encode()
-    found = places(SMALL)
-    assert {place.kind for place in found} == {"sign", "operator", "constant", "bound"}
-    for place in found:
-        assert data[place.start : place.end].decode() == place.before
+    found = positions(SMALL)
+    assert {position.kind for position in found} == {"sign", "operator", "constant", "bound"}
+    for position in found:
+        assert data[position.start : position.end].decode() == position.before
     for each in every_mutant(FILE, SMALL):
         assert ast.dump(ast.parse(each.text)) != tree
         assert [a == b for a, b in zip(each.text.splitlines(), SMALL.splitlines())].count(
@@ -171,8 +171,8 @@ def test_every_change_of_the_filter_parses_and_differs() -> None:
     for file in files:
         source = (mutants.ROOT / file).read_text(encoding="utf-8")
         tree = ast.dump(ast.parse(source))
-        for place in places(source)[::20]:  # some of them: parsing takes its time
-            each = mutant(file, source, place, place.after[-1])
+        for position in positions(source)[::20]:  # some of them: parsing takes its time
+            each = mutant(file, source, position, position.after[-1])
             assert ast.dump(ast.parse(each.text)) != tree, (file, each.line, each.after)
 
 
@@ -185,7 +185,7 @@ def test_the_same_seed_gives_the_same_mutants() -> None:
     assert len({(each.file, each.text) for each in one}) == 20
     # as many as there are, if more are asked for: every place once
     every = mutants.drawn(mutants.ROOT, files[:1], 10**6, 1)
-    assert len(every) == len(places((mutants.ROOT / files[0]).read_text(encoding="utf-8")))
+    assert len(every) == len(positions((mutants.ROOT / files[0]).read_text(encoding="utf-8")))
 
 
 @pytest.fixture

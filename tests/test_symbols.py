@@ -10,12 +10,12 @@ from tools.symbols import (
     TABLE,
     definitions_of,
     faults,
+    identified_in,
     is_marked,
     listed,
     plain,
     read,
     symbols_of,
-    told_in,
 )
 
 HEAD = "|symbol|meaning|unit|where|\n|---|---|---|---|\n"
@@ -102,5 +102,5 @@ def test_a_fault_in_a_page_is_found(name: str) -> None:
 
 
 def test_names_of_code_are_no_symbols() -> None:
-    text = told_in('"""The `z_k` of `σ`: (n_joints,)."""\nK_s = 1  # ω by T_m\n')
+    text = identified_in('"""The `z_k` of `σ`: (n_joints,)."""\nK_s = 1  # ω by T_m\n')
     assert {symbol for symbol in symbols_of(text) if is_marked(symbol)} == {"ω", "T_m"}

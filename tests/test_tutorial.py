@@ -51,15 +51,15 @@ def test_every_command_and_what_it_shows(tmp_path: Path) -> None:
     command.parent.mkdir()
     command.write_text(f"#!{sys.executable}\nfrom distal_command import main\n\nmain()\n")
     command.chmod(0o755)
-    place = tmp_path / "work"
-    place.mkdir()
+    position = tmp_path / "work"
+    position.mkdir()
     settings = {**os.environ, "PATH": f"{command.parent}:{os.environ['PATH']}", "COLUMNS": "200"}
     printed, compared = "", 0
     for kind, text in BLOCKS:
         if kind == "sh":
             done = subprocess.run(
                 ["bash", "-e", "-c", text],
-                cwd=place,
+                cwd=position,
                 env=settings,
                 capture_output=True,
                 text=True,
@@ -70,7 +70,7 @@ def test_every_command_and_what_it_shows(tmp_path: Path) -> None:
             printed = done.stdout
             continue
         if text.startswith("time_ms"):  # what a log looks like
-            printed = (place / "monday" / "run_0.csv").read_text()
+            printed = (position / "monday" / "run_0.csv").read_text()
             assert printed.splitlines()[0] == text.splitlines()[0]
             continue
         for line in filter(None, text.splitlines()):
@@ -87,4 +87,4 @@ def test_every_command_and_what_it_shows(tmp_path: Path) -> None:
         "fit/index.html",
         "live.jsonl",
     ):
-        assert (place / name).stat().st_size > 1000, name
+        assert (position / name).stat().st_size > 1000, name

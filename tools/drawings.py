@@ -88,8 +88,10 @@ def frames() -> None:
                 zorder=3,
             )
             middle = (before + turned) / 2
-            place = at + 18 * np.array([np.cos(middle), -np.sin(middle)])
-            axes.annotate(f"θ {NAMES[k]} > 0", tuple(place), fontsize=8, color=colour, va="center")
+            position = at + 18 * np.array([np.cos(middle), -np.sin(middle)])
+            axes.annotate(
+                f"θ {NAMES[k]} > 0", tuple(position), fontsize=8, color=colour, va="center"
+            )
             frame(axes, at, turned, colour, 10.0)
             if k == 0:
                 aside = np.array([-np.sin(turned), -np.cos(turned)])

@@ -67,32 +67,32 @@ class Step:
 
 def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step]:
     """Return what the filter makes of a log, sample by sample, with the numbers inside of it."""
-    runner = AdaptiveFilter(rig, robustness=robustness, trace=True)
-    states = runner.states
-    n, n_drives, m = len(states), len(rig.drives), len(runner.measured)
+    estimator = AdaptiveFilter(rig, robustness=robustness, trace=True)
+    states = estimator.states
+    n, n_drives, m = len(states), len(rig.drives), len(estimator.measured)
     layout = adaptive_layout(states)
     track, rows = tracking(states), Rows.of(states)
-    samples = np.column_stack([log.channels[name] for name in runner.channels])
-    belief = runner.initial(log.time[0], samples[0])
+    samples = np.column_stack([log.channels[name] for name in estimator.channels])
+    belief = estimator.initial(log.time[0], samples[0])
     last, taken = log.time[0], list[Step]()
     for time, sample in zip(log.time, samples):
-        before = belief.carry
-        belief, innovation = runner.step(belief, time, sample)
+        before = belief.kernel_state
+        belief, innovation = estimator.step(belief, time, sample)
         x = np.concatenate([[time - last], np.nan_to_num(sample), np.isfinite(sample)])
         mean, memory = (
             np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives")
         )
-        vector = Tracks(track(mean, memory, x, runner.numbers), n_drives)
+        vector = Tracks(track(mean, memory, x, estimator.numbers), n_drives)
         drives = [
             Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)
         ]
         assert belief.output is not None
         predicted = belief.output[2 * m : 2 * m + n]
         rates = [
-            (d.place - old) / max(time - last, 1e-9)
+            (d.position - old) / max(time - last, 1e-9)
             for d, old in zip(drives, memory[:: len(memory) // n_drives])
         ]
-        found = rows.function(predicted, vector.vector, rates, x, runner.numbers)
+        found = rows.function(predicted, vector.vector, rates, x, estimator.numbers)
         each = [np.array(found[4 * k]).ravel() for k in range(len(rows.rows))]
         values = [{part: float(row[i]) for i, part in enumerate(ROW.names)} for row in each]
         variances = np.diag(belief.covariance)
@@ -193,15 +193,15 @@ def jump() -> Figure:
     log.channels["x1"][150:160] = np.nan
     log.channels["x1"].flags.writeable = False
     taken, t = steps(log, rig), log.time
-    place = 1e3 * np.array([step.tracks[0].place for step in taken])
+    position = 1e3 * np.array([step.tracks[0].position for step in taken])
     std = 1e3 * np.sqrt([step.tracks[0].variance for step in taken])
     with figure(2, 1, (6.5, 4.0), sharex=True, height_ratios=(2, 1)) as (made, axes):
         axes[0].plot(
             t, 1e3 * log.channels["x1"], "o", ms=4, mfc="none", color=SOFT, label="reading"
         )
         axes[0].plot(t, 1e3 * log.truth["position_left"], color=BLACK, lw=1.0, label="true")
-        axes[0].plot(t, place, color=BLUE, ls=DASHES[1], lw=1.5, label="tracked place")
-        band(axes[0], t, place, BAND * std, BLUE, "95 % band")
+        axes[0].plot(t, position, color=BLUE, ls=DASHES[1], lw=1.5, label="tracked place")
+        band(axes[0], t, position, BAND * std, BLUE, "95 % band")
         for at, height, text in (
             (1.1, 3.64, "outlier"),
             (1.31, 2.5, "real jump"),
@@ -247,14 +247,14 @@ def prediction() -> Figure:
     moved = kick_and_drift(mechanism, kick, rebounds=False, bodies=range(n))
     p = mechanism.parameters
     function = ca.Function("step", [q, v, h, p.symbols], list(moved))
-    places = np.column_stack([log.truth["position_left"], log.truth["position_right"]])
+    positions = np.column_stack([log.truth["position_left"], log.truth["position_right"]])
     angle, t = log.truth["theta"], log.time
     speed = np.gradient(angle, t)
 
     def led(start: int, count: int) -> tuple[Floats, Floats]:
         """Return times and angles of one interval from the truth at its start."""
-        length, s = t[start + per] - t[start], places[start].copy()
-        rates, state, rate = (places[start + per] - s) / length, angle[start], speed[start]
+        length, s = t[start + per] - t[start], positions[start].copy()
+        rates, state, rate = (positions[start + per] - s) / length, angle[start], speed[start]
         times, angles = [t[start]], [state]
         for _ in range(count):
             ends = function([state, *s], [rate, *rates], length / count, p.values)
@@ -265,10 +265,10 @@ def prediction() -> Figure:
         return np.array(times), np.array(angles)
 
     with figure(2, 1, (6.5, 4.4), sharex=True, height_ratios=(1, 2)) as (made, axes):
-        axes[0].plot(t, 1e3 * places[:, 0], color=BLACK, lw=1.4, label="true")
+        axes[0].plot(t, 1e3 * positions[:, 0], color=BLACK, lw=1.4, label="true")
         axes[0].plot(
             t[::per],
-            1e3 * places[::per, 0],
+            1e3 * positions[::per, 0],
             "o-",
             color=BLUE,
             ms=4,

@@ -139,7 +139,7 @@ def definitions_of(text: str) -> Iterator[tuple[str, str]]:
             yield name_of(match), unicodedata.normalize("NFC", re.sub(r"\s+", "", right))
 
 
-def told_in(source: str) -> str:
+def identified_in(source: str) -> str:
     """Return the docstrings and comments of a module, without names of code."""
     texts = [
         token.string.lstrip("#")
@@ -182,7 +182,7 @@ def faults(table: str, pages: Mapping[str, str], code: Mapping[str, str]) -> lis
     ]
     defined = dict[str, tuple[str, str]]()
     texts = {name: plain(text) for name, text in pages.items()} | {
-        name: told_in(text) for name, text in code.items()
+        name: identified_in(text) for name, text in code.items()
     }
     for name, text in texts.items():
         found = {symbol for symbol in symbols_of(text) if name in pages or is_marked(symbol)}

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from distal.estimators import Belief, Innovation, KernelEstimator, Robustness, channels_of
 from distal.estimators.adaptive import FilterContext, StateVector
 from distal.estimators.adaptive.drive_friction import Comparison, Residual, compared
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place, tracking
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position, tracking
 from distal.estimators.adaptive.filter_context import LONGEST_SUBSTEP
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.measurement import MeasurementRow, measurement_rows_of
 from distal.estimators.adaptive.states.external_torque import ExternalTorqueState
 from distal.estimators.belief import innovation
-from distal.estimators.read_channels import UNKNOWN_PLACE
+from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.estimators.state_kinds import StateKind
 from distal.logs import frozen
 from distal.model import Kick, kick_and_drift, responses
@@ -83,13 +83,13 @@ class EnsembleFilter(KernelEstimator, ABC):
         """
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
-        carry, values, variances = np.array(belief.carry), np.zeros(0), np.zeros(0)
+        kernel_state, values, variances = np.array(belief.kernel_state), np.zeros(0), np.zeros(0)
         for k, row in enumerate(rows):
-            carry, values, variances = self._advance(carry, row, (belief.samples, k))
+            kernel_state, values, variances = self._advance(kernel_state, row, (belief.samples, k))
         values, variances = self.innovations_of(
             np.concatenate([values, variances])[None, :], sample[None, :]
         )
-        return Belief(time, frozen(carry), belief.size, belief.samples + 1), innovation(
+        return Belief(time, frozen(kernel_state), belief.size, belief.samples + 1), innovation(
             values[0], variances[0]
         )
 
@@ -134,7 +134,7 @@ class EnsembleFilter(KernelEstimator, ABC):
 
     @abstractmethod
     def _advance(
-        self, carry: Floats, row: Floats, key: tuple[int, int]
+        self, kernel_state: Floats, row: Floats, key: tuple[int, int]
     ) -> tuple[Floats, Floats, Floats]:
         """Return the carry after a row, its innovations and their variances; random draws are
         seeded by `key`.
@@ -166,8 +166,8 @@ class EnsembleFilter(KernelEstimator, ABC):
             if sensor is not None:
                 read = sample[context.channels.names.index(sensor.name)] - sensor.bias.value
                 known = bool(np.isfinite(read))
-                memory[i, 0], memory[i, remembered_place(0, "unknown")] = (
-                    (read, 0.0) if known else (0.0, UNKNOWN_PLACE[drive.kind] ** 2)
+                memory[i, 0], memory[i, remembered_position(0, "unknown")] = (
+                    (read, 0.0) if known else (0.0, UNKNOWN_POSITION[drive.kind] ** 2)
                 )
         return (
             states.means,
@@ -216,8 +216,8 @@ def move_function(states: StateVector, count: int) -> ca.Function:
     for i in range(nd):
         measured = context.position_sensor(i) is not None
         error = shift[i] if measured else 0
-        first = states.place(i, before[i], state) + error
-        last = states.place(i, tracks[i].place, state) + error
+        first = states.position(i, before[i], state) + error
+        last = states.position(i, tracks[i].position, state) + error
         starts.append(first)
         speeds.append(
             ca.if_else(dt > 0, (last - first) / ca.if_else(dt > 0, dt, 1), 0)
@@ -243,10 +243,10 @@ def move_function(states: StateVector, count: int) -> ca.Function:
     prepare = ca.Function("prepare", inputs, [ca.densify(entry) for entry in outputs])
     arguments = [ca.MX.sym(f"x{i}", *entry.shape) for i, entry in enumerate(inputs)]
     own, length = arguments[0], arguments[4]
-    place, speed, held, prepared, pushed = prepare(*arguments)
+    position, speed, held, prepared, pushed = prepare(*arguments)
     for _ in range(count):
-        place, speed = substep(place, speed, pushed, prepared, length / count, held)
-    after = ca.vertcat(place[:nj], speed[:nj], own[2 * nj :])
+        position, speed = substep(position, speed, pushed, prepared, length / count, held)
+    after = ca.vertcat(position[:nj], speed[:nj], own[2 * nj :])
     for at, fade, _ in torque_fadings(states, length):
         after[at] = fade * after[at]
     return ca.Function("move", arguments, [after])
@@ -264,7 +264,7 @@ def compare_function(states: StateVector) -> ca.Function:
     vector, x = ca.SX.sym("tracks", Tracks.size(nd)), ca.SX.sym("x", context.width)
     tracks, dt = Tracks(vector, nd), x[0]
     rates = [
-        ca.if_else(dt > 0, (tracks[i].place - before[i]) / ca.if_else(dt > 0, dt, 1), 0)
+        ca.if_else(dt > 0, (tracks[i].position - before[i]) / ca.if_else(dt > 0, dt, 1), 0)
         for i in range(nd)
     ]
     memory: list[Any] = [kept[i] for i in range(nd)]

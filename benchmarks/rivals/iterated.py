@@ -54,13 +54,16 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
         updates: how often each row is linearised.
     """
     n, nd, context = len(states), states.context.n_drives, states.context
-    carry, x = (
-        ca.MX.sym("carry", n + n * n + nd * (MEMORY + DRIVE.size)),
+    kernel_state, x = (
+        ca.MX.sym("kernel_state", n + n * n + nd * (MEMORY + DRIVE.size)),
         ca.MX.sym("x", context.width),
     )
     p = ca.MX.sym("p", len(context.mechanism.parameters))
-    mean, covariance = carry[:n], ca.reshape(carry[n : n + n * n], n, n)
-    memory, forces = carry[n + n * n : n + n * n + nd * MEMORY], carry[n + n * n + nd * MEMORY :]
+    mean, covariance = kernel_state[:n], ca.reshape(kernel_state[n : n + n * n], n, n)
+    memory, forces = (
+        kernel_state[n + n * n : n + n * n + nd * MEMORY],
+        kernel_state[n + n * n + nd * MEMORY :],
+    )
     tracks = tracking(states)(mean, memory, x, p)
     motion = moved(states, count, mean, covariance, Interval(tracks, memory, x, p))
     interval = Interval(tracks, memory, x, p)
@@ -81,12 +84,12 @@ def iterated_function(states: StateVector, count: int, updates: int) -> ca.Funct
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
             after[at] = ca.fmax(after[at], lowest)
-    told = [
+    identified = [
         DRIVE.joined(**force | {"friction": friction}) for force, friction in zip(remembered, kept)
     ]
-    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *told)
+    following = ca.vertcat(after, ca.vec(spread), tracks[: MEMORY * nd], *identified)
     return ca.Function(
-        "iterated", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+        "iterated", [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
     )
 
 

@@ -47,17 +47,20 @@ class ParticleFilter(EnsembleFilter):
         return np.concatenate([self._lowest(states).ravel(), kept.ravel(), weights])
 
     def _advance(
-        self, carry: Floats, row: Floats, key: tuple[int, int]
+        self, kernel_state: Floats, row: Floats, key: tuple[int, int]
     ) -> tuple[Floats, Floats, Floats]:
         n, nd, size = len(self._states), self._states.context.n_drives, self._size
         rng = np.random.default_rng([self._seed, 1 + key[0], key[1]])
         start = n + n * n
-        memory, rest = carry[start : start + nd * MEMORY], carry[start + nd * (MEMORY + 1) :]
+        memory, rest = (
+            kernel_state[start : start + nd * MEMORY],
+            kernel_state[start + nd * (MEMORY + 1) :],
+        )
         states = rest[: n * size].reshape(n, size)
         kept = rest[n * size : (n + nd) * size].reshape(nd, size)
         logs = rest[(n + nd) * size :].copy()
         dt, before = row[0], memory[::MEMORY]
-        tracks = np.array(self._track(carry[:n], memory, row, self._p)).ravel()
+        tracks = np.array(self._track(kernel_state[:n], memory, row, self._p)).ravel()
         shift = np.sqrt(tracks[-nd:])[:, None] * rng.normal(size=(nd, size))
         states = np.array(self._move(states, shift, before, tracks, dt, self._p))
         states += self._process_stds(dt)[:, None] * rng.normal(size=(n, size))

@@ -34,17 +34,17 @@ class UnscentedFilter(EnsembleFilter):
         return points
 
     def _advance(
-        self, carry: Floats, row: Floats, key: tuple[int, int]
+        self, kernel_state: Floats, row: Floats, key: tuple[int, int]
     ) -> tuple[Floats, Floats, Floats]:
         n, nd = len(self._states), self._states.context.n_drives
         start = n + n * n
-        mean, covariance = carry[:n], carry[n:start].reshape(n, n)
+        mean, covariance = kernel_state[:n], kernel_state[n:start].reshape(n, n)
         memory, kept = (
-            carry[start : start + nd * MEMORY],
-            carry[start + nd * MEMORY : start + nd * (MEMORY + 1)],
+            kernel_state[start : start + nd * MEMORY],
+            kernel_state[start + nd * MEMORY : start + nd * (MEMORY + 1)],
         )
         dt, before = row[0], memory[::MEMORY]
-        tracks = np.array(self._track(carry[:n], memory, row, self._p)).ravel()
+        tracks = np.array(self._track(kernel_state[:n], memory, row, self._p)).ravel()
         points = self._lowest(self._points(mean, covariance))
         still = np.zeros((nd, self._size))
         moved = np.array(self._move(points, still, before, tracks, dt, self._p))
@@ -52,7 +52,7 @@ class UnscentedFilter(EnsembleFilter):
         covariance = (moved - mean[:, None]) @ (moved - mean[:, None]).T / self._size + np.diag(
             self._process_stds(dt) ** 2
         )
-        covariance += self._from_places(mean, before, tracks, dt)
+        covariance += self._from_positions(mean, before, tracks, dt)
         points = self._lowest(self._points(mean, covariance))
         remembered = np.tile(kept[:, None], self._size)
         compared = self._compare(points, remembered, tracks, before, row, self._p)
@@ -79,7 +79,7 @@ class UnscentedFilter(EnsembleFilter):
         measured = len(self.measured)
         return following, np.where(masks[:, 0] > 0, expected, np.nan)[:measured], spreads[:measured]
 
-    def _from_places(self, mean: Floats, before: Floats, tracks: Floats, dt: float) -> Floats:
+    def _from_positions(self, mean: Floats, before: Floats, tracks: Floats, dt: float) -> Floats:
         """Return the covariance of (θ, ω) that comes from the noise of the places, by
         differences.
         """

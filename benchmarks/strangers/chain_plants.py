@@ -356,15 +356,20 @@ def simulate(
     )
     goals, pulls, (gain, gain_damping) = commands
     data.qpos[n:] = goals[0]
-    places, speeds, forces, limits = data.qpos, data.qvel, data.qfrc_applied, model.dof_frictionloss
+    positions, speeds, forces, limits = (
+        data.qpos,
+        data.qvel,
+        data.qfrc_applied,
+        model.dof_frictionloss,
+    )
     samples = (len(goals) - 1) // EVERY + 1
-    states, efforts = np.empty((samples, len(places))), np.empty((samples, winding.shape[1]))
+    states, efforts = np.empty((samples, len(positions))), np.empty((samples, winding.shape[1]))
     for k in range(-SETTLING, len(goals)):
         at = max(k, 0)
-        tensions = truth.stiffness * np.maximum(stretching @ places + slack, 0.0)
-        effort = pulls[at] + gain * (goals[at] - places[n:]) - gain_damping * speeds[n:]
+        tensions = truth.stiffness * np.maximum(stretching @ positions + slack, 0.0)
+        effort = pulls[at] + gain * (goals[at] - positions[n:]) - gain_damping * speeds[n:]
         if k >= 0 and k % EVERY == 0:
-            states[k // EVERY], efforts[k // EVERY] = places, effort
+            states[k // EVERY], efforts[k // EVERY] = positions, effort
         forces[:] = loosening @ tensions
         forces[:n] += torques[at]
         forces[n:] += effort
@@ -436,18 +441,20 @@ def make_log(
     load = (data.qfrc_bias - data.qfrc_passive)[:n]
     angles, tensions = draw_wish(of, kind, start, load, rng, times)
     winding = np.array(of.drives.winding)
-    places = (angles @ np.array(of.arms).T + tensions / of.stiffness) @ np.linalg.pinv(winding).T
+    positions = (angles @ np.array(of.arms).T + tensions / of.stiffness) @ np.linalg.pinv(winding).T
     # steps of a flexor are steps of its motor's torque
     gains = (0.0, 0.0) if kind == "step" and len(of.arms) == 1 else of.gains
     torques = draw_torques(of, rng, times) if kind == "contact" else np.zeros((len(times), n))
     if hung is not None:
         torques += hung_load(of, np.random.default_rng([seed, 1]), times, *hung)
-    states, efforts = simulate(of, truth, model, data, (places, tensions @ winding, gains), torques)
+    states, efforts = simulate(
+        of, truth, model, data, (positions, tensions @ winding, gains), torques
+    )
     read, measured = sense(of, states[:, n:], efforts, rng)
     at = times[::EVERY]
-    place, effort = ("x", "F") if of.drives.kind == "slider" else ("phi", "tau")
+    position, effort = ("x", "F") if of.drives.kind == "slider" else ("phi", "tau")
     log = {"time": at}
-    log |= {f"{place}_{name}": read[:, d] for d, name in enumerate(of.drives.names)}
+    log |= {f"{position}_{name}": read[:, d] for d, name in enumerate(of.drives.names)}
     log |= {f"{effort}_{name}": measured[:, d] for d, name in enumerate(of.drives.names)}
     true = {"t": at} | {f"theta_{joint.name}": states[:, j] for j, joint in enumerate(of.joints)}
     if kind == "contact":

@@ -137,18 +137,21 @@ def finger(seed: int, duration: float, pushed: float | None) -> tuple[Log, Rig]:
     rig.
     """
     rng = np.random.default_rng([seed, 71])
-    time, place, arm, rig = 0.0, 0.0, 9e-3, finger_rig()
+    time, position, arm, rig = 0.0, 0.0, 9e-3, finger_rig()
     squeeze = 1.2e-3
     turns: dict[str, list[list[str]]] = {
         name: [["0 s", f"{squeeze} m"]] for name in ("flexor", "extensor")
     }
     while time < duration:
         aim = float(rng.uniform(-0.6, 0.6))
-        for wait in (abs(aim - place) / rng.uniform(0.3, 1.0) + 0.05, float(rng.uniform(0.3, 1.5))):
+        for wait in (
+            abs(aim - position) / rng.uniform(0.3, 1.0) + 0.05,
+            float(rng.uniform(0.3, 1.5)),
+        ):
             time += wait
             for name, side in (("flexor", 1), ("extensor", -1)):
                 turns[name].append([f"{time:.3f} s", f"{squeeze + side * arm * aim:.6f} m"])
-        place = aim
+        position = aim
     raw: dict[str, Any] = {"rig": "finger", "duration": f"{duration} s", "plant": {}}
     raw["drives"] = {
         name: {"servo": {"position": turn, "stiffness": "5e4 N/m"}} for name, turn in turns.items()

@@ -33,11 +33,11 @@ from benchmarks.strangers.drawn_plants import (
     CLEAR,
     PARTS,
     STEP,
+    identified,
     nudged,
     numbers_of,
     ramps,
     simulated,
-    told,
 )
 from benchmarks.strangers.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, settled, units
 from distal import DistalError, Log, Rig, estimate, fit
@@ -68,7 +68,7 @@ elsewhere was missed.
 """
 
 
-def places_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
+def positions_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
     """Return where drives go, (k, d), so that the rig as described would have these angles and this
     share of its tension.
 
@@ -89,8 +89,8 @@ def places_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
     against = against / against[single].mean() if np.abs(against).max() > 1e-6 else 0.0 * against
     pulls = torque @ np.linalg.pinv(arms) + rig.tension * np.outer(level, against)
     pulls = np.where(single, np.maximum(pulls, 0.05 * rig.tension), pulls)
-    places: Floats = (wish @ arms.T + pulls / stiffness - taut) / lever
-    return places
+    positions: Floats = (wish @ arms.T + pulls / stiffness - taut) / lever
+    return positions
 
 
 def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
@@ -106,15 +106,19 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
             [ramps(rng, wide * a, fast, rate, b) for a, b in zip(rig.reach, pressed)]
         )
         wave = 2.0 * np.pi * (rng.uniform(0.05, 0.2) * np.arange(len(wish)) / rate + rng.uniform())
-        moves.append(places_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
-    places, others = np.stack(moves, axis=1), nudged(rig.raw, rig.truth)
+        moves.append(positions_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
+    positions, others = np.stack(moves, axis=1), nudged(rig.raw, rig.truth)
     of = [range(count), *[range(FITTED)] * len(others)]
-    runs = simulated(rig.raw, [rig.truth, *others], of, places, rig.inert)
+    runs = simulated(rig.raw, [rig.truth, *others], of, positions, rig.inert)
     every, joints, logs = round(rate / RATE), [joint["name"] for joint in rig.raw["joints"]], []
     names = ["theta"] if len(joints) == 1 else [f"theta_{joint}" for joint in joints]
     for log, (rng, (angles, efforts)) in enumerate(zip(rngs, runs[0])):
         calibrates, said = log < FITTED, "outside" if log == count - 1 else "motion"
-        exact = {"position": places[::every, log], "force": efforts, "angle": angles + rig.offsets}
+        exact = {
+            "position": positions[::every, log],
+            "force": efforts,
+            "angle": angles + rig.offsets,
+        }
         read: dict[str, dict[str, Floats]] = {kind: {} for kind in exact}
         for sensor in rig.raw["sensors"]:
             own, step = read[sensor["measures"]], sensor.get("resolution", 0.0)
@@ -133,7 +137,7 @@ def logs_of(rig: Drawn, seed: int) -> tuple[list[Log], dict[str, float]]:
                 FROM_SENSOR if calibrates else "the plant",
             )
         )
-    return logs, told(rig.raw, runs[1:])
+    return logs, identified(rig.raw, runs[1:])
 
 
 def judged(log: Log, rig: Rig, estimator: str) -> Raw:

@@ -58,14 +58,14 @@ def numbers_of(raw: Raw, values: Mapping[str, float]) -> Numbers:
         levers[i, d] = (
             crossings[0]["side"] * drives[d]["radius"] if drives[d]["kind"] == "capstan" else 1.0
         )
-    places, efforts = (
+    positions, efforts = (
         [one for one in rig["sensors"] if one["measures"] == kind] for kind in ("position", "force")
     )
     stiffness = np.array([tendon["stiffness"] for tendon in tendons])
     # the servos hold what their sensors read, so an offset moves the drive
     taut = np.array([one.get("pretension", 0.0) for one in tendons]) / stiffness
     taut -= np.array([one.get("slack", 0.0) for one in tendons]) + levers @ [
-        one.get("bias", 0.0) for one in places
+        one.get("bias", 0.0) for one in positions
     ]
     paths = [one.get("path", {"friction": 0.0, "wrap": 0.0}) for one in tendons]
     axles = [one.get("friction", {"coefficient": 0.0, "radius": 1.0}) for one in joints]
@@ -214,16 +214,16 @@ def moving(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Fl
     return np.array(turned), np.array(pulls)
 
 
-def efforts(p: Numbers, places: Floats, tensions: Floats) -> Floats:
+def efforts(p: Numbers, positions: Floats, tensions: Floats) -> Floats:
     """Return what force and torque sensors read without noise, (k, b, d), of places (k, b, d) and
     tensions (k, b, t).
     """
     levers = p["levers"][0]
     lever = np.abs(levers).max(axis=0)
-    sense = np.zeros_like(places)
-    for k in range(1, len(places)):
+    sense = np.zeros_like(positions)
+    for k in range(1, len(positions)):
         sense[k] = np.clip(
-            sense[k - 1] + 2.0 * lever * (places[k] - places[k - 1]) / PRESLIDING, -1.0, 1.0
+            sense[k - 1] + 2.0 * lever * (positions[k] - positions[k - 1]) / PRESLIDING, -1.0, 1.0
         )
     limit = p["constant"] + p["load"] * (tensions @ (levers != 0.0))
     drawn_in, let_out = tensions * np.expm1(p["wrapped"]), -tensions * np.expm1(-p["wrapped"])
@@ -231,7 +231,7 @@ def efforts(p: Numbers, places: Floats, tensions: Floats) -> Floats:
         for t in np.flatnonzero(levers[:, d]):
             inwards = sense[:, :, d] * np.sign(levers[t, d]) > 0.0
             limit[:, :, d] += lever[d] * np.where(inwards, drawn_in[:, :, t], let_out[:, :, t])
-    speeds = np.gradient(places, 1.0 / RATE, axis=0)
+    speeds = np.gradient(positions, 1.0 / RATE, axis=0)
     moved = p["viscous"] * speeds + p["mass"] * np.gradient(speeds, 1.0 / RATE, axis=0)
     return p["gain"] * (tensions @ levers + sense * limit + moved) + p["bias"]
 
@@ -240,7 +240,7 @@ def simulated(
     raw: Raw,
     plants: Sequence[Mapping[str, float]],
     of: Sequence[Sequence[int]],
-    places: Floats,
+    positions: Floats,
     inert: bool,
 ) -> list[list[tuple[Floats, Floats]]]:
     """Return angles (k, j) and efforts (k, d) of each plant on each of its logs.
@@ -257,12 +257,12 @@ def simulated(
     rows = [one for one, own in zip(made, of) for _ in own]
     p = {name: np.stack([one[name] for one in rows]) for name in made[0]}
     logs = np.array([log for own in of for log in own])
-    ends = places @ made[0]["levers"].T
+    ends = positions @ made[0]["levers"].T
     angles, tensions = (moving if inert else at_rest)(p, ends, logs)
     if not inert:
         p["mass"] = 0.0 * p["mass"]
     every = round(1.0 / RATE / STEP) if inert else PARTS
-    read = efforts(p, places[::every][:, logs], tensions)
+    read = efforts(p, positions[::every][:, logs], tensions)
     each = iter(range(len(logs)))
     return [[(angles[:, row], read[:, row]) for _, row in zip(own, each)] for own in of]
 
@@ -278,7 +278,9 @@ def nudged(raw: Raw, truth: Mapping[str, float]) -> list[dict[str, float]]:
     ]
 
 
-def told(raw: Raw, nudged_runs: Sequence[Sequence[tuple[Floats, Floats]]]) -> dict[str, float]:
+def identified(
+    raw: Raw, nudged_runs: Sequence[Sequence[tuple[Floats, Floats]]]
+) -> dict[str, float]:
     """Return what logs leave of each unit's std, as a share of that of its prior, by the path of
     its first number.
 
@@ -286,11 +288,13 @@ def told(raw: Raw, nudged_runs: Sequence[Sequence[tuple[Floats, Floats]]]) -> di
     and by an offset.
     """
     p = numbers_of(raw, {})
-    places, forces, encoders = (
+    positions, forces, encoders = (
         [one for one in raw["sensors"] if one["measures"] == kind]
         for kind in ("position", "force", "angle")
     )
-    rough = [np.hypot(one["noise"], one.get("resolution", 0.0) / np.sqrt(12.0)) for one in places]
+    rough = [
+        np.hypot(one["noise"], one.get("resolution", 0.0) / np.sqrt(12.0)) for one in positions
+    ]
     shaken = (p["stiffness"] @ p["levers"] ** 2) * rough
     angle = np.maximum([one["noise"] for one in encoders], EXACT)
     whole = np.concatenate([angle, np.hypot([one["noise"] for one in forces], shaken)])
@@ -329,14 +333,14 @@ def ramps(
             for never.
     """
     count, length = round(DURATION * rate), round(0.2 * rate)
-    places, spent = [0.0] * (2 * length), 0
-    while len(places) < count + length:
-        press = pressed > 0.0 and spent < 0.27 * len(places)  # the way there counts too
+    positions, spent = [0.0] * (2 * length), 0
+    while len(positions) < count + length:
+        press = pressed > 0.0 and spent < 0.27 * len(positions)  # the way there counts too
         aim = rng.choice([-1.0, 1.0]) * pressed if press else rng.uniform(-reach, reach)
-        steps = max(2, round(abs(aim - places[-1]) / (speed * rng.uniform(0.25, 1.2)) * rate))
+        steps = max(2, round(abs(aim - positions[-1]) / (speed * rng.uniform(0.25, 1.2)) * rate))
         rests = round((rng.uniform(0.8, 1.8) if press else rng.uniform(0.15, 0.8)) * rate)
-        places += [*np.linspace(places[-1], aim, steps)[1:], *([aim] * rests)]
+        positions += [*np.linspace(positions[-1], aim, steps)[1:], *([aim] * rests)]
         spent += rests if press else 0
     kernel = np.hanning(length + 1)
-    smooth: Floats = np.convolve(places, kernel / kernel.sum(), mode="valid")[:count]
+    smooth: Floats = np.convolve(positions, kernel / kernel.sum(), mode="valid")[:count]
     return smooth

@@ -301,7 +301,7 @@ class Draw:
         )
         usual, made = self.tension * self.lever, list[Raw]()
         for d in range(drives):
-            place: Raw = {
+            position: Raw = {
                 "name": f"x{d}",
                 "measures": "position",
                 "of": f"drive{d}",
@@ -316,15 +316,15 @@ class Draw:
                 "noise": rough * usual,
             }
             if coarse:
-                place["resolution"] = 2.0 * noise
+                position["resolution"] = 2.0 * noise
             if zeros:
                 off = np.deg2rad(self.rng.uniform(0.2, 0.5)) * self.arm / self.lever
-                place["bias"] = {"value": 0.0, "std": off}
+                position["bias"] = {"value": 0.0, "std": off}
             if gains:
                 force["gain"] = {"value": 1.0, "std": self.rng.uniform(0.005, 0.02)}
             if drifts:
                 force["bias"] = {"value": 0.0, "std": self.rng.uniform(0.01, 0.03) * usual}
-            made += [place, force]
+            made += [position, force]
         fine, off = np.deg2rad(self.rng.uniform(0.03, 0.1)), np.deg2rad(self.rng.uniform(0.05, 0.2))
         for j in range(self.n):
             encoder = {

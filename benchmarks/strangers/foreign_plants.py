@@ -40,8 +40,8 @@ def motion(rng: np.random.Generator, low: float, high: float, duration: float) -
         raw[at : at + 150] = raw[at]
     kernel = np.hanning(25)
     smooth = np.convolve(np.pad(raw, 12, mode="edge"), kernel / kernel.sum(), mode="valid")
-    places: Floats = low + (high - low) * np.clip(smooth, 0.0, 1.0)
-    return places
+    positions: Floats = low + (high - low) * np.clip(smooth, 0.0, 1.0)
+    return positions
 
 
 @cache
@@ -62,8 +62,8 @@ def finger_log(seed: int, duration: float = DURATION) -> Log:
     # before the log the motor winds the cable to where it begins: else the joint jumps by 8° after
     # the first sample
     winding = np.linspace(0.0, turn[0], round(RATE))[:-1]
-    for k, place in enumerate([*winding, *turn], -len(winding)):
-        nodes[0] = spool * place
+    for k, position in enumerate([*winding, *turn], -len(winding)):
+        nodes[0] = spool * position
         for _ in range(60):
             before = nodes.copy()
             for i in range(1, parts):

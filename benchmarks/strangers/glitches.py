@@ -16,7 +16,7 @@ from benchmarks.strangers.plants import drawn_plant, wide_rig
 from benchmarks.strangers.scoring import Job, Record, Table, all_estimators, by_case
 
 NAME = "glitches"
-PLACES = ("x1", "x2")
+POSITIONS = ("x1", "x2")
 SMALLEST, TRAVEL = 50e-6, 20e-3
 """Sizes of a glitch [m]: from ten times the sensor's noise to the whole travel, alike on a
 logarithmic scale.
@@ -48,7 +48,7 @@ def single(log: Log, rng: np.random.Generator) -> Log:
         hit = rng.random(len(values)) < 0.01
         return values + np.where(hit, sizes(rng, len(values)), 0.0)
 
-    return changed(log, change, PLACES)
+    return changed(log, change, POSITIONS)
 
 
 def bursts(log: Log, rng: np.random.Generator) -> Log:
@@ -61,7 +61,7 @@ def bursts(log: Log, rng: np.random.Generator) -> Log:
             values[start : start + 5] += sizes(rng, 1)
         return values
 
-    return changed(log, change, PLACES)
+    return changed(log, change, POSITIONS)
 
 
 def stepped(log: Log, rng: np.random.Generator) -> Log:
@@ -72,7 +72,7 @@ def stepped(log: Log, rng: np.random.Generator) -> Log:
     return changed(
         log,
         lambda values: values + np.where(log.time >= start, by, 0.0),
-        (str(rng.choice(PLACES)),),
+        (str(rng.choice(POSITIONS)),),
     )
 
 

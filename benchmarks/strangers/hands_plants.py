@@ -39,14 +39,14 @@ OFFSET = np.deg2rad(0.15)
 def ramps(rng: np.random.Generator, low: float, high: float, duration: float) -> Floats:
     """Return ramps between random places, with rests, smoothed over 0.2 s, (k,)."""
     count = round(duration * RATE)
-    places = [low + (high - low) * 0.1]
-    while len(places) < count + 200:
+    positions = [low + (high - low) * 0.1]
+    while len(positions) < count + 200:
         aim, speed = rng.uniform(low, high), rng.uniform(0.25, 1.2)
-        steps = max(2, round(abs(aim - places[-1]) / speed * RATE))
-        places += list(np.linspace(places[-1], aim, steps))[1:]
-        places += [aim] * int(rng.integers(20, 100))
+        steps = max(2, round(abs(aim - positions[-1]) / speed * RATE))
+        positions += list(np.linspace(positions[-1], aim, steps))[1:]
+        positions += [aim] * int(rng.integers(20, 100))
     kernel = np.hanning(21)
-    smooth: Floats = np.convolve(np.array(places), kernel / kernel.sum(), mode="valid")[:count]
+    smooth: Floats = np.convolve(np.array(positions), kernel / kernel.sum(), mode="valid")[:count]
     return smooth
 
 
@@ -105,16 +105,16 @@ def bowden_log(seed: int, kind: str, duration: float = DURATION) -> Log:
     cable, angle = Cable(STIFFNESS, 0.12, 3.0), 0.0
     angles, torques, parts = np.empty(len(turn)), np.empty(len(turn)), 2
     before = turn[0]
-    for k, place in enumerate(turn):
+    for k, position in enumerate(turn):
         for part in range(parts):
-            drive = SPOOL * (before + (place - before) * (part + 1) / parts)
+            drive = SPOOL * (before + (position - before) * (part + 1) / parts)
             angle = turned(cable, drive, angle, extra[k], 0.002)
             cable.settle(drive, SLACK + ARM * angle)
-        tension, _ = cable.tensions(SPOOL * place, SLACK + ARM * angle)
-        speed = (place - before) * RATE
+        tension, _ = cable.tensions(SPOOL * position, SLACK + ARM * angle)
+        speed = (position - before) * RATE
         motor = tension * SPOOL + 0.006 * np.tanh(speed / 0.02) + 0.002 * speed
-        torques[k] = motor + 0.003 * np.cos(7 * GEAR * place + 0.6)
-        angles[k], before = angle, place
+        torques[k] = motor + 0.003 * np.cos(7 * GEAR * position + 0.6)
+        angles[k], before = angle, position
     time = np.arange(len(turn)) / RATE
     current = torques / (TORQUE_CONSTANT * GEAR) + 0.003 * rng.normal(size=len(turn))
     encoder = OFFSET if kind == "calibration" else 0.0

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import table
-from benchmarks.strangers.drawn import FASTER, FITTED, JUDGED, judged, places_of
+from benchmarks.strangers.drawn import FASTER, FITTED, JUDGED, judged, positions_of
 from benchmarks.strangers.drawn_plants import (
     PARTS,
     balanced,
@@ -144,12 +144,12 @@ def logs_of(
         wide, fast = (WIDER, FASTER) if log == count - 1 else (1.0, 1.0)
         wish = np.column_stack([ramps(own, wide * a, fast, rate) for a in rig.reach])
         wave = 2.0 * np.pi * (own.uniform(0.05, 0.2) * np.arange(len(wish)) / rate + own.uniform())
-        moves.append(places_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
-    places = np.stack(moves, axis=1)
+        moves.append(positions_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
+    positions = np.stack(moves, axis=1)
     one = numbers_of(rig.raw, rig.truth)
     p = prepared({name: np.stack([value] * count) for name, value in one.items()})
     p["mass"] = 0.0 * p["mass"]
-    ends = places @ one["levers"].T
+    ends = positions @ one["levers"].T
     cables, angles = Cables(rig, p, has, ends[0]), np.zeros((count, len(rig.reach)))
     turned, pulls = [], []
     for k in range(len(ends)):
@@ -157,19 +157,19 @@ def logs_of(
         if k % PARTS == 0:
             turned.append(angles)
             pulls.append(tension)
-    read = efforts(p, places[::PARTS], np.array(pulls))
+    read = efforts(p, positions[::PARTS], np.array(pulls))
     if "cogging" in has:
         periods, size = has["cogging"]
         lever = np.abs(one["levers"]).max(axis=0)
         read = read + size * rig.tension * lever * np.sin(
-            periods * places[::PARTS] * np.where(lever == 1.0, 100.0, 1.0)
+            periods * positions[::PARTS] * np.where(lever == 1.0, 100.0, 1.0)
         )
     joints = [joint["name"] for joint in rig.raw["joints"]]
     names = ["theta"] if len(joints) == 1 else [f"theta_{joint}" for joint in joints]
     logs = []
     for log, own in enumerate(rngs):
         exact = {
-            "position": places[::PARTS, log],
+            "position": positions[::PARTS, log],
             "force": read[:, log],
             "angle": np.array(turned)[:, log] + rig.offsets,
         }

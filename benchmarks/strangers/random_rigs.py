@@ -124,9 +124,10 @@ def sane(rig: Rig, log: Log) -> bool:
     free = True
     for drive in rig.drives:
         if drive.stops is not None:
-            place = log.truth[f"position_{drive.name}"]
+            position = log.truth[f"position_{drive.name}"]
             free = (
                 free
-                and float(np.mean((place <= drive.stops[0]) | (place >= drive.stops[1]))) <= 0.2
+                and float(np.mean((position <= drive.stops[0]) | (position >= drive.stops[1])))
+                <= 0.2
             )
     return bool(moves and smooth and np.mean(taut) >= 0.7 and free)

@@ -250,13 +250,16 @@ def _wishes(
     count = round(DURATION[kind] * rate)
     columns = []
     for j in range(joints):
-        places = [0.0]
-        while len(places) < count:
+        positions = [0.0]
+        while len(positions) < count:
             aim, speed = rng.uniform(-reach, reach), rng.uniform(0.2, 0.8)
-            steps = max(2, round(abs(aim - places[-1]) / speed * rate))
+            steps = max(2, round(abs(aim - positions[-1]) / speed * rate))
             rest = rng.uniform(2.0, 6.0) if kind == "stop and go" else rng.uniform(0.1, 1.0)
-            places += [*np.linspace(places[-1], aim, steps + 1)[1:], *[aim] * round(rest * rate)]
-        columns.append(np.array(places[:count]) * (1.0 if held is None or j == held else 0.0))
+            positions += [
+                *np.linspace(positions[-1], aim, steps + 1)[1:],
+                *[aim] * round(rest * rate),
+            ]
+        columns.append(np.array(positions[:count]) * (1.0 if held is None or j == held else 0.0))
     return np.column_stack(columns)
 
 
@@ -275,19 +278,19 @@ def _log(
     )  # the first logs move one drive each
     wish = _wishes(rng, kind, joints, held, rate)
     if kind == "rolling":
-        angles, places, read = _rolling(truth, wish[:, 0], rng, RATE[kind] / rate)
+        angles, positions, read = _rolling(truth, wish[:, 0], rng, RATE[kind] / rate)
     else:
         own = dict(truth)
         if kind == "sheath":
             own |= dict.fromkeys(
                 [f"tendons.{t}.path.wrap" for t in (0, 1)], float(np.deg2rad(rng.uniform(0, 270)))
             )
-        angles, places, read = _balanced(raw, own, wish, rng, RATE[kind] / rate)
+        angles, positions, read = _balanced(raw, own, wish, rng, RATE[kind] / rate)
     calibrates = index < FITTED
     names = ["theta"] if joints == 1 else [f"theta_{joint['name']}" for joint in raw["joints"]]
     if calibrates:
         angles = angles + np.deg2rad(0.05) * rng.normal(size=angles.shape)
-    values = {"position": places, "force": read}
+    values = {"position": positions, "force": read}
     channels = {}
     for kind_of, columns in values.items():
         for sensor, column in zip(
@@ -322,12 +325,12 @@ def _balanced(
             2 * np.pi * rng.uniform(0.05, 0.2) * pace * np.arange(len(wish)) / (PARTS * 40.0)
         )
         lengths = lengths + (8.0 / made["stiffness"]) * beats[:, None]
-    places = lengths @ np.linalg.pinv(levers).T
-    angles, tensions = at_rest(p, (places @ levers.T)[:, None, :], np.zeros(1, dtype=np.intp))
+    positions = lengths @ np.linalg.pinv(levers).T
+    angles, tensions = at_rest(p, (positions @ levers.T)[:, None, :], np.zeros(1, dtype=np.intp))
     p["mass"] = 0.0 * p["mass"]
     silent = not any(one["measures"] == "force" for one in raw["sensors"])
-    read = places[:0] if silent else efforts(p, places[::PARTS][:, None, :], tensions)[:, 0]
-    return angles[:, 0], places[::PARTS], read
+    read = positions[:0] if silent else efforts(p, positions[::PARTS][:, None, :], tensions)[:, 0]
+    return angles[:, 0], positions[::PARTS], read
 
 
 def _rolling(
@@ -354,14 +357,14 @@ def _rolling(
         return n * length, n * slope
 
     squeeze = 6.0 + 2.0 * np.sin(2 * np.pi * 0.05 * pace * np.arange(len(wish)) / (PARTS * 20.0))
-    places = np.array(
+    positions = np.array(
         [
             [shape(s, w)[0] + t / k for s, k in zip((1, -1), stiffness)]
             for w, t in zip(wish, squeeze)
         ]
     )
     q, angles, pulls = float(wish[0]), np.empty(len(wish)), np.empty((len(wish), 2))
-    for i, ends in enumerate(places):
+    for i, ends in enumerate(positions):
         for _ in range(30):
             lengths = [shape(s, q) for s in (1, -1)]
             tension = [
@@ -374,4 +377,4 @@ def _rolling(
                 break
             q += left / (sum(k * slope**2 for k, (_, slope) in zip(stiffness, lengths)) + 1e-3)
         angles[i], pulls[i] = q, tension
-    return angles[::PARTS, None], places[::PARTS], pulls[::PARTS]
+    return angles[::PARTS, None], positions[::PARTS], pulls[::PARTS]

@@ -52,7 +52,7 @@ NUMBERS = (
 )
 """Of a `Drawn` what the sub-steps read."""
 
-MOVING = ("angles", "rates", "places", "speeds", "nodes", "torques", "slipped")
+MOVING = ("angles", "rates", "positions", "speeds", "nodes", "torques", "slipped")
 """What they change."""
 
 
@@ -90,7 +90,7 @@ class Hands:
         motors = drawn.spools.shape[-1]
         self.angles = np.clip(np.zeros((hands, joints)), drawn.low, drawn.high)
         self.rates = np.zeros((hands, joints))
-        self.places, self.speeds = np.zeros((hands, motors)), np.zeros((hands, motors))
+        self.positions, self.speeds = np.zeros((hands, motors)), np.zeros((hands, motors))
         self.nodes = np.zeros(drawn.slack.shape)
         self.torques, self.goals = np.zeros((hands, motors)), np.zeros((hands, motors))
         self.limits = np.full((hands, motors), 0.8)
@@ -107,7 +107,7 @@ class Hands:
         it be.
         """
         d = self.d
-        wound = np.einsum("htm,hm->ht", d.spools, self.places - self.slipped) - d.slack
+        wound = np.einsum("htm,hm->ht", d.spools, self.positions - self.slipped) - d.slack
         drawn_in = np.einsum("htj,hj->ht", d.arms, self.angles)
         first, second, grip = 2 * d.stiffness, 2 * d.stiffness, np.exp(d.sheath)
         near, far = (
@@ -129,7 +129,7 @@ class Hands:
         near, far = self._tensions()
         load = np.einsum("htm,ht->hm", d.spools, near)
         # a servo: proportional to what is left, never above its limit
-        left = self.goals - self.places
+        left = self.goals - self.positions
         left = left - np.clip(left, -self.dead_band, self.dead_band)
         asked = self.stiffness * left - self.damping * self.speeds
         self.torques = np.clip(asked, -self.limits, self.limits)
@@ -137,7 +137,7 @@ class Hands:
         free = self.speeds + STEP / inertia * (self.torques - load)
         grip = STEP / inertia * (d.gear_friction + d.gear_load * np.abs(load))
         self.speeds = np.sign(free) * np.maximum(np.abs(free) - grip, 0)
-        self.places = self.places + STEP * self.speeds
+        self.positions = self.positions + STEP * self.speeds
         slip = np.abs(load) > self.slips
         self.slipped = self.slipped + np.where(slip, np.sign(load) * 0.4 * STEP * 20, 0)
         pull = np.einsum("htj,ht->hj", d.arms, far)
@@ -182,15 +182,15 @@ class Hands:
         self.goals = (np.asarray(goals) - d.zeros) * d.signs
         self._period(round(PERIOD / STEP))
         turn = 2 * np.pi / COUNTS
-        places = turn * np.round((self.places * d.signs + d.zeros) / turn)
+        positions = turn * np.round((self.positions * d.signs + d.zeros) / turn)
         currents = self.torques * d.signs / d.torque_constant + 0.004 * self.rng.normal(
             size=self.torques.shape
         )
-        return {"places": places, "currents": 1e-3 * np.round(1e3 * currents)}
+        return {"positions": positions, "currents": 1e-3 * np.round(1e3 * currents)}
 
-    def goals_of(self, places: Floats) -> Floats:
+    def goals_of(self, positions: Floats) -> Floats:
         """Return encoders' angles of the motors' own places."""
-        return places * self.d.signs + self.d.zeros
+        return positions * self.d.signs + self.d.zeros
 
 
 @dataclass(frozen=True)

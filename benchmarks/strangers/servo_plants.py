@@ -42,9 +42,9 @@ class Plant(Protocol):
 
     rig: Rig
     angles: Floats
-    places: Floats
+    positions: Floats
 
-    def move(self, places: Floats) -> None:
+    def move(self, positions: Floats) -> None:
         """Move the drives to places, within one part of a sample."""
 
     def read(self) -> dict[str, float]:
@@ -56,10 +56,14 @@ class Servos:
 
     def __init__(self, plant: Plant, errors: Any = None, speeds: bool = False) -> None:
         self.plant, self.speeds = plant, speeds
-        self.errors = errors or (lambda places: np.zeros_like(places))
-        begin = np.zeros_like(plant.places) if speeds else plant.places + self.errors(plant.places)
+        self.errors = errors or (lambda positions: np.zeros_like(positions))
+        begin = (
+            np.zeros_like(plant.positions)
+            if speeds
+            else plant.positions + self.errors(plant.positions)
+        )
         self.queue: deque[Floats] = deque([begin] * round(DELAY / PERIOD))
-        self.rate = np.zeros_like(plant.places)
+        self.rate = np.zeros_like(plant.positions)
         self.share = 1 - exp(-2 * pi * BANDWIDTH * PERIOD / PARTS)
         kinds = [drive.kind for drive in plant.rig.drives]
         self.most = np.array([FASTEST[kind] for kind in kinds]) * PERIOD / PARTS
@@ -71,15 +75,17 @@ class Servos:
         self.queue.append(np.array(sent, dtype=np.float64))
         goal, plant = self.queue.popleft(), self.plant
         for _ in range(PARTS):
-            away = goal - (self.rate if self.speeds else plant.places + self.errors(plant.places))
+            away = goal - (
+                self.rate if self.speeds else plant.positions + self.errors(plant.positions)
+            )
             if self.speeds:
                 self.rate = self.rate + self.share * away
                 moved = self.rate * PERIOD / PARTS
             else:
                 moved = self.share * away
-            plant.move(plant.places + np.clip(moved, -self.most, self.most))
+            plant.move(plant.positions + np.clip(moved, -self.most, self.most))
         read = plant.read()
-        errors = dict(zip([drive.name for drive in plant.rig.drives], self.errors(plant.places)))
+        errors = dict(zip([drive.name for drive in plant.rig.drives], self.errors(plant.positions)))
         for sensor in plant.rig.sensors_of("position"):
             read[sensor.name] += errors[sensor.of]
         return plant.angles.copy(), read
@@ -107,7 +113,7 @@ class Disk:
         self.friction, self.slider = 1 + 0.2 * rng.uniform(-1, 1), 1 + 0.2 * rng.uniform(-1, 1, 2)
         self.inertia, self.damping = 4.239e-4, 8e-3 * (1 + 0.2 * rng.uniform(-1, 1))
         self.angles, self.speed = np.zeros(1), 0.0
-        self.places, self.rates, self.rng = np.full(2, 2.5e-3), np.zeros(2), rng
+        self.positions, self.rates, self.rng = np.full(2, 2.5e-3), np.zeros(2), rng
         waves, phases = (
             rng.uniform(0.3, 1.0, (2, 3)) / [1.0, 1.5, 3.0],
             rng.uniform(0, 2 * pi, (2, 3)),
@@ -118,33 +124,36 @@ class Disk:
         self.curve = [(scale[i] * waves[i], phases[i]) for i in range(2)]
 
     @staticmethod
-    def _wave(places: Any, weights: Floats, phases: Floats) -> Any:
+    def _wave(positions: Any, weights: Floats, phases: Floats) -> Any:
         lengths = 2 * pi / np.array([0.02, 0.01, 0.005])
-        return np.sin(np.multiply.outer(places, lengths) + phases) @ weights
+        return np.sin(np.multiply.outer(positions, lengths) + phases) @ weights
 
-    def errors(self, places: Floats) -> Floats:
+    def errors(self, positions: Floats) -> Floats:
         """Return what the potentiometers err by, smooth over the travel."""
-        return np.array([float(self._wave(places[i], *self.curve[i])) for i in range(2)])
+        return np.array([float(self._wave(positions[i], *self.curve[i])) for i in range(2)])
 
     def tensions(self) -> tuple[list[float], list[float]]:
         """Return the tendons' tensions and their moment arms."""
         angle, radius, length = float(self.angles[0]), 9.53e-3, 0.375
         pulls, arms = [], []
-        for place, side, stiffness in zip(
-            self.places.tolist(), (1.0, -1.0), self.stiffness.tolist()
+        for position, side, stiffness in zip(
+            self.positions.tolist(), (1.0, -1.0), self.stiffness.tolist()
         ):
-            across, along = radius * (1 - cos(angle)), length + place - side * radius * sin(angle)
+            across, along = (
+                radius * (1 - cos(angle)),
+                length + position - side * radius * sin(angle),
+            )
             now = sqrt(across * across + along * along)
             pulls.append(stiffness * max(now - length, 0.0))
             arms.append(-(across * radius * sin(angle) - along * side * radius * cos(angle)) / now)
         return pulls, arms
 
-    def move(self, places: Floats) -> None:
+    def move(self, positions: Floats) -> None:
         """Move the sliders within 1 ms, the disk in steps of 0.25 ms."""
-        before, steps, dt = self.places, 4, PERIOD / PARTS / 4
-        self.rates = (places - before) / (PERIOD / PARTS)
+        before, steps, dt = self.positions, 4, PERIOD / PARTS / 4
+        self.rates = (positions - before) / (PERIOD / PARTS)
         for k in range(1, steps + 1):
-            self.places = before + (places - before) * k / steps
+            self.positions = before + (positions - before) * k / steps
             pulls, arms = self.tensions()
             limit = self.friction * 0.5 * 3.18e-3 * 15.2 * ((5.1 + sum(pulls)) / 15.2) ** 1.83
             free = self.speed + dt / self.inertia * (
@@ -161,7 +170,7 @@ class Disk:
         for i in range(2):
             way = float(np.tanh(self.rates[i] / 1e-4))
             rub = self.slider[i] * (0.085 + 0.038 * pulls[i])
-            found[f"x{i + 1}"] = float(self.places[i]) + 5e-6 * noise[i]
+            found[f"x{i + 1}"] = float(self.positions[i]) + 5e-6 * noise[i]
             found[f"u{i + 1}"] = pulls[i] + way * rub + 0.3 * noise[2 + i]
         return found
 
@@ -173,7 +182,7 @@ class Bowden:
         self.rig = with_servos(hands_plants.bowden_rig())
         rng = self.rng = np.random.default_rng([seed, 92])
         self.friction = 0.12 * (1 + 0.2 * rng.uniform(-1, 1))
-        self.cable, self.angles, self.places = (
+        self.cable, self.angles, self.positions = (
             Cable(STIFFNESS, self.friction, 3.0),
             np.zeros(1),
             np.array([0.2]),
@@ -184,27 +193,27 @@ class Bowden:
 
     def solve(self) -> None:
         """Let finger and cable come to rest."""
-        drive = SPOOL * float(self.places[0])
+        drive = SPOOL * float(self.positions[0])
         self.angles = np.array([turned(self.cable, drive, float(self.angles[0]), 0.0, 0.002)])
         self.cable.settle(drive, SLACK + ARM * float(self.angles[0]))
 
-    def move(self, places: Floats) -> None:
+    def move(self, positions: Floats) -> None:
         """Turn the motor; the cable is solved in every fifth part."""
-        self.rate = float(places[0] - self.places[0]) * PARTS / PERIOD
-        self.places, self.waiting = places, self.waiting + 1
+        self.rate = float(positions[0] - self.positions[0]) * PARTS / PERIOD
+        self.positions, self.waiting = positions, self.waiting + 1
         if self.waiting % 5 == 0:
             self.solve()
 
     def read(self) -> dict[str, float]:
         """Return the motor's angle and torque."""
         tension, _ = self.cable.tensions(
-            SPOOL * float(self.places[0]), SLACK + ARM * float(self.angles[0])
+            SPOOL * float(self.positions[0]), SLACK + ARM * float(self.angles[0])
         )
         motor = tension * SPOOL + 0.006 * np.tanh(self.rate / 0.02) + 0.002 * self.rate
-        motor += 0.003 * cos(7 * hands_plants.GEAR * float(self.places[0]) + 0.6)
+        motor += 0.003 * cos(7 * hands_plants.GEAR * float(self.positions[0]) + 0.6)
         step = 2 * pi / (hands_plants.COUNTS * hands_plants.GEAR)
         noise = hands_plants.TORQUE_CONSTANT * hands_plants.GEAR * 0.003 * self.rng.normal()
-        return {"motor": step * round(float(self.places[0]) / step), "current": motor + noise}
+        return {"motor": step * round(float(self.positions[0]) / step), "current": motor + noise}
 
 
 class Ropes:
@@ -220,8 +229,8 @@ class Ropes:
             ROPE["stiffness"] * (1 + 0.1 * rng.uniform(-1, 1)),
             1 + 0.2 * rng.uniform(-1, 1),
         )
-        self.places, self.angles = np.array([0.09, -0.09]), np.zeros(1)
-        self.behind, self.strain = self.places.copy(), np.full(2, 1.5e-4)
+        self.positions, self.angles = np.array([0.09, -0.09]), np.zeros(1)
+        self.behind, self.strain = self.positions.copy(), np.full(2, 1.5e-4)
 
     def pulls(self, angle: float) -> list[float]:
         """Return the tensions of flexor and extensor."""
@@ -233,10 +242,10 @@ class Ropes:
             self.stiffness * max(float(end - strain), 0.0) for end, strain in zip(ends, self.strain)
         ]
 
-    def move(self, places: Floats) -> None:
+    def move(self, positions: Floats) -> None:
         """Turn the motors; the joint comes to rest at once."""
-        self.places, angle, arm = places, float(self.angles[0]), ROPE["arm"]
-        self.behind = np.clip(self.behind, places - self.gap / 2, places + self.gap / 2)
+        self.positions, angle, arm = positions, float(self.angles[0]), ROPE["arm"]
+        self.behind = np.clip(self.behind, positions - self.gap / 2, positions + self.gap / 2)
         for _ in range(8):
             pulls = self.pulls(angle)
             net = arm * (pulls[0] - pulls[1]) - 0.02 * sin(angle)
@@ -255,7 +264,8 @@ class Ropes:
         pulls, noise = self.pulls(float(self.angles[0])), self.rng.normal(size=4)
         names = ("flexor", "extensor")
         read = {
-            f"{name}_angle": float(self.places[i]) + 1e-4 * noise[i] for i, name in enumerate(names)
+            f"{name}_angle": float(self.positions[i]) + 1e-4 * noise[i]
+            for i, name in enumerate(names)
         }
         return read | {
             f"{name}_cell": (1.01, 0.99)[i] * pulls[i] + 0.03 * noise[2 + i]
@@ -290,29 +300,29 @@ class Chain:
         wound = (
             self.start @ np.array(of.arms).T + (0.0 if any(of.pretensions) else 4.0) / of.stiffness
         )
-        self.places, self.efforts = (
+        self.positions, self.efforts = (
             wound @ np.linalg.pinv(self.winding).T,
             np.zeros(self.winding.shape[1]),
         )
-        self.data.qpos[self.joints :] = self.places
+        self.data.qpos[self.joints :] = self.positions
         for _ in range(300):
-            self.move(self.places)
+            self.move(self.positions)
 
     @property
     def angles(self) -> Floats:
         """The joints' angles."""
         return np.array(self.data.qpos[: self.joints])
 
-    def move(self, places: Floats) -> None:
+    def move(self, positions: Floats) -> None:
         """Draw the drives to places within one part of a sample, in steps of MuJoCo's."""
         steps, before, n, data = (
             round(PERIOD / PARTS / chain_plants.STEP),
-            self.places,
+            self.positions,
             self.joints,
             self.data,
         )
         for k in range(1, steps + 1):
-            goal = before + (places - before) * k / steps
+            goal = before + (positions - before) * k / steps
             tensions = self.truth.stiffness * np.maximum(
                 self.stretching @ data.qpos + self.slack, 0.0
             )
@@ -321,17 +331,17 @@ class Chain:
             data.qfrc_applied[n:] += self.efforts
             self.model.dof_frictionloss[:] = self.constant + self.per_tension @ tensions
             mujoco.mj_step(self.model, data)
-        self.places = places
+        self.positions = positions
 
     def read(self) -> dict[str, float]:
         """Return the drives' places and efforts."""
         motor, drives = self.of.drives.kind == "motor", self.data.qpos[self.joints :]
         count = chain_plants.COUNT
         noise = self.rng.normal(size=(2, len(drives)))
-        places = count * np.round(drives / count) if motor else drives + 5e-6 * noise[0]
+        positions = count * np.round(drives / count) if motor else drives + 5e-6 * noise[0]
         efforts = self.efforts + (1.2e-3 if motor else 0.2) * noise[1]
         by_drive = dict(zip([drive.name for drive in self.rig.drives], range(len(drives))))
-        kinds = {"position": places, "force": efforts}
+        kinds = {"position": positions, "force": efforts}
         proximal = [sensor for sensor in self.rig.sensors if sensor.measures in kinds]
         return {
             sensor.name: float(kinds[sensor.measures][by_drive[sensor.of]]) for sensor in proximal

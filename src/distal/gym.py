@@ -90,7 +90,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         ]
         self._fed = [names.index(channel) for channel in self._monitor.channels]
         joints = [joint.name for joint in described.joints]
-        self._wanted = {
+        self._desired = {
             joints.index(name): joint.reference for name, joint in scenario.control.joints.items()
         }
         angles = angle_names(joints)
@@ -168,7 +168,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
 
     def _targets(self) -> dict[int, float]:
         time = np.array([self._plant.time])
-        return {j: float(reference.at(time)[0]) for j, reference in self._wanted.items()}
+        return {j: float(reference.at(time)[0]) for j, reference in self._desired.items()}
 
     def _observed(self, samples: list[tuple[float, Floats]]) -> tuple[Observation, Reading]:
         for stamp, values in samples:

@@ -182,7 +182,7 @@ def systematic_variance(sensor: Sensor) -> float:
     return float((LINEARITY_STD * sensor.linearity) ** 2)
 
 
-def place_offsets(rig: Rig, names: Sequence[str]) -> Floats:
+def position_offsets(rig: Rig, names: Sequence[str]) -> Floats:
     """Return the known offsets that are taken off the readings of drives' places, 0 for other
     sensors [SI], (n,).
     """

@@ -76,13 +76,13 @@ def unit_factor(unit: str, si: str) -> float:
 def _factor_by_pint(unit: str, si: str) -> float:
     import pint
 
-    wanted = f"a unit like '{si}'" if si else "a plain number without a unit"
+    desired = f"a unit like '{si}'" if si else "a plain number without a unit"
     if not _is_plain(unit):
-        raise UnitError(f"unit '{unit[:40]}' is not known; {wanted} is allowed here")
+        raise UnitError(f"unit '{unit[:40]}' is not known; {desired} is allowed here")
     text = unit.replace("·", " * ").replace("⋅", " * ").replace("°", "deg").strip()
     is_angle = _ANGLE_WORDS.search(text) is not None
     if is_angle and "rad" not in si:
-        raise UnitError(f"unit '{unit}' is an angle; {wanted} is allowed here")
+        raise UnitError(f"unit '{unit}' is an angle; {desired} is allowed here")
     if si == "rad" and not is_angle:
         raise UnitError(f"unit '{unit}' is no angle; write 'rad' or 'deg'")
     registry = _registry()
@@ -94,14 +94,14 @@ def _factor_by_pint(unit: str, si: str) -> float:
         zero = registry.Quantity(0.0, text).to(target).magnitude
     except pint.DimensionalityError:
         raise UnitError(
-            f"unit '{unit}' has the wrong dimension; {wanted} is allowed here"
+            f"unit '{unit}' has the wrong dimension; {desired} is allowed here"
         ) from None
     except Exception as error:  # pint, its parser and Python's tokenizer raise many kinds
         raise UnitError(
-            f"unit '{unit}' is not known ({type(error).__name__}); {wanted} is allowed here"
+            f"unit '{unit}' is not known ({type(error).__name__}); {desired} is allowed here"
         ) from None
     if zero != 0.0 or not math.isfinite(factor) or factor <= 0.0:
-        raise UnitError(f"unit '{unit}' is not proportional to '{si}'; {wanted} is allowed here")
+        raise UnitError(f"unit '{unit}' is not proportional to '{si}'; {desired} is allowed here")
     return float(factor)
 
 

@@ -88,8 +88,8 @@ def test_affine_learns_all_joints(rig: Rig, log: Log) -> None:
 
 
 def test_one_sample_at_a_time_is_the_whole_log(rig: Rig, log: Log) -> None:
-    runner = make_estimator("adaptive", rig)
-    samples, known = samples_of(log, runner.channels)[:60], estimate(log, rig)
+    estimator = make_estimator("adaptive", rig)
+    samples, known = samples_of(log, estimator.channels)[:60], estimate(log, rig)
     live = LiveEstimator(rig)
     for time, sample in zip(log.time, samples):
         live.step(time, sample)
@@ -120,8 +120,8 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
     rig = load_rig("finger-n-plus-1")
     # with a torque the slopes are those of an expectation, see tests of the soft friction
     guards = replace(Robustness.usual(3), opens_torques=False)
-    runner = AdaptiveFilter(rig, compiled=False, robustness=guards)
-    states = runner.states
+    estimator = AdaptiveFilter(rig, compiled=False, robustness=guards)
+    states = estimator.states
     context, acting = states.context, _acting(states)
     mechanism, step = context.mechanism, _substep(states)
     p, nj, nd, h = mechanism.parameters, 3, 4, 7e-4
@@ -140,7 +140,7 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
         arms = np.array(
             [[tendon.arms().get(joint.name, 0.0) for joint in rig.joints] for tendon in rig.tendons]
         )
-        places = arms @ angles + 8e-4 + rng.normal(size=4) * 3e-4
+        positions = arms @ angles + 8e-4 + rng.normal(size=4) * 3e-4
 
         def after(x: np.ndarray) -> np.ndarray:
             moved = mean.copy()
@@ -155,12 +155,12 @@ def test_slopes_of_a_sub_step_are_those_of_differences() -> None:
                 [np.array(found[0]).ravel()[:nj], np.array(found[1]).ravel()[:nj]]
             )
 
-        at = np.concatenate([angles, speeds, mean[acting], places])
+        at = np.concatenate([angles, speeds, mean[acting], positions])
         sizes = np.concatenate(
             [np.full(3, 1e-7), np.full(3, 1e-6), 1e-3 * states.stds[acting], np.full(4, 1e-9)]
         )
         expected = finite_difference(after, at, sizes)
-        q, v = np.append(angles, places), np.append(speeds, np.zeros(nd))
+        q, v = np.append(angles, positions), np.append(speeds, np.zeros(nd))
         values = parameters(mean, p.values)
         found = step(q, v, np.zeros(nj), h, np.zeros(nj), values, prepared, p.values)
         by_angle, by_speed, others = (np.array(each).T for each in found[2:5])
@@ -314,8 +314,8 @@ def test_least_squares_over_tendons_is_exact_where_they_agree() -> None:
     finger = load_rig("finger-n-plus-1")
     angles, pulls = np.deg2rad([30.0, 40.0, 20.0]), np.array([7.0, 9.0, 8.0, 6.0])
     arms = np.array([[8, 7, 6], [7.5, -6.5, -5.5], [-8, 7, 0], [-7.5, -7, 0]]) * 1e-3
-    places, n = arms @ angles + pulls / 1e4, 50
-    channels = {f"x_t{i + 1}": np.full(n, places[i]) for i in range(4)} | {
+    positions, n = arms @ angles + pulls / 1e4, 50
+    channels = {f"x_t{i + 1}": np.full(n, positions[i]) for i in range(4)} | {
         f"F_t{i + 1}": np.full(n, pulls[i]) for i in range(4)
     }
     result = estimate(Log(0.005 * np.arange(n), channels), finger, "elastic")
@@ -343,8 +343,8 @@ def test_the_drawing_has_joints_tendons_and_arms(tmp_path: Path) -> None:
     for part in ("mcp", "axis y ⊗", "t1", "t4", "+8", "−6.5", "–"):
         assert part in texts
     assert len(draw_rig(load_rig("paper-2008")).axes) == 2  # arms that change are curves
-    runner = CliRunner()
-    result = runner.invoke(
+    estimator = CliRunner()
+    result = estimator.invoke(
         app, ["rig", "draw", "wrist-instrument", "--out", str(tmp_path / "wrist.svg")]
     )
     assert result.exit_code == 0

@@ -130,8 +130,8 @@ def test_without_logs_normal_is_what_is_usual() -> None:
 def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
     """Against (31), (32) written out, for the three joints that one tendon moves."""
     rig = load_rig("finger-underactuated")
-    runner = AdaptiveFilter(rig, compiled=False)
-    states, lever = runner.states, 6e-3
+    estimator = AdaptiveFilter(rig, compiled=False)
+    states, lever = estimator.states, 6e-3
     arms, dt, kept_open = np.array([9e-3, 7e-3, 5e-3]), 0.005, np.array([0.0, 4e-4, 1e-6])
     excess, normal = 2.5e-5, 1e-6
     mean = np.zeros(len(states))
@@ -142,7 +142,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
         for j, o in enumerate(kept_open)
     }
     remembered = Remembered([], {}, torque)
-    interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(runner.numbers)))
+    interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(estimator.numbers)))
     name = states.context.channels.forces[0].name
     most = 4e-6
     evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, most, 1)))}
@@ -210,8 +210,8 @@ def tracked(
     )
     now, found = np.zeros(MEMORY), []
     for value in readings:
-        place, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
-        now = np.array(step(now, place, pulls * place, seen)).ravel()
+        position, seen = (0.0, MISSING) if np.isnan(value) else (value, READ)
+        now = np.array(step(now, position, pulls * position, seen)).ravel()
         found.append(dict(zip(REMEMBERED, now)))
     return found
 
@@ -226,7 +226,7 @@ def test_a_zero_that_jumps_is_taken_off_until_it_comes_back(jump: float) -> None
         [one["shift"] for one in found], [0, 0, jump, jump, jump, jump, 0, 0], rtol=1e-9
     )
     np.testing.assert_allclose(
-        [one["place"] for one in found], [0, 0, 0, 0, 2e-5, 0, 0, 0], atol=2e-6
+        [one["position"] for one in found], [0, 0, 0, 0, 2e-5, 0, 0, 0], atol=2e-6
     )
     assert all(one["shift_std"] == 0.0 for one in found)
 
@@ -240,8 +240,8 @@ def test_what_nothing_can_judge_stays_in_doubt_for_a_while() -> None:
     np.testing.assert_allclose(
         [one["shift_std"] for one in found[1:]], 1.5e-3 * np.exp(-np.arange(3) * 0.005 / 1.2)
     )
-    assert found[3]["place"] == pytest.approx(0.0, abs=1e-9)
-    assert tracked([0.0] + [3e-3] * 8, 0.05, least=0.0)[-1]["place"] == pytest.approx(
+    assert found[3]["position"] == pytest.approx(0.0, abs=1e-9)
+    assert tracked([0.0] + [3e-3] * 8, 0.05, least=0.0)[-1]["position"] == pytest.approx(
         3e-3, rel=1e-3
     )
 
@@ -274,7 +274,7 @@ def test_a_drive_that_moves_on_has_not_lost_its_zero() -> None:
     found = tracked(ramp + [6e-3] * 40, 0.005, least=0.0)
     assert found[1]["shift"] == pytest.approx(1e-3)
     assert found[-1]["shift"] == 0.0
-    assert found[-1]["place"] == pytest.approx(6e-3, rel=1e-3)
+    assert found[-1]["position"] == pytest.approx(6e-3, rel=1e-3)
 
 
 def test_an_angle_is_as_unsure_as_the_zero_of_its_drive() -> None:

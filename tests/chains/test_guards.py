@@ -54,10 +54,10 @@ def test_angles_walk() -> None:
     sample = np.array([5e-3, 1e-3, 7e-3, -1e-3, np.nan, np.nan, np.nan, np.nan])
     variances = []
     for walk in (0.0, radians(0.3)):
-        runner = AdaptiveFilter(rig, compiled=False, robustness=Robustness(angle_walk=walk))
-        belief = runner.initial(0.0, sample)
+        estimator = AdaptiveFilter(rig, compiled=False, robustness=Robustness(angle_walk=walk))
+        belief = estimator.initial(0.0, sample)
         for time in (0.0, 0.005):
-            belief, _ = runner.step(belief, time, sample)
+            belief, _ = estimator.step(belief, time, sample)
         variances.append(np.diag(belief.covariance)[:2])
     np.testing.assert_allclose(variances[1] - variances[0], radians(0.3) ** 2 * 0.005, rtol=1e-6)
 
@@ -97,9 +97,10 @@ def test_elastic_counts_from_the_pretension() -> None:
     finger = build_rig(raw, "pulled")
     n = 100
     for tension in (4.0, 7.0):
-        places = np.full(n, (tension - 4.0) / 8000.0 / 6e-3)
+        positions = np.full(n, (tension - 4.0) / 8000.0 / 6e-3)
         log = Log(
-            0.005 * np.arange(n), {"phi_flexor": places, "tau_flexor": np.full(n, 6e-3 * tension)}
+            0.005 * np.arange(n),
+            {"phi_flexor": positions, "tau_flexor": np.full(n, 6e-3 * tension)},
         )
         angles = estimate(log, finger, "elastic").angles[-1]
         assert abs(angles @ [9.0, 7.0, 5.0]) < 21.0 * np.deg2rad(0.2)

@@ -80,8 +80,8 @@ def test_a_compiler_is_named(
     monkeypatch.setenv("DISTAL_CACHE", str(tmp_path / "kernels"))
     monkeypatch.setattr(console, "QUIET", 0.1)
     monkeypatch.setattr(compiler, "_build", slow)
-    carry, x, p = ca.SX.sym("carry"), ca.SX.sym("x"), ca.SX.sym("p")
-    function = ca.Function("added", [carry, x, p], [carry + x * p, carry])
+    kernel_state, x, p = ca.SX.sym("kernel_state"), ca.SX.sym("x"), ca.SX.sym("p")
+    function = ca.Function("added", [kernel_state, x, p], [kernel_state + x * p, kernel_state])
     with console.working("estimating with adaptive"):
         assert Kernel(function).backend == "compiled"
         said = capfd.readouterr().err

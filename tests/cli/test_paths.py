@@ -549,7 +549,7 @@ def test_names_that_cannot_be_written(
     assert state(tmp_path) == before
 
 
-def places(tmp_path: Path) -> Iterator[tuple[str, str]]:
+def positions(tmp_path: Path) -> Iterator[tuple[str, str]]:
     """Return folders and names in them that are no place for a file, and what is said of them."""
     (tmp_path / "a folder").mkdir()
     (tmp_path / "a file").write_text("kept")
@@ -572,7 +572,7 @@ def test_places_that_cannot_be_written(
 ) -> None:
     command = COMMANDS[name]
     suffix = Path(command.writes).suffix
-    found = list(places(tmp_path))
+    found = list(positions(tmp_path))
     taken = tmp_path / "taken" / Path(command.writes).name
     taken.mkdir(parents=True)
     loop = tmp_path / "loops" / Path(command.writes).name

@@ -106,10 +106,10 @@ def test_smoothing_is_of_adaptive(run, log: Path) -> None:
 def test_a_plot_of_an_unknown_kind_is_refused_before_commands_are_written(
     run, tmp_path: Path
 ) -> None:
-    wanted, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
-    wanted.write_text("t,theta [deg]\n0,0\n0.01,0.1\n0.02,0.2\n")
+    desired, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
+    desired.write_text("t,theta [deg]\n0,0\n0.01,0.1\n0.02,0.2\n")
     plot = tmp_path / "x.xyz"
-    words = ("command", wanted, "--rig", "paper-2008", "--out", out, "--plot", plot)
+    words = ("command", desired, "--rig", "paper-2008", "--out", out, "--plot", plot)
     refused(run(*words), "xyz")
     assert not out.exists()
 
@@ -118,14 +118,14 @@ def test_a_plot_of_an_unknown_kind_is_refused_before_commands_are_written(
 def test_what_is_reached_has_the_unit_of_what_was_asked(
     run, tmp_path: Path, unit: str, factor: float
 ) -> None:
-    wanted, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
+    desired, out = tmp_path / "wanted.csv", tmp_path / "commands.csv"
     rows = "".join(f"{0.01 * k:.2f},{0.2 * factor * np.sin(k / 50)}\n" for k in range(100))
-    wanted.write_text(f"t,theta [{unit}]\n{rows}")
-    assert run("command", wanted, "--rig", "paper-2008", "--out", out).code == 0
+    desired.write_text(f"t,theta [{unit}]\n{rows}")
+    assert run("command", desired, "--rig", "paper-2008", "--out", out).code == 0
     header = out.read_text().splitlines()[0].split(",")
     at = header.index(f"theta [{unit}]")
     reached = np.loadtxt(out, delimiter=",", skiprows=1, usecols=at)
-    asked = np.loadtxt(wanted, delimiter=",", skiprows=1, usecols=1)
+    asked = np.loadtxt(desired, delimiter=",", skiprows=1, usecols=1)
     assert np.abs(reached - asked).max() < 0.01 * factor
 
 

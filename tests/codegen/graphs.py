@@ -212,16 +212,18 @@ def scalar_graph(seed: int) -> ca.Function:
         seed: of what is drawn; odd ones are whole.
     """
     graph = Terms(seed, ca.SX)
-    carry, x = ca.SX.sym("carry", 5), ca.SX.sym("x", 4)
+    kernel_state, x = ca.SX.sym("kernel_state", 5), ca.SX.sym("x", 4)
     graph.terms = [
         Term(v, graph.size)
-        for v in (*ca.vertsplit(carry), *ca.vertsplit(x), ca.SX(float(graph.numbers(1)[0])))
+        for v in (*ca.vertsplit(kernel_state), *ca.vertsplit(x), ca.SX(float(graph.numbers(1)[0])))
     ]
     for _ in range(graph.rng.integers(8, 40)):
         graph.some([graph.unary, graph.binary])()
     following = [graph.drawn().value for _ in range(5)]
     outputs = [ca.vertcat(*following), ca.vertcat(*(graph.drawn().value for _ in range(6)))]
-    return ca.Function(f"scalars{seed}", [carry, x], [ca.densify(output) for output in outputs])
+    return ca.Function(
+        f"scalars{seed}", [kernel_state, x], [ca.densify(output) for output in outputs]
+    )
 
 
 class Matrices(Terms):
@@ -437,8 +439,12 @@ def matrix_graph(seed: int) -> ca.Function:
         seed: of what is drawn; odd ones are whole.
     """
     graph = Matrices(seed, ca.MX)
-    carry, x = ca.MX.sym("carry", N + N * N + 2), ca.MX.sym("x", 6)
-    parts = [carry[:N], ca.reshape(carry[N : N + N * N], N, N), carry[N + N * N :]]
+    kernel_state, x = ca.MX.sym("kernel_state", N + N * N + 2), ca.MX.sym("x", 6)
+    parts = [
+        kernel_state[:N],
+        ca.reshape(kernel_state[N : N + N * N], N, N),
+        kernel_state[N + N * N :],
+    ]
     graph.terms = [Term(value, graph.size) for value in (*parts, x, x[:N], x[-1])]
     ways = [
         graph.slice,
@@ -471,7 +477,7 @@ def matrix_graph(seed: int) -> ca.Function:
         ca.vertcat(*(ca.vec(graph.drawn().value) for _ in range(3))),
         graph.terms[-1].value,
     ]
-    return ca.Function(f"matrices{seed}", [carry, x], outputs)
+    return ca.Function(f"matrices{seed}", [kernel_state, x], outputs)
 
 
 def given(function: ca.Function, seed: int) -> list[np.ndarray]:

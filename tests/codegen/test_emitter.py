@@ -92,9 +92,13 @@ def matrices() -> ca.Function:
     place.
     """
     n = 5
-    carry, x, p = ca.MX.sym("carry", n + n * n + 2), ca.MX.sym("x", 4), ca.MX.sym("p", 2)
-    mean, rest = carry[:n], carry[n + n * n :]
-    covariance = ca.reshape(carry[n : n + n * n], n, n)
+    kernel_state, x, p = (
+        ca.MX.sym("kernel_state", n + n * n + 2),
+        ca.MX.sym("x", 4),
+        ca.MX.sym("p", 2),
+    )
+    mean, rest = kernel_state[:n], kernel_state[n + n * n :]
+    covariance = ca.reshape(kernel_state[n : n + n * n], n, n)
     s, t = ca.SX.sym("s", n), ca.SX.sym("t", 4)
     row = ca.SX(ca.Sparsity.triplet(1, n, [0, 0, 0], [0, 2, 3]))
     row[0, 0], row[0, 2], row[0, 3] = t[0], ca.sin(s[1]), t[3] * s[4]
@@ -123,7 +127,7 @@ def matrices() -> ca.Function:
         two[0, :].T,
     )
     following = ca.vertcat(mean_next, flat, ca.vertcat(rest[1], rest[0]) * x[3])
-    return ca.Function("matrices", [carry, x, p], [following, y])
+    return ca.Function("matrices", [kernel_state, x, p], [following, y])
 
 
 def run(
@@ -198,15 +202,15 @@ def test_lanes_are_runs_of_their_own() -> None:
     function = matrices()
     kernel = LaneKernel(Recipe(lambda: function))
     rng = np.random.default_rng(7)
-    carries = [rng.normal(size=32) for _ in range(kernel.lanes)]
+    kernel_states = [rng.normal(size=32) for _ in range(kernel.lanes)]
     xs = [rng.normal(size=(3 + k, 4)) for k in range(kernel.lanes)]
     ps = [rng.uniform(1.0, 2.0, size=2) for _ in range(kernel.lanes)]
-    feeds = [Feed(*run) for run in zip(carries, xs, ps)]
-    for (carry, x, p), (kept, ys) in zip(feeds, kernel.scan(feeds, [0, 31])):
+    feeds = [Feed(*run) for run in zip(kernel_states, xs, ps)]
+    for (kernel_state, x, p), (kept, ys) in zip(feeds, kernel.scan(feeds, [0, 31])):
         for k, row in enumerate(x):
-            following, y = function(carry, row, p)
-            carry = np.array(following).ravel()
-            np.testing.assert_allclose(kept[k], carry[[0, 31]], rtol=1e-11, atol=1e-11)
+            following, y = function(kernel_state, row, p)
+            kernel_state = np.array(following).ravel()
+            np.testing.assert_allclose(kept[k], kernel_state[[0, 31]], rtol=1e-11, atol=1e-11)
             np.testing.assert_allclose(ys[k], np.array(y).ravel(), rtol=1e-11, atol=1e-11)
 
 
@@ -221,12 +225,12 @@ def test_the_source_says_the_same_each_time() -> None:
 
 def overlapping() -> ca.Function:
     """Return a function in which values change that are read while they change."""
-    carry = ca.MX.sym("carry", 9)
-    square = ca.reshape(carry, 3, 3)
+    kernel_state = ca.MX.sym("kernel_state", 9)
+    square = ca.reshape(kernel_state, 3, 3)
     above = ca.mac(square, square, square)
     turned = ca.MX(ca.vec(above))
     turned[list(range(8, -1, -1))] = ca.vec(above)
-    return ca.Function("overlapping", [carry, ca.MX.sym("x", 2)], [turned, ca.sum1(turned)])
+    return ca.Function("overlapping", [kernel_state, ca.MX.sym("x", 2)], [turned, ca.sum1(turned)])
 
 
 @pytest.mark.parametrize("in_place", [False, True])
@@ -277,9 +281,11 @@ def test_one_emitter_writes_a_function_in_place_and_apart() -> None:
 
 
 def test_scalars_are_read_before_they_change_in_place() -> None:
-    carry, x = ca.SX.sym("carry", 3), ca.SX.sym("x")
+    kernel_state, x = ca.SX.sym("kernel_state", 3), ca.SX.sym("x")
     function = ca.Function(
-        "turned", [carry, x], [ca.vertcat(carry[1], carry[0] * x, carry[0]), carry[2] + x]
+        "turned",
+        [kernel_state, x],
+        [ca.vertcat(kernel_state[1], kernel_state[0] * x, kernel_state[0]), kernel_state[2] + x],
     )
     made = run(function, [np.array([2.0, 3.0, 4.0]), np.array([5.0])], Plain(), True)
     assert [list(each) for each in made] == [[3.0, 10.0, 2.0], [9.0]]

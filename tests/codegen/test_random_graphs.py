@@ -43,22 +43,22 @@ def caller(name: str, called: str, function: ca.Function, way: str) -> str:
     outputs = np.cumsum([0, *(function.nnz_out(i) for i in range(function.n_out()))])
     head = f"void {name}(const double* in, double* out)"
     if way == "in place":
-        places = [
+        positions = [
             "out",
             *(f"in + {i}" for i in inputs[1:-1]),
             *(f"out + {i}" for i in outputs[1:-1]),
         ]
         state = f"for (int i = 0; i < {inputs[1]}; ++i) out[i] = in[i];"
-        return f"{head} {{ {state} {called}({', '.join(places)}); }}"
+        return f"{head} {{ {state} {called}({', '.join(positions)}); }}"
     if way == "apart":
-        places = [*(f"in + {i}" for i in inputs[:-1]), *(f"out + {i}" for i in outputs[:-1])]
-        return f"{head} {{ {called}({', '.join(places)}); }}"
+        positions = [*(f"in + {i}" for i in inputs[:-1]), *(f"out + {i}" for i in outputs[:-1])]
+        return f"{head} {{ {called}({', '.join(positions)}); }}"
     n, m = inputs[-1], outputs[-1]
-    places = [*(f"x + {i}" for i in inputs[:-1]), *(f"y + {i}" for i in outputs[:-1])]
+    positions = [*(f"x + {i}" for i in inputs[:-1]), *(f"y + {i}" for i in outputs[:-1])]
     return (
         f"{head} {{ V x[{n}], y[{m}]; int i, l; for (i = 0; i < {n}; ++i) for (l = 0; l < "
         f"{LANES}; ++l) "
-        f"x[i][l] = in[l * {n} + i]; {called}({', '.join(places)}); for (i = 0; i < {m}; ++i) "
+        f"x[i][l] = in[l * {n} + i]; {called}({', '.join(positions)}); for (i = 0; i < {m}; ++i) "
         f"for (l = 0; l < {LANES}; ++l) out[l * {m} + i] = y[i][l]; }}"
     )
 

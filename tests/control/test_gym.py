@@ -58,10 +58,10 @@ class Alone(ParallelEnv[str, Any, Any]):
         return tuple({"one": part} for part in self.env.reset(seed=seed, options=options))
 
     def step(self, actions: Any) -> Any:
-        told = self.env.step(actions["one"])
-        if told[2] or told[3]:
+        identified = self.env.step(actions["one"])
+        if identified[2] or identified[3]:
             self.agents = []
-        return tuple({"one": part} for part in told)
+        return tuple({"one": part} for part in identified)
 
 
 def test_pettingzoo_finds_nothing_wrong(scenario: Scenario) -> None:
@@ -91,11 +91,11 @@ def test_names_of_what_is_observed_and_acted(scenario: Scenario, env: TendonEnv)
         "acted": ("left", "right"),
     }
     assert (info["observed"], info["acted"]) == (env.observed, env.acted)
-    told = dict(zip(env.observed, observation))
-    assert told["wanted_link"] == 0.0
-    assert told["theta_std"] == np.float32(env._monitor._live.angle_stds[0])
+    identified = dict(zip(env.observed, observation))
+    assert identified["wanted_link"] == 0.0
+    assert identified["theta_std"] == np.float32(env._monitor._live.angle_stds[0])
     for name in env.observed[:4]:  # what the plant's sensors have read
-        assert told[name] == np.float32(env._plant.log().channels[name][0])
+        assert identified[name] == np.float32(env._plant.log().channels[name][0])
 
 
 def test_an_episode(scenario: Scenario) -> None:

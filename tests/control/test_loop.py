@@ -210,12 +210,12 @@ def test_the_inverse_as_feedback_leads_the_joint_along_a_smooth_reference() -> N
     over the log.
     """
     time = np.arange(0.0, 6.0, 0.05)
-    wanted = np.deg2rad(15.0) * np.sin(2 * np.pi * 0.3 * time) * np.minimum(time / 2.0, 1.0)
+    desired = np.deg2rad(15.0) * np.sin(2 * np.pi * 0.3 * time) * np.minimum(time / 2.0, 1.0)
     shipped = load_scenario("control-paper", ['duration="6 s"'])
     rig = scenario_rig(shipped)
     assert shipped.control is not None
     link = shipped.control.joints["link"]
-    smooth = replace(link.reference, times=tuple(time.tolist()), values=tuple(wanted.tolist()))
+    smooth = replace(link.reference, times=tuple(time.tolist()), values=tuple(desired.tolist()))
     joints = {"link": link.model_copy(update={"reference": smooth})}
     described = shipped.model_copy(
         update={"control": shipped.control.model_copy(update={"joints": joints})}
@@ -292,8 +292,10 @@ def test_a_controlled_scenario_is_no_open_loop(rig: Rig) -> None:
         simulate_alone(rig, described)
     with pytest.raises(ScenarioError, match=r"has a \[control\]"):
         list(simulate_batch(rig, [(described, 0)]))
-    told = closed_loop(rig, described, feedback="encoder").log
-    np.testing.assert_array_equal(simulate(rig, described).channels["x1"], told.channels["x1"])
+    identified = closed_loop(rig, described, feedback="encoder").log
+    np.testing.assert_array_equal(
+        simulate(rig, described).channels["x1"], identified.channels["x1"]
+    )
 
 
 def test_the_range_of_an_effort_is_what_its_drive_can() -> None:

@@ -265,8 +265,8 @@ def test_the_figure_shows_angles_errors_and_the_band_of_what_was_told() -> None:
     # the deviations' axis is three times as high as those of the best
     assert middle.get_ylim() == pytest.approx((-6.0, 6.0))
     span = float(np.ptp(np.rad2deg(reference)))
-    wanted = np.rad2deg(reference).min() - 0.4 * span, np.rad2deg(reference).max() + 0.4 * span
-    assert top.get_ylim() == pytest.approx(wanted)
+    desired = np.rad2deg(reference).min() - 0.4 * span, np.rad2deg(reference).max() + 0.4 * span
+    assert top.get_ylim() == pytest.approx(desired)
     np.testing.assert_allclose(low.get_lines()[0].get_ydata(), 3.0)
     still = replace(best, references={"link": 0 * time})
     assert plot_control([still]).axes[0].get_ylim() == pytest.approx((-0.4, 0.4))

@@ -46,13 +46,13 @@ def log_of(
     """
     time = np.arange(0.0, 12.0, 0.01)
 
-    def places(at: Floats) -> tuple[Floats, Floats, Floats]:
+    def positions(at: Floats) -> tuple[Floats, Floats, Floats]:
         angles = np.column_stack([0.5 * np.sin(1.3 * at), 0.4 + 0.4 * np.sin(0.7 * at + 1)])
         forces = np.column_stack([3 + np.sin(2.1 * at + k) for k in range(4)])
         return angles, forces, angles @ arms.T + forces / np.array([stiffness, *[STIFFNESS] * 3])
 
-    angles, forces, at_time = places(time)
-    late = scale * places(time - delay)[2][:, 0] + zero
+    angles, forces, at_time = positions(time)
+    late = scale * positions(time - delay)[2][:, 0] + zero
     channels = {f"x_{name}": late if k == 0 else at_time[:, k] for k, name in enumerate(DRIVES)}
     channels |= {f"F_{name}": forces[:, k] for k, name in enumerate(DRIVES)}
     return Log(time, channels, {"theta_mcp": angles[:, 0], "theta_pip": angles[:, 1]})
@@ -277,7 +277,7 @@ class Halved:
     """A filter over a log that errs by half as much, or by a third, where one channel is scaled."""
 
     def __init__(self, log: Log, rig: Rig, channel: str, left: float) -> None:
-        self.log, self.runner = log, AdaptiveFilter(rig, compiled=False)
+        self.log, self.estimator = log, AdaptiveFilter(rig, compiled=False)
         self._channel, self._left, self.base = channel, left, self.means(1.0)
 
     def means(self, share: float) -> Outcome:

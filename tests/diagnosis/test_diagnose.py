@@ -33,7 +33,7 @@ from distal.diagnosis.rerun import ModelChange, Rerun
 from distal.diagnosis.untested import untestable
 from distal.diagnosis.what_if import overconfidence
 from distal.estimators import AdaptiveFilter
-from distal.run.offline import runner_for
+from distal.run.offline import estimator_for
 
 
 @pytest.fixture(scope="module")
@@ -59,17 +59,17 @@ class TestRerun:
     """A run with a change is the run of the log, or of the rig, that is changed so."""
 
     def test_unchanged_it_is_the_estimate(self, rig: Rig, log: Log) -> None:
-        result, rerun = estimate(log, rig), Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        result, rerun = estimate(log, rig), Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         np.testing.assert_array_equal(rerun.base.means, result.means)
         np.testing.assert_array_equal(rerun.base.innovations, result.innovations)
 
     def test_a_channel(self, rig: Rig, log: Log) -> None:
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         other = rerun(ModelChange(channels={"u1": 1.1}))
         np.testing.assert_array_equal(other.means, estimate(scaled(log, u1=1.1), rig).means)
 
     def test_a_number(self, rig: Rig, log: Log) -> None:
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         path = "tendons.0.insertion.radius"
         other = rerun(ModelChange(numbers={path: 1.1}))
         radius = rig.tendons[0].insertion.radius.value
@@ -80,7 +80,7 @@ class TestRerun:
 
     def test_a_number_that_is_estimated_begins_elsewhere_too(self, rig: Rig, log: Log) -> None:
         path = "joints.0.friction.coefficient"
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         doubled = rig.with_values({path: 2.0 * rig.joints[0].friction.coefficient.value})
         np.testing.assert_allclose(
             rerun(ModelChange(numbers={path: 2.0})).means[:, 0],
@@ -89,7 +89,7 @@ class TestRerun:
         )
 
     def test_two_columns_that_are_exchanged_or_late(self, rig: Rig, log: Log) -> None:
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         pair = {"u1": log.channels["u2"], "u2": log.channels["u1"]}
         swapped = Log(log.time, {**log.channels, **pair}, dict(log.truth), log.source)
         np.testing.assert_array_equal(
@@ -110,14 +110,14 @@ class TestRerun:
         assert both.exchanged == ("x1", "x2")
 
     def test_a_start(self, rig: Rig, log: Log) -> None:
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         other = rerun(ModelChange(shifts={"common factor of tendons.stiffness": 0.1}))
-        at = rerun.runner.state_names.index("common factor of tendons.stiffness")
+        at = rerun.estimator.state_names.index("common factor of tendons.stiffness")
         assert 1.0 < other.means[0, at] <= 1.2
         assert np.any(other.means[:, 0] != rerun.base.means[:, 0])
 
     def test_several_side_by_side_are_those_one_by_one(self, rig: Rig, log: Log) -> None:
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         factors = np.linspace(0.8, 1.2, 9)  # more than there are lanes
         changes = [
             ModelChange(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor})
@@ -209,9 +209,9 @@ class TestCannotTest:
         """What is shifted by a share of what it covers moves the angle by as much: of a wide band
         by less than half.
         """
-        runner = runner_for(log, rig, "adaptive")
-        assert isinstance(runner, AdaptiveFilter)
-        rerun = Rerun(log, runner)
+        estimator = estimator_for(log, rig, "adaptive")
+        assert isinstance(estimator, AdaptiveFilter)
+        rerun = Rerun(log, estimator)
         wide = replace(rerun.base, variances=np.full_like(rerun.base.variances, 100.0))
         rerun.base = wide
         assert untestable(rerun) == []
@@ -262,7 +262,7 @@ class TestFurther:
         """A rig whose stds are what its log forgets; then the same runs with bands ten times too
         narrow.
         """
-        rerun = Rerun(log, runner_for(log, rig, "adaptive"))  # type: ignore[arg-type]
+        rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         assert overconfidence(rerun) == []
         base = rerun.base
         object.__setattr__(base, "variances", base.variances / 100.0)

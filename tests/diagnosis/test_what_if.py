@@ -25,7 +25,7 @@ from distal.diagnosis.untested import _changes, _unseen, untestable
 from distal.diagnosis.what_if import moved_by_starts, overconfidence, with_learned_numbers
 from distal.estimators import AdaptiveFilter, StateKind
 from distal.rig import build_rig
-from distal.run.offline import runner_for
+from distal.run.offline import estimator_for
 from distal.simulation import Scenario
 from tests.hand_rigs import hand
 
@@ -34,7 +34,7 @@ def test_each_scale_is_tried_with_its_inverse_and_each_zero_to_both_sides() -> N
     scenario = load_scenario("series-2", ['duration="2 s"'])
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario, 1)
-    rerun = Rerun(log, runner_for(log, rig, "adaptive", compiled=False))  # type: ignore[arg-type]
+    rerun = Rerun(log, estimator_for(log, rig, "adaptive", compiled=False))  # type: ignore[arg-type]
     tried: dict[tuple[str, tuple[str, ...], str], list[float]] = {}
     for group, drives, change in _changes(rerun):
         for kind, values in (
@@ -76,7 +76,7 @@ class Stub:
         )
         kinds = (StateKind.ANGLE, StateKind.PARAMETER, StateKind.PARAMETER)
         rig = SimpleNamespace(joints=("joint",))
-        self.runner = SimpleNamespace(
+        self.estimator = SimpleNamespace(
             states=states,
             rig=rig,
             state_names=("theta", "one", "two"),
@@ -293,17 +293,19 @@ def test_a_rerun_is_a_run_of_the_changed_log() -> None:
     scenario = load_scenario("series-2", ['duration="0.5 s"'])
     rig = scenario_rig(scenario)
     log = simulate(rig, scenario, 1)
-    rerun = Rerun(log, cast(Any, runner_for(log, rig, "adaptive", compiled=False)))
+    rerun = Rerun(log, cast(Any, estimator_for(log, rig, "adaptive", compiled=False)))
     doubled = replace(log, channels={**log.channels, "u1": 2.0 * log.channels["u1"]})
-    expected = Rerun(doubled, cast(Any, runner_for(doubled, rig, "adaptive", compiled=False))).base
+    expected = Rerun(
+        doubled, cast(Any, estimator_for(doubled, rig, "adaptive", compiled=False))
+    ).base
     found = rerun(ModelChange(channels={"u1": 2.0}))
     np.testing.assert_allclose(found.means, expected.means, rtol=1e-9, atol=1e-12)
     shifted = replace(log, channels={**log.channels, "x1": log.channels["x1"] + 1e-3})
-    off = Rerun(shifted, cast(Any, runner_for(shifted, rig, "adaptive", compiled=False))).base
+    off = Rerun(shifted, cast(Any, estimator_for(shifted, rig, "adaptive", compiled=False))).base
     np.testing.assert_allclose(
         rerun(ModelChange(added={"x1": 1e-3})).means, off.means, rtol=1e-9, atol=1e-12
     )
-    name = rerun.runner.state_names[-1]
+    name = rerun.estimator.state_names[-1]
     moved = rerun(ModelChange(shifts={name: 1e-3}))
     assert not np.array_equal(moved.means, rerun.base.means)
     # ln p typed out, an outlier beyond 9 S counting as in the filter
@@ -350,7 +352,7 @@ def test_what_a_log_teaches_within_its_std_contradicts_nothing(
     result = estimate(log, rig)
     assert channel_statistics_of(result).findings()[0].contradicts
     again = channel_statistics_of(
-        with_learned_numbers(result, Rerun(log, runner_for(log, rig, "adaptive")))
+        with_learned_numbers(result, Rerun(log, estimator_for(log, rig, "adaptive")))
     )  # type: ignore[arg-type]
     assert (not any(finding.contradicts for finding in again.findings())) is consistent
     assert diagnose(result, log, rig).consistent is consistent

@@ -470,23 +470,23 @@ def test_a_filter_begins_where_the_map_says() -> None:
         "logs": 3,
         "joints": [{**joint, "covariance": covariance.tolist()}],
     }
-    runner = make_estimator("adaptive", rig.with_values({"affine": affine}), compiled=False)
-    n = len(runner.state_names)
+    estimator = make_estimator("adaptive", rig.with_values({"affine": affine}), compiled=False)
+    n = len(estimator.state_names)
     z = np.array([1.0, 0.4, -1.5])
-    first = runner.initial(0.0, np.array([0.4, -0.1]))
-    assert first.carry[0] == pytest.approx(0.1 + 0.4 * 0.4 + 0.05 * 1.5, abs=1e-12)
+    first = estimator.initial(0.0, np.array([0.4, -0.1]))
+    assert first.kernel_state[0] == pytest.approx(0.1 + 0.4 * 0.4 + 0.05 * 1.5, abs=1e-12)
     expected = z @ covariance[:3, :3] @ z + 0.004**2 + 0.01**2
-    assert first.carry[n] == pytest.approx(expected, rel=1e-9)
-    further = runner.initial(
+    assert first.kernel_state[n] == pytest.approx(expected, rel=1e-9)
+    further = estimator.initial(
         0.0, np.array([0.8 + 0.7 * 0.5, -0.1])
     )  # half of half the range beyond its end
-    assert further.carry[n] > 20 * expected
+    assert further.kernel_state[n] > 20 * expected
     for sample in ([0.4, np.nan], [0.8 + 0.7 * 1.5, -0.1]):
-        plain = runner.initial(0.0, np.array(sample))
-        assert (plain.carry[0], plain.carry[n]) == pytest.approx((0.3, 0.2**2))
+        plain = estimator.initial(0.0, np.array(sample))
+        assert (plain.kernel_state[0], plain.kernel_state[n]) == pytest.approx((0.3, 0.2**2))
     surer = rig.with_values({"affine": affine, "joints.0.initial.std": 0.001})
     begun = make_estimator("adaptive", surer, compiled=False).initial(0.0, np.array([0.4, -0.1]))
-    assert begun.carry[0] == pytest.approx(0.3)
+    assert begun.kernel_state[0] == pytest.approx(0.3)
 
 
 def test_a_filter_begins_where_a_play_may_be(rig: Rig) -> None:

@@ -91,10 +91,10 @@ def test_inputs_are_not_modified_and_beliefs_cannot_be(name: str, rig: Rig, log:
     sample = samples_of(log, made.channels)[0]
     before = sample.copy()
     belief = made.initial(0.0, sample)
-    carry = belief.carry.copy()
+    kernel_state = belief.kernel_state.copy()
     after, _ = made.step(belief, 0.0, sample)
     np.testing.assert_array_equal(sample, before)
-    np.testing.assert_array_equal(belief.carry, carry)
+    np.testing.assert_array_equal(belief.kernel_state, kernel_state)
     for one in (belief, after):
         with pytest.raises(ValueError, match="read-only"):
             one.mean[0] = 1.0

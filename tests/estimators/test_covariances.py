@@ -115,9 +115,9 @@ def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
         with pytest.raises(EstimationError, match="has no map"):
             estimate(motion(rig, 0.0), rig, name, compiled=False)
         return
-    runner = make_estimator(name, rig, compiled=False)
+    estimator = make_estimator(name, rig, compiled=False)
     for missing in (0.0, 0.3):
-        result = estimate(motion(rig, missing), rig, runner)
+        result = estimate(motion(rig, missing), rig, estimator)
         assert result.covariances is not None
         assert least_eigenvalue(result.covariances) > ROUNDING
 
@@ -125,9 +125,9 @@ def test_a_reported_covariance_is_one(rig_name: str, name: str) -> None:
 @pytest.mark.parametrize("rig_name", ["capstan-joint", "finger-2n"])
 def test_maps_keep_it_one_in_logs_and_live(rig_name: str) -> None:
     rig = with_maps(load_rig(rig_name).bare())
-    runner = make_estimator("adaptive", rig, compiled=False)
+    estimator = make_estimator("adaptive", rig, compiled=False)
     log = motion(rig, 0.3)
-    result = estimate(log, rig, runner)
+    result = estimate(log, rig, estimator)
     assert result.covariances is not None
     assert least_eigenvalue(result.covariances) > ROUNDING
     bare = estimate(log, rig.bare(), compiled=False)
@@ -135,7 +135,7 @@ def test_maps_keep_it_one_in_logs_and_live(rig_name: str) -> None:
     np.testing.assert_allclose(
         result.innovations, bare.innovations
     )  # and the filter goes on as without them
-    live, samples = LiveEstimator(rig, runner), samples_of(log, runner.channels)
+    live, samples = LiveEstimator(rig, estimator), samples_of(log, estimator.channels)
     for k in range(60):
         live.step(log.time[k], samples[k])
         np.testing.assert_array_equal(live.mean, result.means[k])

@@ -113,7 +113,7 @@ def log() -> Log:
 
 
 def naive(
-    d: Discrepancy, place: Floats, torque: Floats, angle: Floats, own: Floats, dt: float
+    d: Discrepancy, position: Floats, torque: Floats, angle: Floats, own: Floats, dt: float
 ) -> tuple[Floats, Floats]:
     """Return δ and the variance of the corrected angle, sample by sample, from
     docs/explanation/discrepancy.md.
@@ -127,7 +127,7 @@ def naive(
     half = (high - low) / 2
     held, age, play = d.centre[1], 1e6, None
     deltas, variances = [], []
-    for s, u, theta, variance in zip(place, torque, angle, own):
+    for s, u, theta, variance in zip(position, torque, angle, own):
         held, age = (u, 0.0) if np.isfinite(u) else (held, age + dt)
         raw = np.array([s, held, theta])
         middle = (low + high) / 2
@@ -171,13 +171,15 @@ def naive(
 def test_the_correction_and_its_band(plain: Rig, rig: Rig, log: Log) -> None:
     """Against a naive copy: inside the range and beyond it, with readings there and missing."""
     bare, corrected = estimate(log, plain, compiled=False), estimate(log, rig, compiled=False)
-    runner = AdaptiveFilter(plain, compiled=False)
-    samples = samples_of(log, runner.channels)
-    belief = runner.initial(log.time[0], samples[0])
-    rows, last = runner.checked_rows(belief, log.time, samples)
-    place = runner.kernel.scan(belief.carry, rows, runner.numbers)[0][last][:, runner.places[0]]
+    estimator = AdaptiveFilter(plain, compiled=False)
+    samples = samples_of(log, estimator.channels)
+    belief = estimator.initial(log.time[0], samples[0])
+    rows, last = estimator.checked_rows(belief, log.time, samples)
+    position = estimator.kernel.scan(belief.kernel_state, rows, estimator.numbers)[0][last][
+        :, estimator.positions[0]
+    ]
     deltas, variances = naive(
-        made(), place, log.channels["motor_torque"], bare.theta, bare.theta_std**2, 0.005
+        made(), position, log.channels["motor_torque"], bare.theta, bare.theta_std**2, 0.005
     )
     np.testing.assert_allclose(corrected.theta - bare.theta, deltas, rtol=0, atol=1e-12)
     there = np.ones(len(log), dtype=bool)
@@ -225,11 +227,11 @@ def test_the_filters_own_state_goes_on_without_it(plain: Rig, rig: Rig, log: Log
 
 def test_sample_by_sample_live_and_in_a_batch(rig: Rig, log: Log) -> None:
     whole = estimate(log, rig, compiled=False)
-    runner = make_estimator("adaptive", rig, compiled=False)
-    live, samples = LiveEstimator(rig, runner), samples_of(log, runner.channels)
-    belief = runner.initial(log.time[0], samples[0])
+    estimator = make_estimator("adaptive", rig, compiled=False)
+    live, samples = LiveEstimator(rig, estimator), samples_of(log, estimator.channels)
+    belief = estimator.initial(log.time[0], samples[0])
     for k, (time, sample) in enumerate(zip(log.time, samples)):
-        belief, _ = runner.step(belief, time, sample)
+        belief, _ = estimator.step(belief, time, sample)
         assert live.step(time, sample) == whole.theta[k]
         assert live.angle_std == pytest.approx(whole.theta_std[k], rel=1e-14)
     np.testing.assert_array_equal(belief.mean, whole.means[-1])

@@ -22,8 +22,8 @@ def test_offsets_and_gains_are_taken_off(name: str) -> None:
     sample = np.array([4e-3, 2e-3, 3.0, 2.0])
     values = dict(zip(("x1", "x2", "u1", "u2"), sample))
     other = values | {"x1": values["x1"] + 1e-3, "u1": 1.25 * values["u1"] + 0.5}
-    known = plain.initial(0.0, np.array([values[name] for name in plain.channels])).carry
-    found = changed.initial(0.0, np.array([other[name] for name in changed.channels])).carry
+    known = plain.initial(0.0, np.array([values[name] for name in plain.channels])).kernel_state
+    found = changed.initial(0.0, np.array([other[name] for name in changed.channels])).kernel_state
     n = len(plain.state_names)
     np.testing.assert_allclose(found[:n], known[:n], rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(found[n * (n + 1) :], known[n * (n + 1) :], rtol=1e-12, atol=1e-15)

@@ -161,11 +161,11 @@ def test_second_pass_starts_with_the_last_covariance() -> None:
     estimator = FullStateFilter("ekf-2008", rig, paper_noise(rig))
     first = np.array([log.channels[name][0] for name in estimator.channels])
     belief = estimator.initial(0.0, first)
-    carry = np.array(belief.carry)
-    carry[6:42] = one.covariances[-1].ravel()
+    kernel_state = np.array(belief.kernel_state)
+    kernel_state[6:42] = one.covariances[-1].ravel()
     from dataclasses import replace
 
-    again, _ = estimator.step(replace(belief, carry=carry), 0.0, first)
+    again, _ = estimator.step(replace(belief, kernel_state=kernel_state), 0.0, first)
     np.testing.assert_allclose(two.means[0], again.mean)
     np.testing.assert_allclose(two.covariances[0], again.covariance)
     with pytest.raises(EstimationError, match="passes must be at least 1"):

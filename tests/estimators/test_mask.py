@@ -50,17 +50,17 @@ def test_what_is_compared_only_has_an_innovation_and_corrects_nothing(
     """The state after it is that of a sample in which the value is missing; a value that is read
     corrects.
     """
-    runner = AdaptiveFilter(pulley_rig, compiled=False)
-    sample = np.array([1e-3 if name in ("x1", "x2") else 3.0 for name in runner.channels])
-    belief = runner.initial(0.0, sample)
-    width, force = len(runner.channels), runner.channels.index(runner.measured[0])
+    estimator = AdaptiveFilter(pulley_rig, compiled=False)
+    sample = np.array([1e-3 if name in ("x1", "x2") else 3.0 for name in estimator.channels])
+    belief = estimator.initial(0.0, sample)
+    width, force = len(estimator.channels), estimator.channels.index(estimator.measured[0])
     row = np.concatenate([[0.01], sample, np.full(width, READ)])
     n = belief.size
-    (read,), _ = runner.kernel.scan(belief.carry, row, runner.numbers)
+    (read,), _ = estimator.kernel.scan(belief.kernel_state, row, estimator.numbers)
     row[1 + width + force] = mask
-    (carry,), (y,) = runner.kernel.scan(belief.carry, row, runner.numbers)
+    (kernel_state,), (y,) = estimator.kernel.scan(belief.kernel_state, row, estimator.numbers)
     row[1 + width + force] = MISSING
-    (missing,), _ = runner.kernel.scan(belief.carry, row, runner.numbers)
-    np.testing.assert_array_equal(carry[: n + n * n], missing[: n + n * n])
+    (missing,), _ = estimator.kernel.scan(belief.kernel_state, row, estimator.numbers)
+    np.testing.assert_array_equal(kernel_state[: n + n * n], missing[: n + n * n])
     assert np.isfinite(y[0]) == (mask == COMPARED_ONLY)
     assert not np.array_equal(read[:n], missing[:n])

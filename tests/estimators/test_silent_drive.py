@@ -29,7 +29,7 @@ def test_the_place_becomes_unknown_at_a_constant_rate() -> None:
         silence=Silence(ca.SX(dead), ca.SX(wandering)),
     )
     kept = ca.vertcat(
-        drive.place, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost, 0, 0, 0
+        drive.position, drive.doubt, drive.speed, drive.square, drive.unknown, drive.lost, 0, 0, 0
     )
     step, now, found = ca.Function("step", [memory], [kept]), np.zeros(MEMORY), []
     for _ in range(200):

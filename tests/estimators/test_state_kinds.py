@@ -26,20 +26,21 @@ STEMS = {
 @pytest.mark.parametrize("name", [name for name in shipped_rigs() if name != "template"])
 def test_every_state_says_what_it_is_and_of_what(name: str) -> None:
     rig = load_rig(name)
-    runner = AdaptiveFilter(rig, compiled=False)
+    estimator = AdaptiveFilter(rig, compiled=False)
     joints, count = [joint.name for joint in rig.joints], len(rig.joints)
-    assert len(runner.state_kinds) == len(runner.state_parts) == len(runner.state_names)
+    assert len(estimator.state_kinds) == len(estimator.state_parts) == len(estimator.state_names)
     assert (
-        runner.state_kinds[: 2 * count] == (StateKind.ANGLE,) * count + (StateKind.SPEED,) * count
+        estimator.state_kinds[: 2 * count]
+        == (StateKind.ANGLE,) * count + (StateKind.SPEED,) * count
     )
-    assert list(runner.state_parts[: 2 * count]) == 2 * joints
+    assert list(estimator.state_parts[: 2 * count]) == 2 * joints
     parts = {part.name for part in (*rig.joints, *rig.drives, *rig.tendons, *rig.sensors)}
-    for state, kind, part in list(zip(runner.state_names, runner.state_kinds, runner.state_parts))[
-        2 * count :
-    ]:
+    for state, kind, part in list(
+        zip(estimator.state_names, estimator.state_kinds, estimator.state_parts)
+    )[2 * count :]:
         assert kind is not StateKind.OTHER, state
         if kind is StateKind.EXTERNAL_TORQUE:
-            assert external_torques_of(runner)[part] == runner.state_names.index(state)
+            assert external_torques_of(estimator)[part] == estimator.state_names.index(state)
         elif kind is StateKind.PARAMETER:
             assert state in (
                 in_words(rig, part),
@@ -52,8 +53,8 @@ def test_every_state_says_what_it_is_and_of_what(name: str) -> None:
 
 
 def test_every_state_has_a_unit() -> None:
-    runner = AdaptiveFilter(load_rig("lab-bench"), compiled=False)
-    units = dict(zip(runner.state_names, state_units(runner)))
+    estimator = AdaptiveFilter(load_rig("lab-bench"), compiled=False)
+    units = dict(zip(estimator.state_names, state_units(estimator)))
     assert all(units.values())
     assert (units["theta"], units["theta_dot"], units["inertia of joint finger"]) == (
         "rad",
@@ -69,10 +70,10 @@ def test_every_state_has_a_unit() -> None:
 
 
 def test_of_other_estimators_the_joints_states_are_known() -> None:
-    runner = make_estimator("ekf", load_rig("paper-2008"), False)
-    kinds, parts = kinds_of(runner)
-    found = dict(zip(runner.state_names, zip(kinds, parts)))
+    estimator = make_estimator("ekf", load_rig("paper-2008"), False)
+    kinds, parts = kinds_of(estimator)
+    found = dict(zip(estimator.state_names, zip(kinds, parts)))
     assert found["theta"] == (StateKind.ANGLE, "link")
     assert found["theta_dot"] == (StateKind.SPEED, "link")
     assert found["position_left"][0] is StateKind.OTHER
-    assert external_torques_of(runner) == {}
+    assert external_torques_of(estimator) == {}

@@ -84,13 +84,13 @@ def test_c_says_what_python_says(
     samples[20:25, 0] = np.nan
     drives, out = len(rig.drives), np.zeros(3 * len(rig.drives), dtype=real)
     for k, sample in enumerate(samples):
-        wanted = (
+        desired = (
             np.full(len(inverse.joints), 0.2 + 0.1 * np.sin(0.1 * k))
             if k % 7
             else np.full(len(inverse.joints), np.nan)
         )
-        expected = inverse.step(float(log.time[k] - log.time[0]), wanted, sample)
-        arrays = [np.ascontiguousarray(part, dtype=real) for part in (sample, wanted)]
+        expected = inverse.step(float(log.time[k] - log.time[0]), desired, sample)
+        arrays = [np.ascontiguousarray(part, dtype=real) for part in (sample, desired)]
         trusted = expected.reading.health not in ("bad", "dead")
         dt = 0.0 if k == 0 else float(log.time[k] - log.time[k - 1])
         pointers = [ctypes.c_void_p(array.ctypes.data) for array in arrays]
@@ -98,7 +98,7 @@ def test_c_says_what_python_says(
             call(ctypes.c_double(dt), *pointers, int(trusted), ctypes.c_void_p(out.ctypes.data))
             == 0
         )
-        np.testing.assert_allclose(out[:drives], expected.places, rtol=0, atol=near)
+        np.testing.assert_allclose(out[:drives], expected.positions, rtol=0, atol=near)
         np.testing.assert_allclose(
             out[drives : 2 * drives], expected.speeds, rtol=0, atol=near * 500
         )
@@ -120,22 +120,22 @@ def test_c_sends_nothing_before_drives_are_read_and_stands_where_they_are_lost(
     samples[100:160, channel] = np.nan
     dt, rows, codes = float(log.time[1] - log.time[0]), [], []
     for k, sample in enumerate(samples):
-        wanted, out = np.array([0.3 * np.sin(0.05 * k)]), np.zeros(3 * drives)
-        pointers = [ctypes.c_void_p(part.ctypes.data) for part in (sample, wanted)]
+        desired, out = np.array([0.3 * np.sin(0.05 * k)]), np.zeros(3 * drives)
+        pointers = [ctypes.c_void_p(part.ctypes.data) for part in (sample, desired)]
         library.commanded(
             ctypes.c_double(dt if k else 0.0), *pointers, 1, ctypes.c_void_p(out.ctypes.data)
         )
         codes.append(library.code_of_command())
         rows.append(out)
-    places = np.array(rows)[:, at]
+    positions = np.array(rows)[:, at]
     assert codes[0] == 2
     assert np.isnan(rows[0]).all()
     lost_for = round(OLDEST / dt)
     assert codes[1 : 100 + lost_for - 1] == [0] * (98 + lost_for)
     assert codes[100 + lost_for + 1 : 160] == [1] * (59 - lost_for)
-    assert np.ptp(places[100 + lost_for + 1 : 160]) == 0.0
+    assert np.ptp(positions[100 + lost_for + 1 : 160]) == 0.0
     assert codes[160:] == [0] * 40
-    assert np.abs(np.diff(places[1:])).max() < 3 * np.abs(np.diff(places[1:100])).max()
+    assert np.abs(np.diff(positions[1:])).max() < 3 * np.abs(np.diff(positions[1:100])).max()
 
 
 def test_a_step_costs_few_operations() -> None:

@@ -320,7 +320,7 @@ class Library:
         ]  # type: ignore[union-attr]
         subprocess.run(command, cwd=folder, check=True)
         self.made, self.code = made, ctypes.CDLL(str(folder / "f.so"))
-        self.state = np.zeros(made.carry + 1)
+        self.state = np.zeros(made.kernel_state + 1)
         self.out = np.zeros(2 + 2 * max(len(made.measured), 1))
 
     def begin(self, values: np.ndarray) -> None:
@@ -342,19 +342,21 @@ class Library:
 @pytest.mark.parametrize("name", ["adaptive", "ekf-2008"])
 def test_beliefs_and_innovations_are_pythons(rig: Rig, log: Log, name: str, tmp_path: Path) -> None:
     """The whole state and every innovation, from the prior on."""
-    runner = make_estimator(name, rig)
-    samples = samples_of(log, runner.channels)
+    estimator = make_estimator(name, rig)
+    samples = samples_of(log, estimator.channels)
     library = Library(c_filter(rig, name), tmp_path)
     first = first_values(samples)
     library.begin(first)
-    belief = runner.initial(log.time[0], first)
-    np.testing.assert_allclose(library.state[:-1], belief.carry, rtol=1e-15)
+    belief = estimator.initial(log.time[0], first)
+    np.testing.assert_allclose(library.state[:-1], belief.kernel_state, rtol=1e-15)
     for k in range(120):
-        belief, innovation = runner.step(belief, log.time[k], samples[k])
+        belief, innovation = estimator.step(belief, log.time[k], samples[k])
         assert library.step(log.time[k] - log.time[k - 1] if k else 0.0, samples[k]) == 0
-        scale = np.abs(belief.carry) + 1e-6
-        np.testing.assert_allclose(library.state[:-1] / scale, belief.carry / scale, atol=1e-9)
-        m = len(runner.measured)
+        scale = np.abs(belief.kernel_state) + 1e-6
+        np.testing.assert_allclose(
+            library.state[:-1] / scale, belief.kernel_state / scale, atol=1e-9
+        )
+        m = len(estimator.measured)
         np.testing.assert_allclose(library.out[2 : 2 + m], innovation.values, atol=1e-9)
         np.testing.assert_allclose(library.out[2 + m : 2 + 2 * m], innovation.variances, rtol=1e-9)
 

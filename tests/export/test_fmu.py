@@ -73,13 +73,13 @@ def at_the_ends(log: Log, rig: Rig, length: float = 0.01) -> np.ndarray:
     """Return angles, then stds, at the end of the step that begins with each sample: all sensors
     are missing there.
     """
-    runner = make_estimator("adaptive", rig)
-    rows, found = samples_of(log, runner.channels), []
+    estimator = make_estimator("adaptive", rig)
+    rows, found = samples_of(log, estimator.channels), []
     missing = np.full(rows.shape[1], np.nan)
-    belief = runner.initial(float(log.time[0]), first_values(rows))
+    belief = estimator.initial(float(log.time[0]), first_values(rows))
     for time, row in zip(log.time.tolist(), rows):
-        belief, _ = runner.step(belief, time, row)
-        end, _ = runner.step(belief, time + length, missing)
+        belief, _ = estimator.step(belief, time, row)
+        end, _ = estimator.step(belief, time + length, missing)
         joints = range(len(rig.joints))
         found.append([*end.mean[joints], *np.sqrt(np.diagonal(end.covariance)[joints])])
     return np.array(found)

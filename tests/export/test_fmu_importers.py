@@ -41,7 +41,7 @@ class Imported:
         self.slave = Fmi3Slave(path, model_identifier=said.coSimulation.modelIdentifier)
         self.slave.instantiate_co_simulation("one", instantiation_token=said.guid)
 
-    def told(self, *names: str) -> tuple[float, ...]:
+    def identified(self, *names: str) -> tuple[float, ...]:
         return tuple(self.slave.get_float64([self.which[name] for name in names]))
 
     @property
@@ -91,7 +91,7 @@ def test_a_second_importer_gets_the_same_numbers_at_the_current_time(
     found = []
     for time, row in zip(log.time.tolist(), rows):
         one.step(time, 0.01, row)
-        found.append(one.told("time", "angle", "angle_std"))
+        found.append(one.identified("time", "angle", "angle_std"))
     np.testing.assert_allclose(np.array(found)[:, 0], log.time + 0.01, atol=1e-12)
     assert found[-1][0] == pytest.approx(4.0, abs=1e-12)
     np.testing.assert_allclose(np.array(found)[:, 1:], at_the_ends(log, rig), atol=1e-9)
@@ -108,19 +108,19 @@ def test_before_the_first_sample_it_says_the_prior_and_not_yet(
     one.slave.enter_initialization_mode(start_time=2.5)
     # inputs that are set before the initialization ends are no sample yet
     one.slave.set_float64(one.inputs, [0.01] * len(made.inputs))
-    assert one.told("time", "angle", "angle_std") == expected
+    assert one.identified("time", "angle", "angle_std") == expected
     assert one.health == "not_yet"
     # what is not connected is no sample either
     one.slave.set_float64(one.inputs, missing.tolist())
     one.slave.exit_initialization_mode()
-    assert one.told("time", "angle", "angle_std") == expected
+    assert one.identified("time", "angle", "angle_std") == expected
     one.step(2.5, 0.01, missing)
-    assert one.told("angle", "angle_std") == (expected.expected[1], expected.expected[2])
-    assert (one.told("time")[0], one.health) == (pytest.approx(2.51), "not_yet")
+    assert one.identified("angle", "angle_std") == (expected.expected[1], expected.expected[2])
+    assert (one.identified("time")[0], one.health) == (pytest.approx(2.51), "not_yet")
     one.step(2.51, 0.01, samples_of(log, made.inputs)[0])
     assert one.health != "not_yet"
     one.slave.reset()
-    assert (one.health, one.told("time")) == ("not_yet", (0.0,))
+    assert (one.health, one.identified("time")) == ("not_yet", (0.0,))
 
 
 def test_a_step_that_is_too_long_to_predict_keeps_the_last_outputs(
@@ -130,9 +130,9 @@ def test_a_step_that_is_too_long_to_predict_keeps_the_last_outputs(
     one.slave.enter_initialization_mode(start_time=0.0)
     one.slave.set_float64(one.inputs, row.tolist())
     one.slave.exit_initialization_mode()
-    before = one.told("angle", "angle_std")
+    before = one.identified("angle", "angle_std")
     one.step(0.0, 1e6, row)
-    assert one.told("time", "angle", "angle_std") == (1e6, *before)
+    assert one.identified("time", "angle", "angle_std") == (1e6, *before)
 
 
 def test_with_a_learned_map(tmp_path: Path) -> None:
@@ -141,8 +141,8 @@ def test_with_a_learned_map(tmp_path: Path) -> None:
     export_fmu(rig, tmp_path / "map.fmu", everywhere=False)
     one, live = Imported(tmp_path / "map.fmu"), LiveEstimator(rig)
     one.slave.enter_initialization_mode(start_time=0.0)
-    prior = live.runner.initial(0.0, np.full(2, np.nan))
-    assert one.told("angle", "angle_std") == pytest.approx(
+    prior = live.estimator.initial(0.0, np.full(2, np.nan))
+    assert one.identified("angle", "angle_std") == pytest.approx(
         (prior.mean[0], np.sqrt(prior.covariance[0, 0])), abs=1e-12
     )
     for k in range(20):
@@ -151,7 +151,7 @@ def test_with_a_learned_map(tmp_path: Path) -> None:
         end = live.clone()
         end.step(time + 0.005, np.full(2, np.nan))
         one.step(time, 0.005, row)
-        assert one.told("angle", "angle_std") == pytest.approx(
+        assert one.identified("angle", "angle_std") == pytest.approx(
             (end.angle, end.angle_stds[0]), abs=1e-9
         )
     one.slave.free_instance()

@@ -54,16 +54,16 @@ def homed_rows(rig: Rig, log: Log, until: float) -> tuple[LiveEstimator, np.ndar
 def test_live_as_over_a_log(name: str) -> None:
     """The same numbers as with the whole log and `homing`, state by state to 1e-6."""
     rig, log = case(name, "3 s")
-    told, homed = log, rig
+    identified, homed = log, rig
     for joint in reversed(rig.joints):
-        told, homed = at_known_angle(told, homed, WINDOW, 0.0, STD, joint.name)
-    known = estimate(told, homed, homing=WINDOW)
+        identified, homed = at_known_angle(identified, homed, WINDOW, 0.0, STD, joint.name)
+    known = estimate(identified, homed, homing=WINDOW)
     live, angles, stds = homed_rows(rig, log, WINDOW)
     assert known.notes == () or not any("least squares" in note for note in known.notes)
     np.testing.assert_allclose(angles, known.angles, atol=1e-6)
     np.testing.assert_allclose(stds, known.angle_stds, atol=1e-6)
-    places = [known.state_names.index(state) for state in live.state_names]
-    np.testing.assert_allclose(live.mean, known.means[-1][places], rtol=1e-6, atol=1e-9)
+    positions = [known.state_names.index(state) for state in live.state_names]
+    np.testing.assert_allclose(live.mean, known.means[-1][positions], rtol=1e-6, atol=1e-9)
     end = int(0.9 * WINDOW * log.rate)
     assert stds[end, 0] < estimate(log, rig).angle_stds[end, 0]  # it tells something
 

@@ -126,8 +126,12 @@ def measure(
         f"{{{steps}}};\n"
         f"static const float samples[][{samples.shape[1]}] = {{\n{rows}}};\n"
     )
-    told = ",".join(f"out.{field}" for pair in angle_fields(rig) for field in pair)
-    names = ['-DFILTER_HEADER="filter.h"', "-DFILTER(x)=filter_##x", f"-DFILTER_TOLD(out)={told}"]
+    identified = ",".join(f"out.{field}" for pair in angle_fields(rig) for field in pair)
+    names = [
+        '-DFILTER_HEADER="filter.h"',
+        "-DFILTER(x)=filter_##x",
+        f"-DFILTER_TOLD(out)={identified}",
+    ]
     common = [
         *CORTEX,
         "-Wall",

@@ -108,16 +108,18 @@ def test_the_motion_is_that_of_the_kernel(name: str, tmp_path: Path) -> None:
         plant.step(pull.ravel())
     held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     kernel = Kernel(plant_function(made.plant, made.count))
-    carry, _ = at_rest(made.plant, held, made.start, kernel)
+    kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
     rows = np.column_stack(
         [
             np.repeat(pulls.reshape(200, -1), made.parts, axis=0),
             np.full(200 * made.parts, made.interval / made.parts),
         ]
     )
-    carries, _ = kernel.scan(carry, rows, made.plant.parameters.values)
-    np.testing.assert_allclose(plant.state[: carry.size], carries[-1], rtol=0, atol=1e-12)
-    assert np.abs(carries[-1] - carry)[:nj].max() > 1e-3
+    kernel_states, _ = kernel.scan(kernel_state, rows, made.plant.parameters.values)
+    np.testing.assert_allclose(
+        plant.state[: kernel_state.size], kernel_states[-1], rtol=0, atol=1e-12
+    )
+    assert np.abs(kernel_states[-1] - kernel_state)[:nj].max() > 1e-3
 
 
 def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
@@ -131,13 +133,13 @@ def test_errors_of_sensors_are_those_of_the_rig(tmp_path: Path) -> None:
     made = c_plant(rig, "p")
     plant, pull = Plant(made, tmp_path), np.zeros((5, made.plant.n_bodies))
     pull[0] = resting_pull(made.plant)
-    first, places = [], []
+    first, positions = [], []
     for seed in range(40):
         begun = plant.begin(seed)
         np.testing.assert_array_equal(plant.begin(seed), begun)
         first.append(begun[0])
-        places.append([plant.step(pull.ravel()) for _ in range(100)])
-    read = np.array(places)
+        positions.append([plant.step(pull.ravel()) for _ in range(100)])
+    read = np.array(positions)
     true = made.start[made.plant.n_joints]
     within = read[:, :, 0] - read[:, :, 0].mean(axis=1, keepdims=True)
     assert np.std(within) == pytest.approx(2e-5, rel=0.05)
@@ -206,11 +208,11 @@ def test_readings_are_those_of_a_naive_twin(tmp_path: Path) -> None:
     n, first = made.plant.n_bodies, made.first
     held = BodyInputs(resting_pull(made.plant)[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     kernel = Kernel(plant_function(made.plant, made.count))
-    carry, _ = at_rest(made.plant, held, made.start, kernel)
+    kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
     row = np.append(pull.ravel(), made.interval / made.parts)
-    ys = kernel.scan(carry, np.tile(row, (30 * made.parts, 1)), made.plant.parameters.values)[1][
-        made.parts - 1 :: made.parts
-    ]
+    ys = kernel.scan(
+        kernel_state, np.tile(row, (30 * made.parts, 1)), made.plant.parameters.values
+    )[1][made.parts - 1 :: made.parts]
     for values, y in zip(read, [first, *ys]):
         for i, (sensor, (curve, scale, low, high)) in enumerate(zip(rig.sensors, curves)):
             true = true_reading(made.plant, sensor, y)

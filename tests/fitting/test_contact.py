@@ -55,16 +55,16 @@ def log(seed: int, share: float = 0.1, gain: float = 0.3) -> Log:
     rng = np.random.default_rng([seed, 7])
     time = np.arange(round(RATE * DURATION)) / RATE
     a, b = rng.uniform(0.2, 0.5, 2)
-    place = 0.5 * np.sin(2 * np.pi * a * time + rng.uniform(0, 6)) + 0.2 * np.sin(
+    position = 0.5 * np.sin(2 * np.pi * a * time + rng.uniform(0, 6)) + 0.2 * np.sin(
         2 * np.pi * b * time
     )
     effort = 0.08 * np.sin(2 * np.pi * 0.3 * time + rng.uniform(0, 6)) + 0.03 * rng.normal()
     effort += 2e-3 * rng.normal(size=len(time))
-    moved = (place - played(place, 0.02)) / 0.02
+    moved = (position - played(position, 0.02)) / 0.02
     own = 0.02 * (1 + share * rng.normal())
     torque = gain * effort + own * moved + 0.01 * rng.normal() + 1e-3 * rng.normal(size=len(time))
-    truth = {"theta": 0.6 * place, "external_torque": torque}
-    return Log(time, {"motor_angle": place, "motor_torque": effort}, truth, f"log {seed}")
+    truth = {"theta": 0.6 * position, "external_torque": torque}
+    return Log(time, {"motor_angle": position, "motor_torque": effort}, truth, f"log {seed}")
 
 
 LOGS = [log(seed) for seed in range(6)]

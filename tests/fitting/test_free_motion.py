@@ -81,20 +81,20 @@ def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
     """Mean innovations and pace as the kernel remembers them are those that say what is normal."""
     from distal.fitting import learn_free_motion as module
 
-    log, runner = finger(1, 4.0, None)[0], closed_filter(rig)
-    samples = np.column_stack([log.channels[name] for name in runner.channels])
-    rows, _ = runner.rows(np.diff(log.time, prepend=log.time[0]), samples)
-    begun = runner.initial(float(log.time[0]), samples[0])
-    run = advance(runner.kernel, Feed(begun.carry, rows, runner.numbers))
-    layout, count = adaptive_layout(runner.states), len(runner.measured)
-    kept = layout.view(run.carries, "evidence").reshape(len(log), -1, FORCE.size)
-    paces = layout.view(run.carries, "forces").reshape(len(log), -1, DRIVE.size)
+    log, estimator = finger(1, 4.0, None)[0], closed_filter(rig)
+    samples = np.column_stack([log.channels[name] for name in estimator.channels])
+    rows, _ = estimator.rows(np.diff(log.time, prepend=log.time[0]), samples)
+    begun = estimator.initial(float(log.time[0]), samples[0])
+    run = advance(estimator.kernel, Feed(begun.kernel_state, rows, estimator.numbers))
+    layout, count = adaptive_layout(estimator.states), len(estimator.measured)
+    kept = layout.view(run.kernel_states, "evidence").reshape(len(log), -1, FORCE.size)
+    paces = layout.view(run.kernel_states, "forces").reshape(len(log), -1, DRIVE.size)
     shown = np.nan_to_num(run.ys[:, :count] / np.sqrt(run.ys[:, count : 2 * count]))
     means = module._mean(shown, log, 0.05)
     np.testing.assert_allclose(kept[50:, :, 0], means[50:], rtol=1e-2, atol=5e-3)
-    places = np.array([log.channels[name] for name in ("x_flexor", "x_extensor")])
+    positions = np.array([log.channels[name] for name in ("x_flexor", "x_extensor")])
     total = paces[:, :, DRIVE["pace"].start].sum(axis=1)
-    assert np.corrcoef(total[50:], module._pace(places, log)[50:])[0, 1] > 0.95
+    assert np.corrcoef(total[50:], module._pace(positions, log)[50:])[0, 1] > 0.95
 
 
 def test_normal_is_what_nearly_all_samples_are(rig: Rig) -> None:
@@ -167,14 +167,16 @@ def test_health_is_beside_what_is_normal(rig: Rig, pushed: Log, tmp_path: Path) 
 def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
     """Parameters and biases move before the push, and not by a force while it is clear."""
     known = rig.with_values({"sensors.u_flexor.bias.std": "0.3 N"})
-    runner = AdaptiveFilter(known)
-    states = np.flatnonzero(runner.states.lasting)
-    samples = np.column_stack([pushed.channels[name] for name in runner.channels])
-    rows, _ = runner.rows(np.diff(pushed.time, prepend=pushed.time[0]), samples)
-    begun = runner.initial(float(pushed.time[0]), samples[0])
-    carries = advance(runner.kernel, Feed(begun.carry, rows, runner.numbers)).carries
-    moved = np.abs(np.diff(carries[:, states], axis=0)).max(axis=1)
-    touched = carries[:-1, runner.contacts["finger"][1]] > 0.0
+    estimator = AdaptiveFilter(known)
+    states = np.flatnonzero(estimator.states.lasting)
+    samples = np.column_stack([pushed.channels[name] for name in estimator.channels])
+    rows, _ = estimator.rows(np.diff(pushed.time, prepend=pushed.time[0]), samples)
+    begun = estimator.initial(float(pushed.time[0]), samples[0])
+    kernel_states = advance(
+        estimator.kernel, Feed(begun.kernel_state, rows, estimator.numbers)
+    ).kernel_states
+    moved = np.abs(np.diff(kernel_states[:, states], axis=0)).max(axis=1)
+    touched = kernel_states[:-1, estimator.contacts["finger"][1]] > 0.0
     assert touched.sum() > 300
     assert moved[touched].max() < 1e-12
     assert moved[~touched].max() > 1e-6
@@ -183,8 +185,8 @@ def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
 def test_a_map_is_carried_on_and_fades_while_touched() -> None:
     """d⁺ = (1 − w)(value − θ) + w e^{−dt/T} d, gain and variance as the equations say."""
     learned, dt = made(), 0.05
-    carry, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
-    inner = ca.Function("inner", [carry, x, p], [carry, ca.MX(1, 1)])
+    kernel_state, x, p = (ca.MX.sym(name, size) for name, size in (("c", 2), ("x", 5), ("p", 1)))
+    inner = ca.Function("inner", [kernel_state, x, p], [kernel_state, ca.MX(1, 1)])
     maps = [(learned, [0], True)]
     free = reporting_function(inner, maps, 2, [None, None], 1)
     held = reporting_function(inner, maps, 2, [None, None], 1, touched=[1])

@@ -158,10 +158,12 @@ def test_rows_are_those_of_a_textbook_twin() -> None:
         by_angle = (
             rows(theta + 1e-6, s, k, direction) - rows(theta - 1e-6, s, k, direction)
         ) / 2e-6
-        by_place = (
+        by_position = (
             rows(theta, s + 1e-6, k, direction) - rows(theta, s - 1e-6, k, direction)
         ) / 2e-6
-        variances = np.array([1e-6, 0.0]) + by_angle**2 * unsure[k, 0] + by_place**2 * unsure[k, 1]
+        variances = (
+            np.array([1e-6, 0.0]) + by_angle**2 * unsure[k, 0] + by_position**2 * unsure[k, 1]
+        )
         expected[k] = rows(theta, s, k, direction) / np.sqrt(variances)
     there = known.compared
     np.testing.assert_allclose(found.values[there], expected[there], rtol=1e-4, atol=1e-6)
@@ -405,8 +407,8 @@ def test_the_weight_of_a_chains_links_is_among_its_forces() -> None:
 
     def balance(described: Rig, angles: np.ndarray) -> np.ndarray:
         time = np.arange(50) / 100.0
-        told = {f"theta_{joint.name}": time for joint in rig.joints}
-        referred, references = with_references(described, Log(time, {}, told, "told"))
+        identified = {f"theta_{joint.name}": time for joint in rig.joints}
+        referred, references = with_references(described, Log(time, {}, identified, "told"))
         equations = Equations(FitFilter(referred, references, (), compiled=False), compiled=False)
         at = np.concatenate([angles, np.full(4, 1e-3)])
         p = equations.mechanism.parameters.values

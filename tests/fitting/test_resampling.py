@@ -22,17 +22,17 @@ def test_steps_follow_what_a_straight_line_leaves_out(missed: float, steps: int)
     """
     w, noise = 2 * np.pi * 2.0, 1e-5
     amplitude = missed * noise * 8 * np.sqrt(2) / (w * 0.01) ** 2
-    places = np.column_stack([amplitude * np.sin(w * TIME), np.zeros(len(TIME))])
+    positions = np.column_stack([amplitude * np.sin(w * TIME), np.zeros(len(TIME))])
     # the second difference of noise has a variance of 6 σ², which is taken off
     expected = np.sqrt(max(missed**2 - 6 / 64, 0.0))
     assert (expected < 0.5, expected < 2.0) == (steps == 1, steps <= 2)
-    assert steps_per_sample(places, np.array([noise, noise])) == steps
-    assert steps_per_sample(places[:, ::-1], np.array([noise, noise])) == steps
+    assert steps_per_sample(positions, np.array([noise, noise])) == steps
+    assert steps_per_sample(positions[:, ::-1], np.array([noise, noise])) == steps
 
 
 def test_noise_alone_asks_for_no_steps() -> None:
-    places = 1e-5 * np.random.default_rng(1).normal(size=(len(TIME), 2))
-    assert steps_per_sample(places, np.array([1e-5, 1e-5])) == 1
+    positions = 1e-5 * np.random.default_rng(1).normal(size=(len(TIME), 2))
+    assert steps_per_sample(positions, np.array([1e-5, 1e-5])) == 1
     assert steps_per_sample(np.full((9, 1), np.nan), np.array([1e-5])) == 1
 
 
@@ -90,8 +90,8 @@ def test_a_fits_rows_are_a_logs_samples_with_their_intervals(steps: int) -> None
     assert data.rows[0, 0] == 0.0
     assert (data.rows[1:, 0] > 0.0).all()
     np.testing.assert_allclose(np.cumsum(data.rows[:, 0])[data.last], time - time[0], atol=1e-12)
-    width = len(fit.runner.channels)
-    at = fit.runner.channels.index("motor_torque")
+    width = len(fit.estimator.channels)
+    at = fit.estimator.channels.index("motor_torque")
     np.testing.assert_allclose(data.rows[data.last, 1 + at], np.cos(time))
     assert (data.rows[data.last, 1 + width + at] == 1.0).all()
     np.testing.assert_allclose(data.rows[data.last, width], 0.6 * angle)

@@ -62,8 +62,8 @@ def test_a_joint_in_its_stop_does_not_silence_its_neighbours() -> None:
     """
     rig, log = finger_with_a_stopped_joint()
     problem = problem_of([log], rig, Options(compiled=False, workers=1))
-    later, runner = problem.data[0].samples[1:], problem.filter.runner
-    read = {name: later[:, k] for k, name in enumerate(runner.channels)}
+    later, estimator = problem.data[0].samples[1:], problem.filter.estimator
+    read = {name: later[:, k] for k, name in enumerate(estimator.channels)}
     force = next(sensor.name for sensor in rig.sensors_of("force"))
     assert np.isfinite(read[force]).all()
     angles = {sensor.of: read[sensor.name] for sensor in problem.filter.references}

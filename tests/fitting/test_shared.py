@@ -47,7 +47,7 @@ def test_what_also_errs_alone_is_varied_alone_with_both_spreads() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "name", "paths"),
+    ("desired", "name", "paths"),
     [
         ("tendons.left.stiffness", "stiffness of tendon left", PATHS[:1]),
         ("tendons.1.stiffness", "stiffness of tendon right", PATHS[1:]),
@@ -55,10 +55,10 @@ def test_what_also_errs_alone_is_varied_alone_with_both_spreads() -> None:
     ],
 )
 def test_what_is_asked_for_is_named_by_parts(
-    wanted: str, name: str, paths: tuple[str, ...]
+    desired: str, name: str, paths: tuple[str, ...]
 ) -> None:
     rig = load_rig("pulley-antagonist")
-    for asked, per_log in (((wanted,), ()), (("joints.link.friction.coefficient",), (wanted,))):
+    for asked, per_log in (((desired,), ()), (("joints.link.friction.coefficient",), (desired,))):
         free = choose(rig, rig.sensors_of("angle"), asked, per_log, noise=False, homing=False)
         assert [part.paths for part in free if part.name == name] == [paths]
     with pytest.raises(
@@ -68,7 +68,7 @@ def test_what_is_asked_for_is_named_by_parts(
     with pytest.raises(FitError, match="--per-log 'tendons"):
         choose(rig, (), (), ("tendons.middle.stiffness",), noise=False, homing=False)
     with pytest.raises(FitError, match=f"is asked for twice, by '{name}' and '{name}'"):
-        choose(rig, (), (wanted,), (wanted,), noise=False, homing=False)
+        choose(rig, (), (desired,), (desired,), noise=False, homing=False)
 
 
 def test_equal_stds_alone_share_nothing() -> None:
@@ -120,14 +120,14 @@ def test_parts_of_one_limit_are_told_as_a_sum() -> None:
             value=lambda _: 0.5,
         )
 
-    def told(one: str, other: str, *changes: float) -> str:
+    def identified(one: str, other: str, *changes: float) -> str:
         return _line([part(one), part(other)], [0.0, 0.0], np.array(changes))  # type: ignore[list-item]
 
     friction = "drives.0.friction"
-    assert "only the sum of" in told(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
-    assert "only the product of" in told(
+    assert "only the sum of" in identified(f"{friction}.constant", f"{friction}.load", 0.7, -0.7)
+    assert "only the product of" in identified(
         "joints.0.friction.coefficient", "joints.0.friction.radius", 0.7, -0.7
     )
-    assert "only the ratio of" in told(
+    assert "only the ratio of" in identified(
         "tendons.0.stiffness", "tendons.0.insertion.radius", 0.7, 0.7
     )

@@ -29,7 +29,7 @@ def problem(stds: list[float]) -> SimpleNamespace:
     )
 
 
-def told(stds: list[float], information: Floats, meat: Floats | None = None) -> Uncertainty:
+def identified(stds: list[float], information: Floats, meat: Floats | None = None) -> Uncertainty:
     n = len(stds)
     made = Derivatives(0.0, np.zeros(n), information, information if meat is None else meat, 10_000)
     return uncertainty_at(problem(stds), made, np.zeros(n))  # type: ignore[arg-type]
@@ -38,7 +38,7 @@ def told(stds: list[float], information: Floats, meat: Floats | None = None) -> 
 def test_errors_are_marginal_and_combine_logs_with_priors() -> None:
     stds = [0.1, 0.2]
     information = np.array([[900.0, 500.0], [500.0, 400.0]])
-    found = told(stds, information)
+    found = identified(stds, information)
     whole = np.linalg.inv(information + np.diag([100.0, 25.0]))
     np.testing.assert_allclose(found.covariance, whole, rtol=1e-3)
     np.testing.assert_allclose(found.errors, np.sqrt(np.diag(whole)), rtol=1e-3)
@@ -49,10 +49,10 @@ def test_errors_are_marginal_and_combine_logs_with_priors() -> None:
 
 def test_scores_that_are_correlated_widen_it_and_never_narrow_it() -> None:
     information = np.diag([1e4, 1e4])
-    plain = told([1.0, 1.0], information)
+    plain = identified([1.0, 1.0], information)
     wide, narrow = (
-        told([1.0, 1.0], information, 9.0 * information),
-        told([1.0, 1.0], information, 0.1 * information),
+        identified([1.0, 1.0], information, 9.0 * information),
+        identified([1.0, 1.0], information, 0.1 * information),
     )
     np.testing.assert_allclose(wide.errors, 3.0 * plain.errors, rtol=2e-3)
     np.testing.assert_allclose(narrow.errors, plain.errors, rtol=2e-3)
@@ -61,12 +61,12 @@ def test_scores_that_are_correlated_widen_it_and_never_narrow_it() -> None:
 def test_what_shows_only_as_a_product_is_told_together() -> None:
     """Neither is known; with one held, the other is, to the product's error."""
     information = 1e6 * np.ones((2, 2))
-    found = told([0.1, 0.1], information)
+    found = identified([0.1, 0.1], information)
     # each keeps 0.1/√2 of its prior: the product shares it out
     np.testing.assert_allclose(found.errors, 0.1 / np.sqrt(2.0), rtol=1e-3)
     assert found.together.all()
     assert any("only the product of" in line for line in found.combinations)
-    wide = told([0.1, 1.0], information)
+    wide = identified([0.1, 1.0], information)
     assert list(wide.determined) == [False, True]
     assert list(wide.together) == [True, False]
     held = np.array([True, False])
@@ -75,7 +75,7 @@ def test_what_shows_only_as_a_product_is_told_together() -> None:
 
 
 def test_what_nothing_shows_is_left_and_not_held() -> None:
-    found = told([0.1, 0.1], np.diag([1e6, 1e-3]))
+    found = identified([0.1, 0.1], np.diag([1e6, 1e-3]))
     assert list(found.determined) == [True, False]
     assert not found.together.any()
     assert found.combinations == ()  # a number alone is no combination
@@ -84,7 +84,7 @@ def test_what_nothing_shows_is_left_and_not_held() -> None:
 def test_the_least_told_is_held_until_the_rest_is_told() -> None:
     """Three numbers show only as their sum: two are held, and the third carries it."""
     stds, information = [0.1, 0.1, 1.0], 1e6 * np.ones((3, 3))
-    made, found = problem(stds), told(stds, information)
+    made, found = problem(stds), identified(stds, information)
     left = np.zeros(3, dtype=bool)
     for _ in range(3):
         at = _next_held(made, found, left, np.ones(3, dtype=bool))  # type: ignore[arg-type]
@@ -97,8 +97,8 @@ def test_the_least_told_is_held_until_the_rest_is_told() -> None:
 
 def test_a_number_without_a_prior_is_judged_by_its_value() -> None:
     sure, vague = (
-        told([np.nan, 0.1], np.diag([100.0, 1e4])),
-        told([np.nan, 0.1], np.diag([1.0, 1e4])),
+        identified([np.nan, 0.1], np.diag([100.0, 1e4])),
+        identified([np.nan, 0.1], np.diag([1.0, 1e4])),
     )
     assert sure.determined[0]
     assert not vague.determined[0]
@@ -109,7 +109,7 @@ def test_a_combination_is_named_where_logs_tell_half_of_what_the_priors_do() -> 
 
     def along_difference(amount: float) -> tuple[str, ...]:
         plus, minus = np.array([1.0, 1.0]) / np.sqrt(2.0), np.array([1.0, -1.0]) / np.sqrt(2.0)
-        return told(
+        return identified(
             [0.1, 0.1], 100.0 * (1e4 * np.outer(plus, plus) + amount * np.outer(minus, minus))
         ).combinations
 
@@ -121,13 +121,15 @@ def test_two_numbers_of_which_the_logs_tell_nothing_are_one_line() -> None:
     """Not one that only their product is told and one that only their ratio is."""
     information = 100.0 * np.diag([0.2, 0.1, 1e4])
     turned = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, np.sqrt(2.0)]]) / np.sqrt(2.0)
-    (line,) = told([0.1] * 3, turned @ information @ turned.T).combinations
+    (line,) = identified([0.1] * 3, turned @ information @ turned.T).combinations
     assert line.startswith(
         ("nothing of a and b, which stay near", "nothing of b and a, which stay near")
     )
     three = np.array([[1.0, 1.0, 1.0], [1.0, -0.5, -0.5], [0.0, 1.0, -1.0]])
     three /= np.linalg.norm(three, axis=1)[:, None]
-    (line,) = told([0.1] * 3, three.T @ (100.0 * np.diag([1e4, 0.1, 0.2])) @ three).combinations
+    (line,) = identified(
+        [0.1] * 3, three.T @ (100.0 * np.diag([1e4, 0.1, 0.2])) @ three
+    ).combinations
     assert line.endswith(
         "only together, none of them alone: turn the joint further, or vary the load"
     )
@@ -138,25 +140,25 @@ def test_what_is_told_only_together_is_named_by_its_kind_and_its_members() -> No
     one alone is no line.
     """
 
-    def untold(direction: list[float]) -> tuple[str, ...]:
+    def unidentified(direction: list[float]) -> tuple[str, ...]:
         unit = np.array(direction) / np.linalg.norm(direction)
         information = 1e6 * (np.eye(len(unit)) - np.outer(unit, unit))
-        return told([0.1] * len(unit), information).combinations
+        return identified([0.1] * len(unit), information).combinations
 
-    (product,) = untold([1.0, -1.0])
+    (product,) = unidentified([1.0, -1.0])
     assert product.startswith(
         ("only the product of a and b, neither", "only the product of b and a, neither")
     )
-    (ratio,) = untold([1.0, 1.0])
+    (ratio,) = unidentified([1.0, 1.0])
     assert "only the ratio of" in ratio
-    (three,) = untold([1.0, 0.9, -0.8])
+    (three,) = unidentified([1.0, 0.9, -0.8])
     assert three.startswith("a, b and c only together")
     # a share of 0.25 in it is none, one of 0.35 is
-    (two,) = untold([0.95, 0.9, 0.33])
+    (two,) = unidentified([0.95, 0.9, 0.33])
     assert "c" not in two.partition(" only")[0]
-    (three,) = untold([0.95, 0.9, 0.49])
+    (three,) = unidentified([0.95, 0.9, 0.49])
     assert "c" in three.partition(" only")[0]
-    assert untold([1.0, 0.0]) == untold([0.0, 1.0, 0.1]) == ()
+    assert unidentified([1.0, 0.0]) == unidentified([0.0, 1.0, 0.1]) == ()
 
 
 def test_numbers_that_go_with_each_other_exactly_have_errors_too() -> None:

@@ -120,7 +120,7 @@ def changed(seed: int) -> tuple[bytes, list[str]]:
     else:
         raw = tomllib.loads(text)
         for _ in range(rng.choice([1, 1, 1, 2, 5])):
-            where, parent, key = _place(rng, raw)
+            where, parent, key = _position(rng, raw)
             if kind == 2:
                 _change(rng, raw, parent, key)
             else:
@@ -191,7 +191,7 @@ def _lines(rng: random.Random, text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _place(rng: random.Random, raw: Any) -> tuple[str, Any, Any]:
+def _position(rng: random.Random, raw: Any) -> tuple[str, Any, Any]:
     """Return the path of a value anywhere in a description, what holds it, and its key."""
     where, parent = [], raw
     while True:
@@ -215,7 +215,7 @@ def _change(rng: random.Random, raw: Any, parent: Any, key: Any) -> None:
     elif what == 2 and isinstance(parent, list):
         parent.append(parent[key])
     elif what == 3:
-        parent[key] = _place(rng, raw)[1]
+        parent[key] = _position(rng, raw)[1]
     else:
         parent[key] = rng.choice(VALUES)
 

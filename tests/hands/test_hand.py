@@ -46,13 +46,13 @@ class Orca:
         self.config = SimpleNamespace(motor_ids=[1, 2], max_current=300.0)
         self.limits = [300.0, 300.0]
         self.motor_client: Any = None
-        self.places, self.currents, self.sent = np.zeros(2), np.zeros(2), dict[int, float]()
+        self.positions, self.currents, self.sent = np.zeros(2), np.zeros(2), dict[int, float]()
         self.last_read_ok, self.fails, self.temperature = True, False, 40.0
 
     def get_motor_pos(self) -> Any:
         if self.fails:
             raise OSError("port is gone")
-        return self.places
+        return self.positions
 
     def get_motor_current(self) -> Any:
         return self.currents
@@ -66,7 +66,7 @@ class Orca:
     def write_motor_pos(self, motor_ids: list[int], positions: Any) -> None:
         self.sent = dict(zip(motor_ids, positions))
         for k, number in enumerate(self.config.motor_ids):
-            self.places[k] = self.sent.get(number, self.places[k])
+            self.positions[k] = self.sent.get(number, self.positions[k])
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def test_angles_are_degrees_by_joint_and_nan_before_the_first_update(
     assert set(hand.get_joint_positions()) == set(JOINTS)
     assert np.isnan(list(hand.get_joint_positions().values())).all()
     for k in range(50):
-        orca.places[:] = min(0.02 * k, 0.6)
+        orca.positions[:] = min(0.02 * k, 0.6)
         hand.update(0.01 * k)
     angles, stds = hand.get_joint_positions(), hand.get_joint_stds()
     # 0.6 rad of the motor over 1.1 turns for one: 31 degrees, less play and stretch
@@ -110,9 +110,9 @@ def test_lost_packets_and_a_port_that_is_gone_never_end_it(hand: Hand, orca: Orc
 def test_reads_that_are_lost_after_a_wish_move_nothing(hand: Hand, orca: Orca) -> None:
     """The first goals are sent after the first reading; lost ones before it send nothing."""
     for k in range(60):
-        orca.places[:] = min(0.02 * k, 0.6)
+        orca.positions[:] = min(0.02 * k, 0.6)
         hand.update(0.01 * k)
-    place = orca.places.copy()
+    position = orca.positions.copy()
     hand.set_joint_positions(hand.get_joint_positions())
     orca.fails = True
     for k in range(60, 90):
@@ -122,7 +122,7 @@ def test_reads_that_are_lost_after_a_wish_move_nothing(hand: Hand, orca: Orca) -
     hand.update(0.9)
     sent = np.array([orca.sent[number] for number in sorted(orca.sent)])
     # as far as play and stretch leave it open where the joints are, and not to a reading of zero
-    assert (np.abs(sent - place) < 0.25).all()
+    assert (np.abs(sent - position) < 0.25).all()
 
 
 class SaggingAero:
@@ -166,22 +166,22 @@ def test_a_motor_without_a_goal_does_not_sink(orca: Orca) -> None:
 def test_motors_that_stand_pull_no_more_than_they_did(hand: Hand, orca: Orca) -> None:
     """Reads fail for longer than 0.1 s: goals and torques stay, it is said, and it goes on."""
     for k in range(60):
-        orca.places[:] = min(0.02 * k, 0.6)
+        orca.positions[:] = min(0.02 * k, 0.6)
         hand.update(0.01 * k)
     hand.set_joint_positions({"index_mcp": 40.0})
     for k in range(60, 160):
         hand.update(0.01 * k)
-    before = orca.places.copy()
+    before = orca.positions.copy()
     hand.set_joint_positions({"index_mcp": 10.0})
     orca.fails = True
     for k in range(160, 220):
         hand.update(0.01 * k)
     assert "motor_1, motor_2 not read" in hand.health().held_back
     assert max(orca.limits) < 300.0
-    assert np.abs(orca.places - before).max() < 0.7
-    stood = orca.places.copy()
+    assert np.abs(orca.positions - before).max() < 0.7
+    stood = orca.positions.copy()
     hand.update(2.2)
-    np.testing.assert_array_equal(orca.places, stood)
+    np.testing.assert_array_equal(orca.positions, stood)
     orca.fails = False
     for k in range(221, 400):
         hand.update(0.01 * k)
@@ -222,7 +222,7 @@ def test_limits_of_torque_are_lifted_when_a_hand_is_relaxed(hand: Hand, orca: Or
 
 def test_a_place_in_doubt_is_so_after_the_hand_was_relaxed(hand: Hand, orca: Orca) -> None:
     time = moved_to(hand, 30.0)
-    orca.places[0] += 2.0
+    orca.positions[0] += 2.0
     orca.write_motor_pos = lambda *_: None  # type: ignore[method-assign]
     hand.update(time + 0.01)
     hand.relax()
@@ -278,7 +278,7 @@ def test_a_motor_whose_turn_is_not_known_gets_no_goal(orca: Orca) -> None:
     counts = {"unit": "count", "counts_per_turn": 4096, "resolution": 2 * np.pi / 4096}
     raw["sensors"] = [raw["sensors"][0] | counts, *raw["sensors"][1:]]
     hand = Hand(orca, build_rig(raw, "hand"), compiled=False)
-    orca.places[0] = 2000.0  # 176° or −184°
+    orca.positions[0] = 2000.0  # 176° or −184°
     for k in range(30):
         reading = hand.update(0.01 * k)
     assert reading.health == "restarted"
@@ -313,7 +313,7 @@ def test_an_old_orca_core_is_told_the_least_version(orca: Orca) -> None:
 
 def test_one_silent_motor_is_named(hand: Hand, orca: Orca) -> None:
     hand.update(0.0)
-    orca.places = np.array([np.nan, 0.1])
+    orca.positions = np.array([np.nan, 0.1])
     hand.update(0.01)
     assert hand.health().silent == ("motor_1",)
 
@@ -326,7 +326,7 @@ def test_a_hot_motor_is_named_with_its_temperature(hand: Hand, orca: Orca) -> No
 
 
 @pytest.mark.parametrize(
-    ("place", "torque", "beyond"),
+    ("position", "torque", "beyond"),
     [
         (1.95, 0.0, False),
         (2.1, 300.0, False),
@@ -336,18 +336,18 @@ def test_a_hot_motor_is_named_with_its_temperature(hand: Hand, orca: Orca) -> No
     ],
 )
 def test_a_spool_that_slipped_is_named_where_its_joint_should_have_ended(
-    hand: Hand, orca: Orca, place: float, torque: float, beyond: bool
+    hand: Hand, orca: Orca, position: float, torque: float, beyond: bool
 ) -> None:
     """The joint turns to 100 degrees, which is 110 of the motor; beyond it by stretch alone is no
     fault.
     """
-    orca.places[:], orca.currents[:] = [place, 0.0], [torque, 0.0]
+    orca.positions[:], orca.currents[:] = [position, 0.0], [torque, 0.0]
     hand.update(0.0)
     hand.update(0.01)
     health = hand.health()
     assert ("motor_1 goes" in health.detail) == beyond
     assert "motor_2 goes" not in health.detail
-    if place == 2.4:
+    if position == 2.4:
         assert health.word == "disagrees"
         size = float(health.detail.split("motor_1 goes ")[1].split("°")[0])
         # 2.4 rad of the motor are 125 degrees of the joint; stretch and play are allowed
@@ -370,8 +370,8 @@ def test_a_motor_is_beyond_its_range_until_it_leaves_the_end(hand: Hand, orca: O
         (2.0, 290.0),
         (1.2, 0.0),
     ]
-    for k, (place, torque) in enumerate(ways):
-        orca.places[:], orca.currents[:] = [place, 0.0], [torque, 0.0]
+    for k, (position, torque) in enumerate(ways):
+        orca.positions[:], orca.currents[:] = [position, 0.0], [torque, 0.0]
         hand.update(0.01 * k)
         found.append("motor_1 goes" in hand.health().detail)
     assert found == [False, False, False, False, False, True, True, False]
@@ -392,7 +392,7 @@ def test_wanted_angles_are_sent_through_the_transmission(hand: Hand, orca: Orca)
 
 
 @pytest.mark.parametrize(
-    ("wanted", "says"),
+    ("desired", "says"),
     [
         ({"index_mpc": 3.0}, "did you mean 'index_mcp'"),
         ({"index_mcp": 300.0}, "turns from -25° to 100°, 300"),
@@ -401,13 +401,13 @@ def test_wanted_angles_are_sent_through_the_transmission(hand: Hand, orca: Orca)
     ],
 )
 def test_angles_that_cannot_be_wanted_are_named(
-    hand: Hand, wanted: dict[str, Any], says: str
+    hand: Hand, desired: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(CommandError, match="not known yet"):
         hand.set_joint_positions({"index_mcp": 1.0})
     hand.update(0.0)
     with pytest.raises(CommandError, match=says):
-        hand.set_joint_positions(wanted)
+        hand.set_joint_positions(desired)
 
 
 def test_a_hand_that_was_never_calibrated_is_not_moved(orca: Orca) -> None:
@@ -435,10 +435,10 @@ class Aero:
     """What a hand of the Aero SDK has."""
 
     def __init__(self) -> None:
-        self.places, self.sent = [0.0, 0.0], list[float]()
+        self.positions, self.sent = [0.0, 0.0], list[float]()
 
     def get_actuations(self) -> list[float]:
-        return self.places
+        return self.positions
 
     def get_actuator_currents(self) -> list[float]:
         return [0.0, 0.0]
@@ -447,7 +447,7 @@ class Aero:
         return [30.0, 30.0]
 
     def set_actuations(self, actuations: list[float]) -> None:
-        self.sent = self.places = actuations
+        self.sent = self.positions = actuations
 
 
 def test_actuations_in_degrees_are_read_and_sent() -> None:
@@ -459,7 +459,7 @@ def test_actuations_in_degrees_are_read_and_sent() -> None:
     aero = Aero()
     hand = Hand(aero, build_rig(raw, "aero"), compiled=False)
     for k in range(40):
-        aero.places = [min(1.0 * k, 33.0), 0.0]
+        aero.positions = [min(1.0 * k, 33.0), 0.0]
         hand.update(0.01 * k)
     assert hand.get_joint_positions()["index_mcp"] == pytest.approx(30.0, abs=5.0)
     hand.set_joint_positions({"index_mcp": 60.0})
@@ -509,7 +509,7 @@ class Simulated:
         self.known, self.hands = orca_like([3], JOINTS)
         self.time, self.fails = 0.0, 0
         self.goals = (
-            self.hands.places + self.hands.d.zeros * self.hands.d.signs
+            self.hands.positions + self.hands.d.zeros * self.hands.d.signs
         ) * self.hands.d.signs
         self.read_out = self.hands.step(self.goals)
 
@@ -527,7 +527,7 @@ class Simulated:
             raise TimeoutError("a packet is lost")
         signs, found = self.hands.d.signs[0], dict[str, float]()
         for k in range(2):
-            found[f"motor_{k + 1}_position"] = float(self.read_out["places"][0, k] * signs[k])
+            found[f"motor_{k + 1}_position"] = float(self.read_out["positions"][0, k] * signs[k])
             found[f"motor_{k + 1}_current"] = float(
                 1e3 * self.read_out["currents"][0, k] * signs[k]
             )
@@ -611,8 +611,8 @@ def coupled_rig() -> Rig:
         Row(joint="abd", motor="motor_2", low=-0.4, high=0.4, spool_radius=7e-3, joint_radius=7e-3),
     ]
     rig = hand_of(rows, "hand", "table").rig
-    places = [k for k, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
-    return rig.with_values({f"sensors.{k}.bias": {"value": 0.0, "std": 0.02} for k in places})
+    positions = [k for k, sensor in enumerate(rig.sensors) if sensor.measures == "position"]
+    return rig.with_values({f"sensors.{k}.bias": {"value": 0.0, "std": 0.02} for k in positions})
 
 
 def test_a_joint_that_follows_another_moves_with_it_and_is_not_wanted_by_itself(orca: Orca) -> None:

@@ -22,7 +22,7 @@ def test_c_and_numpy_move_the_same(kind: str) -> None:
     plain.compiled = False
     rng = np.random.default_rng(0)
     for _ in range(4):
-        goals = compiled.goals_of(1.5 * rng.normal(size=compiled.places.shape))
+        goals = compiled.goals_of(1.5 * rng.normal(size=compiled.positions.shape))
         for _ in range(10):
             read = compiled.step(goals), plain.step(goals)
         np.testing.assert_allclose(read[0]["currents"], read[1]["currents"], atol=1e-9)

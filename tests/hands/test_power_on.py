@@ -39,14 +39,14 @@ def routine_log(seed: int = 3) -> tuple[Calibrated, Log]:
 def run(hands: Hands, routine: Routine, seconds: float = 60.0) -> None:
     """Let a routine move a hand until it is done."""
     signs = hands.d.signs
-    places, torques, k = (hands.places + hands.d.zeros * signs)[0], np.zeros(2), 0
+    positions, torques, k = (hands.positions + hands.d.zeros * signs)[0], np.zeros(2), 0
     while not routine.done and k < 100 * seconds:
-        sample = {f"m{i + 1}_position": places[i] for i in range(2)} | {
+        sample = {f"m{i + 1}_position": positions[i] for i in range(2)} | {
             f"m{i + 1}_current": torques[i] for i in range(2)
         }
         goals = routine.step(0.01 * k, sample)
         read = hands.step(np.array([[goals["m1"], goals["m2"]]]) * signs)
-        places, torques = (read["places"] * signs)[0], 0.5 * (read["currents"] * signs)[0]
+        positions, torques = (read["positions"] * signs)[0], 0.5 * (read["currents"] * signs)[0]
         k += 1
 
 
@@ -101,7 +101,7 @@ def test_angles_after_the_routine_beat_the_ratio_of_the_travel() -> None:
     estimated = estimate(log_of(known, moves, 0), found.rig)
     error = np.sqrt(np.mean((estimated.angles - truth) ** 2))
     plain = np.sqrt(
-        np.mean((ratio(known, moves["places"][:, 0], (ends[0, 0], ends[1, 0])) - truth) ** 2)
+        np.mean((ratio(known, moves["positions"][:, 0], (ends[0, 0], ends[1, 0])) - truth) ** 2)
     )
     assert error < 0.6 * plain
     assert np.mean(np.abs(estimated.angles - truth) < 1.96 * estimated.angle_stds) > 0.9
@@ -203,13 +203,13 @@ def test_without_a_current_no_motor_pushes_into_its_stop(read: float) -> None:
     known, hands = hand()
     routine = Routine(rig_of(known))
     signs = hands.d.signs
-    places, torques = (hands.places + hands.d.zeros * signs)[0], [np.zeros(2)]
+    positions, torques = (hands.positions + hands.d.zeros * signs)[0], [np.zeros(2)]
     while not routine.done and len(torques) < 4000:
-        sample = {f"m{i + 1}_position": places[i] for i in range(2)}
+        sample = {f"m{i + 1}_position": positions[i] for i in range(2)}
         sample |= {f"m{i + 1}_current": read for i in range(2)}
         goals = routine.step(0.01 * len(torques), sample)
         state = hands.step(np.array([[goals["m1"], goals["m2"]]]) * signs)
-        places = (state["places"] * signs)[0]
+        positions = (state["positions"] * signs)[0]
         torques.append(0.5 * np.abs(state["currents"])[0])
     assert set(routine.failed) == {"m1", "m2"}
     pushed = 0.01 * np.count_nonzero(np.array(torques) > OF_PAIR, axis=0)
@@ -279,12 +279,14 @@ def test_a_rig_of_sliders_is_refused() -> None:
 
 def test_what_moved_since_another_day_is_said_with_both_numbers() -> None:
     found, _ = routine_log()
-    place = found.rig.sensors_of("position")[0]
-    path = f"sensors.{place.name}.bias"
-    later = found.rig.with_values({path: {"value": place.bias.value + 0.5, "std": place.bias.std}})
+    position = found.rig.sensors_of("position")[0]
+    path = f"sensors.{position.name}.bias"
+    later = found.rig.with_values(
+        {path: {"value": position.bias.value + 0.5, "std": position.bias.std}}
+    )
     (line,) = moved_since(found.rig, later)
-    assert place.name in line
-    assert f"{np.rad2deg(place.bias.value):.4g}" in line
+    assert position.name in line
+    assert f"{np.rad2deg(position.bias.value):.4g}" in line
     assert moved_since(found.rig, found.rig) == ()
     tendon = found.rig.tendons[0].name
     taut = {
@@ -319,7 +321,7 @@ def test_options_that_cannot_be_are_refused_before_anything_moves(
 
 
 @pytest.mark.parametrize(
-    ("places", "torques", "says"),
+    ("positions", "torques", "says"),
     [
         (
             180 / np.pi,
@@ -332,11 +334,11 @@ def test_options_that_cannot_be_are_refused_before_anything_moves(
     ],
 )
 def test_wrong_units_are_named_instead_of_broken_tendons(
-    places: float, torques: float, says: str
+    positions: float, torques: float, says: str
 ) -> None:
     _, log = routine_log()
     channels = {
-        name: values * (places if name.endswith("position") else torques)
+        name: values * (positions if name.endswith("position") else torques)
         for name, values in log.channels.items()
     }
     with pytest.raises(FitError, match=says):

@@ -62,14 +62,14 @@ def closed(tension: Any, springs: Any = SPRINGS) -> tuple[Any, Any]:
 def test_the_curve_of_rest_is_springs_stops_and_stretch() -> None:
     mechanism = Mechanism(finger())
     largest = 30.0
-    places, torques = (
+    positions, torques = (
         np.array(part).ravel()
         for part in _curve(mechanism, 0, [0, 1, 2])(largest, mechanism.parameters.values)
     )
-    expected = closed(np.linspace(0.0, largest, len(places)))
-    np.testing.assert_allclose(places, expected[0], atol=1e-9)
+    expected = closed(np.linspace(0.0, largest, len(positions)))
+    np.testing.assert_allclose(positions, expected[0], atol=1e-9)
     np.testing.assert_allclose(torques, expected[1], atol=1e-12)
-    assert np.ptp(places) > 5.0
+    assert np.ptp(positions) > 5.0
 
 
 def swept(springs: Any, rub: float, rng: np.random.Generator) -> Log:
@@ -79,11 +79,11 @@ def swept(springs: Any, rub: float, rng: np.random.Generator) -> Log:
     there = np.linspace(-0.2, float(np.interp(18.0, tension, reached)), 600)
     pull = np.interp(there, reached, pulls, left=0.0)
     ways = [(there, pull + rub), (there[::-1], pull[::-1] - rub)] * 3
-    places, torques = (np.concatenate([way[k] for way in ways[:5]]) for k in (0, 1))
+    positions, torques = (np.concatenate([way[k] for way in ways[:5]]) for k in (0, 1))
     noisy = torques + 1e-3 * rng.normal(size=len(torques))
     return Log(
-        np.arange(len(places)) * 0.01,
-        {"one_position": places + 0.7, "one_current": noisy},
+        np.arange(len(positions)) * 0.01,
+        {"one_position": positions + 0.7, "one_current": noisy},
         {},
         "swept",
     )
@@ -151,13 +151,13 @@ def test_a_finger_is_better_known_than_by_its_motors_travel(
     rig = rig_of(known)
     monkeypatch.setattr("benchmarks.hands.calibrate", lambda log, rig: log)
     ((_, log),) = calibrated(known, hands, rig)
-    places = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
+    positions = np.column_stack([log.channels[f"{motor}_position"] for motor in known.motors])
     low, high = (
-        places.min(axis=0)[None] + 0.3,
-        places.max(axis=0)[None],
+        positions.min(axis=0)[None] + 0.3,
+        positions.max(axis=0)[None],
     )  # what is let out beyond is no travel
     run = motion(known, hands, (low, high), 3)
-    plain = ratio(known, run["places"][:, 0], (low[0], high[0]))
+    plain = ratio(known, run["positions"][:, 0], (low[0], high[0]))
     part = next(
         part.rig
         for part in independent_parts(rig)

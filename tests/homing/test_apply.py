@@ -37,10 +37,12 @@ def test_without_its_correction_a_filter_is_the_plain_one(rig: Rig, log: Log) ->
     truths = np.full((len(log), 1), np.nan)
     runs = []
     for each in (rig, rig.bare()):
-        runner = AdaptiveFilter(each, compiled=False)
-        samples = samples_of(log, runner.channels)
+        estimator = AdaptiveFilter(each, compiled=False)
+        samples = samples_of(log, estimator.channels)
         runs.append(
-            plain_samples(runner, runner.initial(0.0, first_values(samples)), log, samples, truths)
+            plain_samples(
+                estimator, estimator.initial(0.0, first_values(samples)), log, samples, truths
+            )
         )
     np.testing.assert_allclose(runs[0].angles, runs[1].angles, rtol=0, atol=1e-12)
     np.testing.assert_allclose(runs[0].variances, runs[1].variances, rtol=1e-9)
@@ -55,21 +57,21 @@ def test_the_rigs_numbers_are_where_two_passes_leave_them(
     """
     monkeypatch.setattr("distal.homing.window.Window.within", lambda *arguments: True)
     described, references = with_references(rig.bare(), log)
-    runner = AdaptiveFilter(described, compiled=False, references=references)
-    samples = np.column_stack([samples_of(log, runner.channels[:2]), log.truth["theta"]])
+    estimator = AdaptiveFilter(described, compiled=False, references=references)
+    samples = np.column_stack([samples_of(log, estimator.channels[:2]), log.truth["theta"]])
     samples[log.time >= 0.5, 2] = np.nan
-    start, truths = runner.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
-    found = numbers_homed(Window.of(runner, start, log, samples, truths, 0.5))
-    lasting = np.flatnonzero(runner.states.lasting)
+    start, truths = estimator.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
+    found = numbers_homed(Window.of(estimator, start, log, samples, truths, 0.5))
+    lasting = np.flatnonzero(estimator.states.lasting)
     belief = start
     for _ in range(2):
         begun = belief
         for time, sample in zip(log.time[:100], samples[:100]):
-            belief, _ = runner.step(belief, time, sample)
+            belief, _ = estimator.step(belief, time, sample)
         after = belief
-        carry = start.carry.copy()
-        carry[lasting] = after.mean[lasting]
-        belief = Belief(start.time, carry, start.size)
+        kernel_state = start.kernel_state.copy()
+        kernel_state[lasting] = after.mean[lasting]
+        belief = Belief(start.time, kernel_state, start.size)
     assert begun is not start
     np.testing.assert_allclose(found.mean[lasting], after.mean[lasting], rtol=1e-10)
     others = np.setdiff1d(np.arange(start.size), lasting)
@@ -129,11 +131,13 @@ def window_of(rig: Rig, log: Log, **sensor: object) -> Window:
         {f"sensors.encoder.{key}": value for key, value in sensor.items()}
     )
     described, references = with_references(changed, replace(log, truth_source=FROM_SENSOR))
-    runner = AdaptiveFilter(described, compiled=False, references=references)
+    estimator = AdaptiveFilter(described, compiled=False, references=references)
     truths = log.truth["theta"][:, None]
-    read = samples_of(log, runner.channels[: len(runner.channels) - 1])
+    read = samples_of(log, estimator.channels[: len(estimator.channels) - 1])
     samples = np.column_stack([read, truths])
-    return Window.of(runner, runner.initial(0.0, first_values(samples)), log, samples, truths, 0.5)
+    return Window.of(
+        estimator, estimator.initial(0.0, first_values(samples)), log, samples, truths, 0.5
+    )
 
 
 @pytest.mark.parametrize(("mean", "used"), [(1.47, True), (1.53, False)])
@@ -143,10 +147,10 @@ def test_numbers_are_used_whose_errors_are_one_and_a_half_variances_at_most(
     """The mean of e²/P over the window, without the samples that have no reference."""
     window = window_of(rig, log)
 
-    def errors(self: Window, carries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found = np.full((len(carries), 1), np.nan)
+    def errors(self: Window, kernel_states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = np.full((len(kernel_states), 1), np.nan)
         found[::2, 0] = 0.1 * np.sqrt(mean) * np.sqrt(2.0) * (np.arange(len(found[::2])) % 2)
-        return found, np.full((len(carries), 1), 0.01)
+        return found, np.full((len(kernel_states), 1), 0.01)
 
     monkeypatch.setattr(Window, "errors", errors)
     assert (numbers_filtered(window) is not None) is used
@@ -161,29 +165,31 @@ def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(
     window = window_of(
         rig, log, noise="0.5 deg", resolution="0.1 deg", bias={"value": 0.0, "std": "1 deg"}
     )
-    runner, n = window.runner, window.start.size
-    bias = runner.state_names.index("bias_encoder")
+    estimator, n = window.estimator, window.start.size
+    bias = estimator.state_names.index("bias_encoder")
     (channel,) = window.references
-    carries = np.tile(window.start.carry, (3, 1))
-    carries[:, 0], carries[:, bias] = [0.1, 0.2, -0.3], [0.01, -0.02, 0.03]
+    kernel_states = np.tile(window.start.kernel_state, (3, 1))
+    kernel_states[:, 0], kernel_states[:, bias] = [0.1, 0.2, -0.3], [0.01, -0.02, 0.03]
     three = replace(window, truths=window.truths[:3])
-    errors, variances = three.errors(carries)
+    errors, variances = three.errors(kernel_states)
     np.testing.assert_allclose(
-        errors[:, 0], window.truths[:3, 0] - carries[:, 0] - carries[:, bias], atol=1e-15
+        errors[:, 0],
+        window.truths[:3, 0] - kernel_states[:, 0] - kernel_states[:, bias],
+        atol=1e-15,
     )
-    own = covariance_of(window.start.carry, n)[0, 0]
+    own = covariance_of(window.start.kernel_state, n)[0, 0]
     np.testing.assert_allclose(
         variances[:, 0], own + np.deg2rad(0.5) ** 2 + np.deg2rad(0.1) ** 2 / 12, rtol=1e-9
     )
     truths = window.truths.copy()
     truths[:2] = np.nan
-    begun = replace(window, truths=truths).anchored(window.start.carry)
-    covariance, before = covariance_of(begun, n), covariance_of(window.start.carry, n)
+    begun = replace(window, truths=truths).anchored(window.start.kernel_state)
+    covariance, before = covariance_of(begun, n), covariance_of(window.start.kernel_state, n)
     assert begun[0] == truths[2, 0]
     assert covariance[0, 0] == pytest.approx(START_STD**2 + np.deg2rad(1.0) ** 2)
     np.testing.assert_array_equal(covariance[0, 1:], 0.0)
     np.testing.assert_array_equal(covariance[1:, 0], 0.0)
     np.testing.assert_array_equal(covariance[1:, 1:], before[1:, 1:])
-    np.testing.assert_array_equal(begun[1:n], window.start.carry[1:n])
+    np.testing.assert_array_equal(begun[1:n], window.start.kernel_state[1:n])
     assert np.isnan(window.unaided[:, channel]).all()
     assert len(window.time) == np.count_nonzero(log.time < 0.5)

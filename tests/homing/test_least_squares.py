@@ -54,8 +54,8 @@ def test_known_offsets_of_the_sensors_are_those_of_the_line(wrong: Log) -> None:
     """The filter takes known offsets off its drives' places, and a straight line of raw readings
     does not.
     """
-    places = [i for i, sensor in enumerate(RIG.sensors) if sensor.measures == "position"]
-    rig = RIG.with_values({f"sensors.{i}.bias.value": 2e-3 for i in places})
+    positions = [i for i, sensor in enumerate(RIG.sensors) if sensor.measures == "position"]
+    rig = RIG.with_values({f"sensors.{i}.bias.value": 2e-3 for i in positions})
     ours, line = (
         estimate(wrong, rig, name, compiled=False, homing=HOMING) for name in ("adaptive", "affine")
     )

@@ -62,11 +62,11 @@ def log() -> Log:
 
 def window_of(log: Log, rig: Rig, homing: float = HOMING) -> Window:
     described, references = with_references(rig, log)
-    runner = AdaptiveFilter(described, compiled=False, references=references)
-    proximal = samples_of(log, runner.channels[:-1])
+    estimator = AdaptiveFilter(described, compiled=False, references=references)
+    proximal = samples_of(log, estimator.channels[:-1])
     samples = np.column_stack([proximal, np.where(log.time < homing, log.truth["theta"], np.nan)])
-    start = runner.initial(log.time[0], first_values(samples))
-    return Window.of(runner, start, log, samples, log.truth["theta"][:, None], homing)
+    start = estimator.initial(log.time[0], first_values(samples))
+    return Window.of(estimator, start, log, samples, log.truth["theta"][:, None], homing)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_the_numbers_are_those_of_the_plant(found: tuple[Window, Belief]) -> Non
     posterior.
     """
     window, belief = found
-    names = list(window.runner.state_parts)
+    names = list(window.estimator.state_parts)
     radius, first, second = (
         names.index(name)
         for name in (
@@ -123,23 +123,23 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
     smaller.
     """
     window, belief = found
-    runner, n = window.runner, window.start.size
-    lasting = [i for i in np.flatnonzero(runner.states.lasting) if runner.states.stds[i] > 0]
-    means, stds = runner.states.means[lasting], runner.states.stds[lasting]
+    estimator, n = window.estimator, window.start.size
+    lasting = [i for i in np.flatnonzero(estimator.states.lasting) if estimator.states.stds[i] > 0]
+    means, stds = estimator.states.means[lasting], estimator.states.stds[lasting]
     unaided = window.samples.copy()
     unaided[:, -1] = np.nan
 
     def run(numbers: Floats) -> tuple[Floats, Floats]:
-        carry = window.start.carry.copy()
-        carry[lasting], carry[0] = numbers, log.truth["theta"][0]
-        covariance = carry[n : n + n * n].reshape(n, n)
+        kernel_state = window.start.kernel_state.copy()
+        kernel_state[lasting], kernel_state[0] = numbers, log.truth["theta"][0]
+        covariance = kernel_state[n : n + n * n].reshape(n, n)
         for i in (*lasting, 0):
             covariance[i, :] = covariance[:, i] = 0.0
         covariance[0, 0] = np.deg2rad(0.2) ** 2
-        belief = Belief(window.start.time, frozen(carry), n)
+        belief = Belief(window.start.time, frozen(kernel_state), n)
         angles, variances = [], []
         for time, sample in zip(window.time, unaided):
-            belief, _ = runner.step(belief, time, sample)
+            belief, _ = estimator.step(belief, time, sample)
             angles.append(belief.mean[0])
             variances.append(belief.covariance[0, 0])
         return np.array(angles), np.array(variances)
@@ -169,15 +169,15 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
         for step in (-0.3, 0.3):
             other = belief.mean[lasting].copy()
             other[k] += step * stds[k]
-            if other[k] > runner.states.lowest[lasting[k]]:
+            if other[k] > estimator.states.lowest[lasting[k]]:
                 assert criterion(other) > least - 1e-3
     # three tenths of the covariance are the inverse of its curvature, here along each number that
     # the move tells most of
     precision = np.linalg.inv(belief.covariance[np.ix_(lasting, lasting)])
     scaled = np.diagonal(precision) * stds**2
-    told = [k for k in range(len(lasting)) if scaled[k] > 30.0]
-    assert told
-    for k in told:
+    identified = [k for k in range(len(lasting)) if scaled[k] > 30.0]
+    assert identified
+    for k in identified:
         step = 0.3 / np.sqrt(scaled[k])
         around = []
         for sign in (1.0, -1.0):
@@ -212,13 +212,13 @@ def test_where_the_filter_keeps_to_its_band_it_goes_on_from_its_prior(log: Log) 
 
 def test_the_covariance_goes_on_with_the_run(found: tuple[Window, Belief]) -> None:
     window, belief = found
-    lasting = np.flatnonzero(window.runner.states.lasting)
+    lasting = np.flatnonzero(window.estimator.states.lasting)
     others = np.setdiff1d(np.arange(window.start.size), [0, *lasting])
     np.testing.assert_array_equal(
         belief.covariance[np.ix_(others, others)], window.start.covariance[np.ix_(others, others)]
     )
     assert np.linalg.eigvalsh(belief.covariance).min() >= 0.0
-    priors = window.runner.states.stds[lasting]
+    priors = window.estimator.states.stds[lasting]
     assert np.all(
         np.sqrt(np.diagonal(belief.covariance)[lasting]) <= np.sqrt(KEPT) * priors * (1 + 1e-6)
     )
@@ -232,12 +232,14 @@ def test_a_window_in_which_the_filter_leaves_all_bounds(
     window = window_of(log, wide(load_rig("pulley-antagonist")), 0.3)
     scan, calls = Window.scan, [0]
 
-    def sometimes(self: Window, carry: Floats, samples: Floats) -> tuple[Floats, Floats] | None:
+    def sometimes(
+        self: Window, kernel_state: Floats, samples: Floats
+    ) -> tuple[Floats, Floats] | None:
         calls[0] += 1
-        return None if calls[0] % 7 == 0 else scan(self, carry, samples)
+        return None if calls[0] % 7 == 0 else scan(self, kernel_state, samples)
 
     monkeypatch.setattr(Window, "scan", sometimes)
-    assert np.isfinite(most_likely_start(window).carry).all()
+    assert np.isfinite(most_likely_start(window).kernel_state).all()
     assert calls[0] < 3 * EVALUATIONS * 20
 
 
@@ -261,6 +263,6 @@ def test_a_rig_in_which_nothing_is_uncertain() -> None:
         0,
     )
     window = window_of(certain, rig, 0.3)
-    assert not window.runner.states.lasting.any()
+    assert not window.estimator.states.lasting.any()
     assert most_likely_start(window) is window.start
     assert np.isfinite(estimate(certain, rig, homing=0.3, compiled=False).theta).all()

@@ -90,7 +90,7 @@ def test_where_a_joint_stands_is_known_exactly_unless_it_is_said_otherwise() -> 
         for name in homing_filter(rig, compiled=False).state_names
         if name.startswith("bias_home")
     ]
-    runner = homing_filter(rig, 0.02, compiled=False)
-    (index,) = [i for i, name in enumerate(runner.state_names) if name.startswith("bias_home")]
-    assert runner.states.stds[index] == pytest.approx(0.02)
-    assert runner.channels[-1] == "home"
+    estimator = homing_filter(rig, 0.02, compiled=False)
+    (index,) = [i for i, name in enumerate(estimator.state_names) if name.startswith("bias_home")]
+    assert estimator.states.stds[index] == pytest.approx(0.02)
+    assert estimator.channels[-1] == "home"

@@ -26,9 +26,9 @@ def moved(gate: GoalGate, speed: float, seconds: float, load: float = 0.0) -> fl
     """Move all motors along a ramp; goals are ahead of them by a lag and a load. Return the end."""
     count = round(seconds / PERIOD)
     for k in range(count):
-        place = speed * k * PERIOD
-        gate.read(k * PERIOD, np.full(4, place))
-        gate.passed(k * PERIOD, np.full(4, place + speed * LAG + load))
+        position = speed * k * PERIOD
+        gate.read(k * PERIOD, np.full(4, position))
+        gate.passed(k * PERIOD, np.full(4, position + speed * LAG + load))
     return count * PERIOD
 
 
@@ -64,10 +64,10 @@ def test_a_goal_stays_within_the_range_and_the_speed() -> None:
 def test_one_lost_read_changes_nothing() -> None:
     gate, twin = GoalGate(two_motors()), GoalGate(two_motors())
     for k in range(100):
-        place = np.full(4, 1e-3 * k)
-        twin.read(k * PERIOD, place)
-        gate.read(k * PERIOD, np.full(4, nan) if k % 5 == 3 else place)
-        goals = place + 2e-3
+        position = np.full(4, 1e-3 * k)
+        twin.read(k * PERIOD, position)
+        gate.read(k * PERIOD, np.full(4, nan) if k % 5 == 3 else position)
+        goals = position + 2e-3
         np.testing.assert_array_equal(
             gate.passed(k * PERIOD, goals), twin.passed(k * PERIOD, goals)
         )
@@ -161,8 +161,8 @@ def test_a_place_that_cannot_be_is_not_where_a_slider_stops(
     gate = GoalGate(two_motors(**{f"drives.{i}.stops": stops for i in range(4)}))
     time = moved(gate, 0.0, 0.3)
     for k in range(40):
-        places = np.array([wild if k < 8 else nan, 0.0, 0.0, 0.0])
-        gate.read(time + k * PERIOD, places)
+        positions = np.array([wild if k < 8 else nan, 0.0, 0.0, 0.0])
+        gate.read(time + k * PERIOD, positions)
         sent = gate.passed(time + k * PERIOD, np.zeros(4))
     assert np.nanmax(np.abs(sent)) < 0.011
     assert gate.stopped[0]
@@ -224,10 +224,10 @@ def test_goals_of_a_motor_that_is_deaf_stay_near_it_until_it_moves() -> None:
     assert max(rows[40:]) <= AHEAD + ARRIVED
     assert max(rows[40:]) > ARRIVED
     for k in range(100, 110):
-        place = np.full(1, 0.02 * (k - 99))
-        gate.read(k * PERIOD, place, np.full(1, 0.05))
-        sent = gate.passed(k * PERIOD, place + 0.5)
-    assert sent == pytest.approx(place + 0.5)
+        position = np.full(1, 0.02 * (k - 99))
+        gate.read(k * PERIOD, position, np.full(1, 0.05))
+        sent = gate.passed(k * PERIOD, position + 0.5)
+    assert sent == pytest.approx(position + 0.5)
     assert gate.note == ""
 
 
@@ -264,7 +264,7 @@ def test_readings_that_never_change_although_a_motor_has_to_move_are_old() -> No
 
 
 def test_a_reading_that_a_motor_has_left_behind_is_not_believed() -> None:
-    gate, rng, places = GoalGate(load_rig("capstan-joint")), np.random.default_rng(2), []
+    gate, rng, positions = GoalGate(load_rig("capstan-joint")), np.random.default_rng(2), []
     torques = 0.02 + 1e-3 * rng.normal(size=40)
     for k in range(40):
         late = k in (20, 25, 26)
@@ -273,8 +273,8 @@ def test_a_reading_that_a_motor_has_left_behind_is_not_believed() -> None:
         gate.passed(k * PERIOD, np.full(1, 0.04 * k + 0.1))
         assert np.isnan(read).all() == late
         assert (gate.note == "motor answers with an old reading") == late
-        places.append(read)
-    assert places[-1] == pytest.approx(0.04 * 39)
+        positions.append(read)
+    assert positions[-1] == pytest.approx(0.04 * 39)
 
 
 @given(
@@ -293,9 +293,9 @@ def test_whatever_comes_goals_are_numbers_and_no_faster_than_a_motor(
 ) -> None:
     """One motor is read and wanted at random; each goal that is sent is near the one before."""
     gate, time, before = GoalGate(two_motors()), 0.0, nan
-    for place, goal, dt in rows:
+    for position, goal, dt in rows:
         time += dt
-        gate.read(time, np.array([place, 0.0, 0.0, 0.0]))
+        gate.read(time, np.array([position, 0.0, 0.0, 0.0]))
         sent = gate.passed(time, np.full(4, goal))
         assert not np.isinf(sent).any()
         if np.isfinite(sent[1]) and np.isfinite(before) and not gate.stopped[1]:
@@ -309,9 +309,9 @@ def test_a_goal_that_ran_away_gives_way_to_where_its_motor_comes_to_rest(way: fl
     """s + v (age + T), with the age of the reading and the servo's lag, in the way it went."""
     gate, speed = GoalGate(load_rig("capstan-joint")), way * 2.0
     for k in range(40):
-        place = speed * max(k - 10, 0) * PERIOD  # it stands at first
-        gate.read(k * PERIOD, np.full(1, place))
-        gate.passed(k * PERIOD, np.full(1, place + way * 0.9 * (k > 10)))
+        position = speed * max(k - 10, 0) * PERIOD  # it stands at first
+        gate.read(k * PERIOD, np.full(1, position))
+        gate.passed(k * PERIOD, np.full(1, position + way * 0.9 * (k > 10)))
     last = speed * 29 * PERIOD
     for k in range(40, 70):
         gate.read(k * PERIOD, np.full(1, nan))

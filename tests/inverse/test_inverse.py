@@ -103,13 +103,13 @@ def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
     moving = np.flatnonzero(np.all(np.abs(speeds) > 0.1, axis=1) & (TIME > 0.5))
     assert len(moving) > 50
     for k in moving[::20]:
-        at = np.concatenate([commands.angles[k], commands.places[k]])
+        at = np.concatenate([commands.angles[k], commands.positions[k]])
         ways = np.sign(speeds[k])
         needed, limits = model.needed(
             commands.angles[k],
             speeds[k],
             accelerations[k],
-            commands.places[k],
+            commands.positions[k],
             ways,
             np.zeros(nj),
             p,
@@ -120,7 +120,7 @@ def test_at_the_places_the_joints_lack_nothing(name: str) -> None:
         )
     if all(model.one_sided):
         assert commands.tensions.min() >= 2.0 - 1e-6
-    assert nd == commands.places.shape[1]
+    assert nd == commands.positions.shape[1]
     assert commands.notes == ()
 
 
@@ -140,26 +140,28 @@ def test_a_drive_goes_no_further_than_its_range_and_it_is_said() -> None:
     rig = load_rig("paper-2008")
     commands = finger(Inverse(rig, least_tension="2 N", compiled=False))
     low, high = np.array([drive.stops for drive in rig.drives]).T
-    assert np.all((commands.places >= low) & (commands.places <= high))
+    assert np.all((commands.positions >= low) & (commands.positions <= high))
     assert any("left would have to go beyond its range" in note for note in commands.notes)
 
 
-@pytest.mark.parametrize("wanted", [30.0, 60.0, -60.0])
-def test_a_joint_whose_drives_end_rests_where_friction_holds_it(wanted: float) -> None:
+@pytest.mark.parametrize("desired", [30.0, 60.0, -60.0])
+def test_a_joint_whose_drives_end_rests_where_friction_holds_it(desired: float) -> None:
     """|r(θ, s)| ≤ l at the places that are sent, on the way that the joint came."""
     inverse = Inverse(load_rig("paper-2008"), compiled=False)
     time = np.linspace(0.0, 2.0, 100)
     way = 0.5 - 0.5 * np.cos(np.pi * time / 2.0)
-    commands = inverse(time, np.deg2rad(wanted) * way[:, None])
+    commands = inverse(time, np.deg2rad(desired) * way[:, None])
     model = inverse.model
-    free, places = ca.SX.sym("free", model.nf), ca.SX.sym("places", model.nd)
+    free, positions = ca.SX.sym("free", model.nf), ca.SX.sym("positions", model.nd)
     still, none = ca.SX.zeros(model.nf), ca.SX.zeros(model.nj)
     p = model.mechanism.parameters
-    look = ca.Function("look", [free, places, p.symbols], lacking(model, free, places, still, none))
-    lacks, friction = look(commands.angles[-1], commands.places[-1], p.values)
+    look = ca.Function(
+        "look", [free, positions, p.symbols], lacking(model, free, positions, still, none)
+    )
+    lacks, friction = look(commands.angles[-1], commands.positions[-1], p.values)
     assert abs(float(lacks)) <= 1.001 * float(friction)
-    reached = np.rad2deg(commands.angles[:, 0]) * np.sign(wanted)
-    assert 15.0 < reached[-1] < abs(wanted)
+    reached = np.rad2deg(commands.angles[:, 0]) * np.sign(desired)
+    assert 15.0 < reached[-1] < abs(desired)
     assert (np.diff(reached) > -0.5).all()
     assert "cannot do what is wanted" in " ".join(commands.notes)
 
@@ -180,16 +182,16 @@ def test_what_a_map_adds_is_taken_off_what_is_wanted() -> None:
     plain, mapped = (
         Inverse(one, compiled=False) for one in (rig, rig.with_values({"discrepancy": learned}))
     )
-    wanted = 0.3 + 0.1 * np.sin(TIME)
-    with_map, without = mapped(TIME, wanted), plain(TIME, wanted - 0.02)
+    desired = 0.3 + 0.1 * np.sin(TIME)
+    with_map, without = mapped(TIME, desired), plain(TIME, desired - 0.02)
     late = TIME > 1.0
-    np.testing.assert_allclose(with_map.places[late], without.places[late], atol=1e-6)
+    np.testing.assert_allclose(with_map.positions[late], without.positions[late], atol=1e-6)
     np.testing.assert_allclose(with_map.angles[late], without.angles[late] + 0.02, atol=1e-6)
     extra = with_map.stds[late] ** 2 - without.stds[late] ** 2
     np.testing.assert_allclose(extra, 0.01**2, rtol=1e-3)
 
 
-def driven(name: str, seed: int, places: np.ndarray, begin: np.ndarray) -> np.ndarray:
+def driven(name: str, seed: int, positions: np.ndarray, begin: np.ndarray) -> np.ndarray:
     """Return the true angles of a drawn plant in MuJoCo whose drives are where they were sent to,
     at `TIME`.
     """
@@ -199,7 +201,7 @@ def driven(name: str, seed: int, places: np.ndarray, begin: np.ndarray) -> np.nd
     data, n = mujoco.MjData(model), len(plant.joints)
     data.qpos[:n] = begin
     fine = np.arange(round(TIME[-1] / chain_plants.STEP) + 1) * chain_plants.STEP
-    goals = np.column_stack([np.interp(fine, TIME, place) for place in places.T])
+    goals = np.column_stack([np.interp(fine, TIME, position) for position in positions.T])
     sent = goals, np.zeros_like(goals), STIFF[plant.drives.kind]
     states, _ = chain_plants.simulate(plant, truth, model, data, sent, np.zeros((len(fine), n)))
     at = fine[:: chain_plants.EVERY]
@@ -224,13 +226,14 @@ def test_an_unfitted_finger_follows_better_than_by_the_ratio(name: str) -> None:
     commands = finger(Inverse(name, least_tension=2.0), size=0.2)
     balance = np.ones(len(arms)) - arms @ (np.linalg.pinv(arms) @ np.ones(len(arms)))
     tension = 0.0 if any(plant.pretensions) else 4.0 * balance / balance.mean()
-    ratio = (commands.wanted @ arms.T + tension / plant.stiffness) @ np.linalg.pinv(winding).T
+    ratio = (commands.desired @ arms.T + tension / plant.stiffness) @ np.linalg.pinv(winding).T
     for seed in (1, 2):
         own, other = (
-            driven(name, seed, places, commands.wanted[0]) for places in (commands.places, ratio)
+            driven(name, seed, positions, commands.desired[0])
+            for positions in (commands.positions, ratio)
         )
         errors = [
-            float(np.sqrt(np.mean((angles - commands.wanted) ** 2))) for angles in (own, other)
+            float(np.sqrt(np.mean((angles - commands.desired) ** 2))) for angles in (own, other)
         ]
         assert errors[0] < 0.6 * errors[1]
         assert np.mean(np.abs(own - commands.angles) < 1.96 * commands.stds) > 0.7
@@ -240,8 +243,8 @@ def test_fewer_drives_than_joints_go_to_the_nearest_and_say_so() -> None:
     inverse = Inverse("finger-underactuated", compiled=False)
     commands = finger(inverse)
     assert any("follow their springs" in note for note in commands.notes)
-    away = np.sqrt(np.mean((commands.angles - commands.wanted) ** 2))
-    straight = np.sqrt(np.mean((commands.wanted - commands.wanted.mean()) ** 2))
+    away = np.sqrt(np.mean((commands.angles - commands.desired) ** 2))
+    straight = np.sqrt(np.mean((commands.desired - commands.desired.mean()) ** 2))
     assert away < straight
 
 
@@ -259,7 +262,9 @@ def test_commands_are_written_by_the_rigs_own_columns(tmp_path: Path) -> None:
     commands = finger(Inverse("lab-bench", compiled=False))
     columns = commands.columns()
     counts = columns["motor_counts"]
-    np.testing.assert_allclose(counts, commands.places[:, 0] * 30 * 2000 / (2 * np.pi), rtol=1e-9)
+    np.testing.assert_allclose(
+        counts, commands.positions[:, 0] * 30 * 2000 / (2 * np.pi), rtol=1e-9
+    )
     assert {"time_ms", "current_mA", "theta [rad]", "theta_std [rad]"} <= set(columns)
     commands.write(tmp_path / "commands.csv")
     assert (tmp_path / "commands.csv").read_text().startswith("time_ms,")
@@ -295,7 +300,7 @@ def test_friction_is_made_up_for_in_the_direction_of_motion() -> None:
     up, down = 200, 600
     assert angles[up] == pytest.approx(angles[down])
     limit, softness = 0.15 * 2e-3 * commands.tensions[up].sum(), 1 / (2 * 20e3 * 8e-3**2)
-    apart = float(commands.places[up, 0] - commands.places[down, 0])
+    apart = float(commands.positions[up, 0] - commands.positions[down, 0])
     assert apart == pytest.approx(2 * (limit + 1e-3 * 0.075) * softness * 8e-3 / 5e-3, rel=1e-3)
 
 
@@ -311,11 +316,11 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
     rig, time = load_rig("lab-bench", tight), TIME[:200]
     draws, angles, share = draws_of(rig), (0.1 + 0.2 * time)[:, None], 0.1
 
-    def places(of: Rig, further: float = 0.0) -> np.ndarray:
-        return Inverse(of, compiled=False)(time, angles + further).places[[0, 150], 0]
+    def positions(of: Rig, further: float = 0.0) -> np.ndarray:
+        return Inverse(of, compiled=False)(time, angles + further).positions[[0, 150], 0]
 
-    commands, right = Inverse(rig, compiled=False)(time, angles), places(rig)
-    slope = (places(rig, 1e-3) - right) / 1e-3
+    commands, right = Inverse(rig, compiled=False)(time, angles), positions(rig)
+    slope = (positions(rig, 1e-3) - right) / 1e-3
     off = np.zeros(2)
     for draw in draws:
         paths = [
@@ -327,7 +332,9 @@ def test_the_band_is_what_the_numbers_stds_move_the_joint_by() -> None:
             for path, value in known.items()
         }
         values = {path: known[path] + step for path, step in steps.items()}
-        off += ((places(rig.with_values(values)) - right) / slope / share) ** 2 if values else 0.0
+        off += (
+            ((positions(rig.with_values(values)) - right) / slope / share) ** 2 if values else 0.0
+        )
     limit, stiffness = 0.15 * 2e-3 * commands.tensions[0].sum(), 2 * 20e3 * 8e-3**2
     off[0] += (limit / stiffness) ** 2 / 3
     np.testing.assert_allclose(commands.stds[[0, 150], 0], np.sqrt(off), rtol=0.03)

@@ -50,12 +50,12 @@ def sample_of(inverse: LiveInverse) -> np.ndarray:
 def naive_guide(v: dict[str, float]) -> dict[str, float]:
     """Return what the guide of one joint gives, in plain numbers."""
     dt = v["dt"]
-    first = v["angles"] if v["trusted"] else v["wanted"]
+    first = v["angles"] if v["trusted"] else v["desired"]
     before = v["reference_before"] if v["started_before"] else first
     wished, fastest = v["wished_before"] if v["started_before"] else first, v["fastest"]
     most = fastest / SPEEDS_UP
     braking = np.sqrt(2 * most * abs(wished - before))
-    rate = max(-fastest, min(fastest, (v["wanted"] - wished) / dt)) + np.clip(
+    rate = max(-fastest, min(fastest, (v["desired"] - wished) / dt)) + np.clip(
         (wished - before) / dt, -braking, braking
     )
     rate = float(
@@ -85,7 +85,7 @@ def naive_guide(v: dict[str, float]) -> dict[str, float]:
     )
     pushed = max(-v["torque_limit"], min(v["torque_limit"], asked))
     return {
-        "wished": v["wanted"],
+        "wished": v["desired"],
         "reference": before + step,
         "rate": rate,
         "speed": speed,
@@ -113,7 +113,7 @@ def test_the_guide_is_that_of_plain_numbers(seed: int) -> None:
     values["wished_before"] = (
         values["reference_before"] + 0.1 * rng.normal() * values["fastest"] * values["dt"]
     )
-    values["wanted"] = values["wished_before"] + rng.normal() * values["fastest"] * values["dt"]
+    values["desired"] = values["wished_before"] + rng.normal() * values["fastest"] * values["dt"]
     values["rate_before"] = rng.normal() * values["fastest"]
     values["angles"] = values["reference_before"] + rng.normal() * values["deadband"]
     found = guide(**values)
@@ -126,15 +126,15 @@ def test_on_a_plant_of_others_the_joint_goes_where_it_is_wanted() -> None:
     rest.
     """
     rig, time = Ropes(0).rig, np.arange(600) * PERIOD
-    wanted = np.where(time < 3.0, 0.4 * np.sin(2.0 * time), 0.4 * np.sin(6.0))[:, None]
-    start = Inverse(rig, least_tension=2.0)(time, wanted).sent[0]
+    desired = np.where(time < 3.0, 0.4 * np.sin(2.0 * time), 0.4 * np.sin(6.0))[:, None]
+    start = Inverse(rig, least_tension=2.0)(time, desired).sent[0]
     late = time >= 0.5
-    live = driven(Ropes(0), rig, wanted, (0,), start, live_law(rig, Feedback()))
-    ratio, _ = run(Ropes(0), inextensible(rig, wanted, start))
-    errors = [np.sqrt(np.mean((angles - wanted)[late] ** 2)) for angles in (live, ratio)]
+    live = driven(Ropes(0), rig, desired, (0,), start, live_law(rig, Feedback()))
+    ratio, _ = run(Ropes(0), inextensible(rig, desired, start))
+    errors = [np.sqrt(np.mean((angles - desired)[late] ** 2)) for angles in (live, ratio)]
     assert errors[0] < 0.4 * errors[1]
     assert np.rad2deg(errors[0]) < 0.8
-    assert hunts(time, wanted, live) == 0
+    assert hunts(time, desired, live) == 0
 
 
 @pytest.mark.usefixtures("as_users_compile")
@@ -142,9 +142,9 @@ def test_with_and_without_a_compiler_it_is_the_same() -> None:
     compiled, interpreted = LiveInverse(RIG), LiveInverse(RIG, compiled=False)
     sample = sample_of(compiled)
     for k in range(20):
-        wanted = [0.1 + 0.01 * k]
-        both = [one.step(0.01 * k, wanted, sample) for one in (compiled, interpreted)]
-        np.testing.assert_allclose(both[0].places, both[1].places, rtol=0, atol=1e-12)
+        desired = [0.1 + 0.01 * k]
+        both = [one.step(0.01 * k, desired, sample) for one in (compiled, interpreted)]
+        np.testing.assert_allclose(both[0].positions, both[1].positions, rtol=0, atol=1e-12)
         np.testing.assert_allclose(both[0].speeds, both[1].speeds, rtol=0, atol=1e-9)
         np.testing.assert_allclose(both[0].forces, both[1].forces, rtol=0, atol=1e-9)
 
@@ -159,7 +159,7 @@ def test_a_clone_goes_on_alone(inverse: LiveInverse) -> None:
         once = other.step(0.05, [0.25], sample)
         assert inverse.estimator.time == 0.04
         np.testing.assert_array_equal(
-            once.places, cloned(inverse).step(0.05, [0.25], sample).places
+            once.positions, cloned(inverse).step(0.05, [0.25], sample).positions
         )
         # a stamp that comes twice leaves the last command as it is
         again, own = (one.step(0.04, [0.25], sample) for one in (cloned(inverse), inverse.clone()))
@@ -175,16 +175,16 @@ def test_nothing_is_sent_before_every_drive_was_read(inverse: LiveInverse) -> No
     for k, lost in enumerate((np.full_like(sample, np.nan), sample[:1], sample)):
         time = float("nan") if k == 2 else 0.01 * k
         command = inverse.step(time, [0.1], lost)
-        for values in (command.places, command.speeds, command.forces):
+        for values in (command.positions, command.speeds, command.forces):
             assert np.isnan(values).all()
         assert "nothing is sent" in command.note
     one = sample.copy()
     one[inverse.channels.index(inverse.rig.sensors_of("position")[0].name)] = np.nan
-    assert np.isnan(inverse.step(0.02, [0.1], one).places).all()
-    assert np.isfinite(inverse.step(0.03, [0.1], sample).places).all()
+    assert np.isnan(inverse.step(0.02, [0.1], one).positions).all()
+    assert np.isfinite(inverse.step(0.03, [0.1], sample).positions).all()
     # once a command was sent, it stays while nothing is read
     kept = inverse.step(0.04, [0.1], np.full_like(sample, np.nan))
-    assert np.isfinite(kept.places).all()
+    assert np.isfinite(kept.positions).all()
 
 
 def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
@@ -193,7 +193,7 @@ def test_a_late_sample_leaves_the_command(inverse: LiveInverse) -> None:
     inverse.step(0.0, [0.1], sample)
     last = inverse.step(0.01, [0.12], sample)
     late = inverse.step(0.005, [0.5], sample)
-    np.testing.assert_array_equal(late.places, last.places)
+    np.testing.assert_array_equal(late.positions, last.positions)
     assert "late" in late.note
     assert "the last command stays" in inverse.step(float("nan"), [0.5], sample).note
     assert "the last command stays" in inverse.step(0.02, [0.5], sample[:1]).note
@@ -204,17 +204,17 @@ def test_a_jump_is_as_fast_as_joints_may_turn_and_no_angle_is_the_one_before(
     inverse: LiveInverse,
 ) -> None:
     inverse.reset()
-    sample, places = sample_of(inverse), []
+    sample, positions = sample_of(inverse), []
     for k in range(60):
-        wanted = 0.1 if k < 10 else 0.3 if k < 40 else np.nan
-        places.append(inverse.step(0.01 * k, [wanted], sample).places)
+        desired = 0.1 if k < 10 else 0.3 if k < 40 else np.nan
+        positions.append(inverse.step(0.01 * k, [desired], sample).positions)
     # inertia at the largest acceleration, friction that turns over, and the motion itself
     fastest = np.ptp(inverse.rig.joints[0].travel) / ACROSS
     arm, inertia = 9.53e-3, inverse.rig.joints[0].inertia.value
     stretch = (inertia * fastest / SPEEDS_UP + 2 * 0.03) / arm / 806.0
-    assert np.abs(np.diff(places, axis=0)).max() < 2 * stretch + fastest * 0.01 * arm
-    assert np.abs(places[-1] - places[9]).max() > 0.15 * arm
-    np.testing.assert_allclose(places[-1], places[42], atol=2e-4)
+    assert np.abs(np.diff(positions, axis=0)).max() < 2 * stretch + fastest * 0.01 * arm
+    assert np.abs(positions[-1] - positions[9]).max() > 0.15 * arm
+    np.testing.assert_allclose(positions[-1], positions[42], atol=2e-4)
 
 
 def test_what_is_not_known_is_not_fed_back(inverse: LiveInverse) -> None:
@@ -223,15 +223,15 @@ def test_what_is_not_known_is_not_fed_back(inverse: LiveInverse) -> None:
     sample = sample_of(inverse)
     for k in range(100):
         inverse.step(0.01 * k, [0.3], sample)  # the readings say 0.1: it is corrected
-    at = inverse._layouts.carry["correction"]
+    at = inverse._layouts.kernel_state["correction"]
     for k in range(100, 400):
         silent = inverse.step(0.01 * k, [0.3], np.full(len(sample), np.nan))
-    held = inverse._loop.carry[at].copy()
+    held = inverse._loop.kernel_state[at].copy()
     assert abs(held[0]) > 0.01
     assert "no feedback" in silent.note
     silent = inverse.step(4.0, [0.2], np.full(len(sample), np.nan))
-    np.testing.assert_array_equal(inverse._loop.carry[at], held)
-    assert np.isfinite(silent.places).all()
+    np.testing.assert_array_equal(inverse._loop.kernel_state[at], held)
+    assert np.isfinite(silent.positions).all()
 
 
 @pytest.mark.parametrize("arrives", [True, False])
@@ -244,10 +244,10 @@ def test_commands_begin_anew_where_none_arrives(inverse: LiveInverse, arrives: b
     for k in range(100, 130):
         inverse.step(0.01 * k, [0.3], sample)
         inverse.confirm(arrives)
-    corrected = abs(inverse._carry["correction"][0])
+    corrected = abs(inverse._kernel_state["correction"][0])
     assert corrected > 0.01 if arrives else corrected == 0.0
     if not arrives:
-        assert inverse._carry["reference"] == pytest.approx(inverse.estimator.mean[:1])
+        assert inverse._kernel_state["reference"] == pytest.approx(inverse.estimator.mean[:1])
 
 
 def test_an_angle_is_commanded_for_when_the_drive_gets_there() -> None:
@@ -258,11 +258,11 @@ def test_an_angle_is_commanded_for_when_the_drive_gets_there() -> None:
     inverse = LiveInverse(with_delay(late), feedback=Feedback(follow=0.0), compiled=False)
     for k in range(60):
         inverse.step(0.01 * k, [0.1 + acceleration * (0.01 * k) ** 2 / 2], sample_of(inverse))
-    wanted = 0.1 + acceleration * (0.59 + late) ** 2 / 2
+    desired = 0.1 + acceleration * (0.59 + late) ** 2 / 2
     # differences over 10 ms are half of that late, and smoothed over 5 ms
     behind = acceleration * 0.59 * 0.0 + late * acceleration * (0.005 + SMOOTHED)
     bend = acceleration * late**2 / 2
-    assert float(inverse._y["angles"][0]) == pytest.approx(wanted - behind, abs=0.3 * bend)
+    assert float(inverse._y["angles"][0]) == pytest.approx(desired - behind, abs=0.3 * bend)
 
 
 def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
@@ -278,15 +278,15 @@ def test_a_learned_map_is_taken_off_and_a_torque_from_outside_is_held() -> None:
         "reach": 1e3,
     }
     learned = {**made(own=1.0).model_dump(), **wide, "terms": ["1"], "joints": [constant]}
-    places = []
-    for one, wanted in ((rig, 0.1), (rig.with_values({"discrepancy": learned}), 0.12)):
+    positions = []
+    for one, desired in ((rig, 0.1), (rig.with_values({"discrepancy": learned}), 0.12)):
         inverse = LiveInverse(one, feedback=Feedback(follow=0.0), compiled=False)
         sample = np.zeros(len(inverse.channels))
         for k in range(80):
-            command = inverse.step(0.005 * k, [wanted], sample)
+            command = inverse.step(0.005 * k, [desired], sample)
         assert command.note == ""
-        places.append(command.places)
-    np.testing.assert_allclose(places[0], places[1], atol=2e-5)
+        positions.append(command.positions)
+    np.testing.assert_allclose(positions[0], positions[1], atol=2e-5)
 
 
 @pytest.mark.parametrize(("compensates", "share"), [(True, -1.0), (False, 0.0)])
@@ -321,11 +321,11 @@ def test_feedback_does_not_wind_up_against_what_is_touched(touched: float) -> No
     for k in range(30):
         inverse.step(0.01 * k, [0.1], sample)
     inverse._x["touched"][:] = touched
-    before = {name: inverse._carry[name].copy() for name in ("correction", "effort")}
+    before = {name: inverse._kernel_state[name].copy() for name in ("correction", "effort")}
     for _ in range(20):
         inverse._loop.step()
     for name, value in before.items():
-        assert (inverse._carry[name] == value).all() == (touched > 0.5)
+        assert (inverse._kernel_state[name] == value).all() == (touched > 0.5)
 
 
 def test_nothing_winds_up_against_a_stop_or_the_end_of_a_range() -> None:
@@ -338,9 +338,11 @@ def test_nothing_winds_up_against_a_stop_or_the_end_of_a_range() -> None:
         for k in range(200):
             command = inverse.step(0.01 * k, [3.0], sample)
         assert why in command.note
-        correction = float(inverse._loop.carry[inverse._layouts.carry["correction"]][0])
+        correction = float(
+            inverse._loop.kernel_state[inverse._layouts.kernel_state["correction"]][0]
+        )
         assert (
-            abs(float(inverse._loop.carry[inverse._layouts.carry["reference"]][0]))
+            abs(float(inverse._loop.kernel_state[inverse._layouts.kernel_state["reference"]][0]))
             <= (joint.stops or (0.0, 3.0))[1]
         )
     assert abs(correction) < 0.5 * MOST
@@ -353,7 +355,7 @@ def test_a_drive_that_follows_speeds_comes_back_to_its_place(inverse: LiveInvers
     for k in range(200):
         command = inverse.step(0.01 * k, [0.1], sample)
     read = np.array([sample[inverse.channels.index(name)] for name in ("x1", "x2")])
-    np.testing.assert_allclose(command.speeds, (command.places - read) / 0.1, atol=2e-3)
+    np.testing.assert_allclose(command.speeds, (command.positions - read) / 0.1, atol=2e-3)
 
 
 def test_a_reading_is_the_place_its_offset_and_its_curve() -> None:
@@ -361,12 +363,12 @@ def test_a_reading_is_the_place_its_offset_and_its_curve() -> None:
     rig = load_rig("paper-2008").with_values(
         {"sensors.x1.bias": {"value": 2e-4, "std": 0.0}, "sensors.x1.curve": [0.0, 5e-5]}
     )
-    places = np.linspace(-2e-3, 6e-3, 9)
-    found = readings(CommandModel(rig), np.column_stack([places, places]))
+    positions = np.linspace(-2e-3, 6e-3, 9)
+    found = readings(CommandModel(rig), np.column_stack([positions, positions]))
     low, high = rig.drives[0].stops
-    expected = places + 2e-4 + 5e-5 * np.cos(np.pi * (places - low) / (high - low))
+    expected = positions + 2e-4 + 5e-5 * np.cos(np.pi * (positions - low) / (high - low))
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-7)
-    np.testing.assert_allclose(found[:, 1], places, atol=1e-12)
+    np.testing.assert_allclose(found[:, 1], positions, atol=1e-12)
 
 
 def test_a_servo_is_where_it_has_to_be_in_time() -> None:
@@ -378,12 +380,16 @@ def test_a_servo_is_where_it_has_to_be_in_time() -> None:
     )
     step = 1e-3
     time = np.arange(0.0, 3.0, step)
-    places = 5e-3 * np.sin(2 * np.pi * 0.7 * time)
-    for given_places, most in ((sent(time, places, rig.drives[0]), 0.01), (places, 0.2)):
-        late, place, error = np.interp(time - 0.02, time, given_places), float(places[0]), []
+    positions = 5e-3 * np.sin(2 * np.pi * 0.7 * time)
+    for given_positions, most in ((sent(time, positions, rig.drives[0]), 0.01), (positions, 0.2)):
+        late, position, error = (
+            np.interp(time - 0.02, time, given_positions),
+            float(positions[0]),
+            [],
+        )
         for k in range(len(time)):
-            place += (1 - np.exp(-2 * np.pi * 10.0 * step)) * (late[k] - place)
-            error.append(place - places[k])
+            position += (1 - np.exp(-2 * np.pi * 10.0 * step)) * (late[k] - position)
+            error.append(position - positions[k])
         away = np.abs(error[1000:2500]).max() / 5e-3
         assert away < most
         assert away > most / 10
@@ -419,7 +425,7 @@ def test_a_limit_of_torque_is_above_zero(limit: float) -> None:
         Feedback(torque_limit=limit)
 
 
-@pytest.mark.parametrize("wanted", [[0.1, 0.2], {"elbow": 0.1}, []])
-def test_wanted_angles_are_those_of_the_joints(wanted: object, inverse: LiveInverse) -> None:
+@pytest.mark.parametrize("desired", [[0.1, 0.2], {"elbow": 0.1}, []])
+def test_wanted_angles_are_those_of_the_joints(desired: object, inverse: LiveInverse) -> None:
     with pytest.raises(CommandError, match="link"):
-        inverse.step(0.0, wanted, sample_of(inverse))  # type: ignore[arg-type]
+        inverse.step(0.0, desired, sample_of(inverse))  # type: ignore[arg-type]

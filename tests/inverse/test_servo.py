@@ -25,12 +25,12 @@ def servo_rig(**servo: object) -> Rig:
 def log_of(rig: Rig, seed: int = 1) -> Log:
     """Return a log of such a servo: u = F/K + δ d + T ds/dt + s."""
     rng, time = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.01)
-    place, force = np.sin(0.9 * time), 0.05 * np.cos(1.7 * time) + 0.02
-    speed = np.gradient(place, time)
-    goal = place + force / STIFFNESS + DEAD_BAND * np.sign(speed) + 0.03 * speed
+    position, force = np.sin(0.9 * time), 0.05 * np.cos(1.7 * time) + 0.02
+    speed = np.gradient(position, time)
+    goal = position + force / STIFFNESS + DEAD_BAND * np.sign(speed) + 0.03 * speed
     names = {sensor.measures: sensor.name for sensor in rig.sensors}
     read = {
-        names["position"]: place + 1e-4 * rng.normal(size=len(time)),
+        names["position"]: position + 1e-4 * rng.normal(size=len(time)),
         names["force"]: force + 1e-3 * rng.normal(size=len(time)),
     }
     return Log(time, read, {}, "servo", goals={rig.drives[0].name: goal})
@@ -68,7 +68,7 @@ def test_commands_are_further_by_what_a_servo_gives_way() -> None:
     stiff = Inverse(servo_rig(), compiled=False)(time, angles)
     soft = Inverse(servo_rig(stiffness=STIFFNESS), compiled=False)(time, angles)
     np.testing.assert_allclose(soft.sent - stiff.sent, stiff.forces / STIFFNESS, atol=1e-12)
-    np.testing.assert_allclose(soft.places, stiff.places)
+    np.testing.assert_allclose(soft.positions, stiff.positions)
     dead = Inverse(servo_rig(dead_band=DEAD_BAND), compiled=False)(time, angles)
     moving = (np.abs(stiff.speeds) > 0.3) & (time > 0.5)[:, None]
     np.testing.assert_allclose(
@@ -80,5 +80,5 @@ def test_commands_are_further_by_what_a_servo_gives_way() -> None:
     for k in range(40):
         sample = np.zeros(len(live[0].channels))
         commands = [one.step(0.01 * k, [0.02], sample) for one in live]
-    given = commands[1].places - commands[0].places
+    given = commands[1].positions - commands[0].positions
     np.testing.assert_allclose(given, commands[0].forces / STIFFNESS, atol=1e-9)

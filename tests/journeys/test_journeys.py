@@ -35,9 +35,9 @@ def shell(tmp_path: Path, site: Path) -> Shell:
     return Shell(tmp_path, site)
 
 
-def rms_of(told: str, estimator: str = "adaptive") -> float:
+def rms_of(identified: str, estimator: str = "adaptive") -> float:
     """Return the error against the truth that `distal estimate` printed [°]."""
-    row = next(line for line in told.splitlines() if line.split()[:1] == [estimator])
+    row = next(line for line in identified.splitlines() if line.split()[:1] == [estimator])
     return float(row.split()[1])
 
 
@@ -89,24 +89,24 @@ def test_a_researcher_with_logs_of_a_rig(seed: int, shell: Shell) -> None:
     (shell.folder / "mine.toml").write_text("# my finger\n" + text, encoding="utf-8")
     for i in range(4):
         write_log(finger_log(10 * seed + i, 8.0), rig, shell.folder / f"run_{i}.csv")
-    told = shell.run(
+    identified = shell.run(
         """
         distal rig check mine.toml
         distal estimate run_3.csv --rig mine.toml -e adaptive --no-what-if
         """
     )
-    before = rms_of(told)
-    told = shell.run(
+    before = rms_of(identified)
+    identified = shell.run(
         "distal fit run_0.csv run_1.csv run_2.csv --rig mine.toml --out fitted.toml --report report"
     )
-    assert "wrote fitted.toml" in told
+    assert "wrote fitted.toml" in identified
     assert (shell.folder / "report" / "index.html").is_file()
     assert "# my finger" in (shell.folder / "fitted.toml").read_text(encoding="utf-8")
-    told = shell.run(
+    identified = shell.run(
         "distal rig check fitted.toml\n"
         "distal estimate run_3.csv --rig fitted.toml -e adaptive --no-what-if"
     )
-    assert rms_of(told) < 0.5 * before
+    assert rms_of(identified) < 0.5 * before
     desired(shell.folder, "theta", 20.0, 60.0)
     goes_on(shell, "fitted.toml", "run_3.csv", "theta")
 
@@ -152,13 +152,13 @@ def test_a_model_of_mujoco(seed: int, shell: Shell) -> None:
     from tests.rig.mjcf.models import FINGER
 
     (shell.folder / "finger.xml").write_text(FINGER, encoding="utf-8")
-    told = shell.run(
+    identified = shell.run(
         """
         distal rig from-mjcf finger.xml --out finger.toml
         distal rig check finger.toml
         """
     )
-    assert "joints" in told
+    assert "joints" in identified
     # the model says nothing of the sensors' errors, nor of cables that stretch
     assert load_rig(shell.folder / "finger.toml").sensors
 
@@ -166,13 +166,13 @@ def test_a_model_of_mujoco(seed: int, shell: Shell) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_rig_of_the_paper(seed: int, shell: Shell) -> None:
     """Its plant rubs more than Table 1 says."""
-    told = shell.run(
+    identified = shell.run(
         f"""
         distal simulate series-2 --out log.csv --seed {seed}
         distal estimate log.csv --rig paper-2008-observed --plot angle.png --findings
         """
     )
-    assert rms_of(told) < rms_of(told, "inextensible")
+    assert rms_of(identified) < rms_of(identified, "inextensible")
     desired(shell.folder, "theta", -15.0, 15.0)
     goes_on(shell, "paper-2008-observed", "log.csv", "theta")
 

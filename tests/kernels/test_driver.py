@@ -16,10 +16,13 @@ pytestmark = pytest.mark.usefixtures("as_users_compile")
 
 
 def kernel(compiled: bool) -> Kernel:
-    carry, x, p = ca.SX.sym("carry", 2), ca.SX.sym("x"), ca.SX.sym("p")
-    following = ca.vertcat(carry[1] + p, ca.sin(carry[0]) + x)
+    kernel_state, x, p = ca.SX.sym("kernel_state", 2), ca.SX.sym("x"), ca.SX.sym("p")
+    following = ca.vertcat(kernel_state[1] + p, ca.sin(kernel_state[0]) + x)
     return Kernel(
-        ca.Function("driver", [carry, x, p], [following, ca.vertcat(carry[0] * x, p)]), compiled
+        ca.Function(
+            "driver", [kernel_state, x, p], [following, ca.vertcat(kernel_state[0] * x, p)]
+        ),
+        compiled,
     )
 
 
@@ -36,14 +39,14 @@ def test_more_runs_than_lanes_are_those_of_one_by_one(
     runs = advance_all(driven, feeds, keep)
     assert len(runs) == len(feeds)
     for feed, run in zip(feeds, runs):
-        carry = feed.carry
+        kernel_state = feed.kernel_state
         for k, x in enumerate(feed.rows[:, 0]):
-            expected = np.array([carry[1] + feed.p[0], np.sin(carry[0]) + x])
-            np.testing.assert_allclose(run.ys[k], [carry[0] * x, feed.p[0]], rtol=1e-14)
+            expected = np.array([kernel_state[1] + feed.p[0], np.sin(kernel_state[0]) + x])
+            np.testing.assert_allclose(run.ys[k], [kernel_state[0] * x, feed.p[0]], rtol=1e-14)
             np.testing.assert_allclose(
-                run.carries[k], expected if keep is None else expected[list(keep)], rtol=1e-12
+                run.kernel_states[k], expected if keep is None else expected[list(keep)], rtol=1e-12
             )
-            carry = expected
+            kernel_state = expected
         np.testing.assert_array_equal(run.ys, advance(driven, feed).ys)
 
 
@@ -54,8 +57,8 @@ def test_no_run_is_none_and_a_kernel_without_a_compiler_has_one_lane() -> None:
 
 def test_bridges_of_gaps_are_left_out() -> None:
     run = Advanced(np.arange(8.0).reshape(4, 2), np.arange(4.0).reshape(4, 1))
-    carries, ys = at_samples(run, np.array([0, 3]))
-    np.testing.assert_array_equal(carries, [[0, 1], [6, 7]])
+    kernel_states, ys = at_samples(run, np.array([0, 3]))
+    np.testing.assert_array_equal(kernel_states, [[0, 1], [6, 7]])
     np.testing.assert_array_equal(ys, [[0], [3]])
     assert at_samples(run, np.arange(4)) is run
 
@@ -72,6 +75,6 @@ def test_kernels_are_fed_by_the_driver_alone() -> None:
         if fed.search(path.read_text("utf-8"))
     )
     assert sorted(path for path in files if not path.startswith("kernels/")) == [
-        "inverse/live.py",
-        "run/live.py",
+        "inverse/live_inverse.py",
+        "run/live_estimator.py",
     ]

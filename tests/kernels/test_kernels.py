@@ -28,10 +28,14 @@ needs_compiler = pytest.mark.skipif(
 
 
 def small_function(name: str = "small") -> ca.Function:
-    carry, x, p = ca.MX.sym("carry", 2), ca.MX.sym("x", 1), ca.MX.sym("p", 1)
-    following = ca.vertcat(carry[0] + 0.1 * carry[1], p * carry[1] + x)
+    kernel_state, x, p = ca.MX.sym("kernel_state", 2), ca.MX.sym("x", 1), ca.MX.sym("p", 1)
+    following = ca.vertcat(kernel_state[0] + 0.1 * kernel_state[1], p * kernel_state[1] + x)
     return ca.Function(
-        name, [carry, x, p], [following, ca.sumsqr(following)], ["carry", "x", "p"], ["next", "y"]
+        name,
+        [kernel_state, x, p],
+        [following, ca.sumsqr(following)],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 
@@ -57,10 +61,10 @@ def test_scan_is_many_steps_and_compiled_is_interpreted(fresh: Path) -> None:
     results = [one.scan(START, INPUTS, P) for one in (compiled, interpreted)]
     for got, expected in zip(*results):
         np.testing.assert_array_equal(got, expected)
-    carry = START
+    kernel_state = START
     for k, x in enumerate(INPUTS):
-        (carry,), (y,) = compiled.scan(carry, x, P)
-        np.testing.assert_array_equal(carry, results[0][0][k])
+        (kernel_state,), (y,) = compiled.scan(kernel_state, x, P)
+        np.testing.assert_array_equal(kernel_state, results[0][0][k])
         np.testing.assert_array_equal(y, results[0][1][k])
 
 
@@ -212,9 +216,11 @@ def test_threads_may_share_a_kernel() -> None:
     """Compiled or interpreted: eight threads get what one gets."""
     from concurrent.futures import ThreadPoolExecutor
 
-    carry, x, p = ca.SX.sym("carry", 2), ca.SX.sym("x"), ca.SX.sym("p")
+    kernel_state, x, p = ca.SX.sym("kernel_state", 2), ca.SX.sym("x"), ca.SX.sym("p")
     function = ca.Function(
-        "shared", [carry, x, p], [ca.vertcat(carry[1] + p, ca.sin(carry[0]) + x), carry[0] * x]
+        "shared",
+        [kernel_state, x, p],
+        [ca.vertcat(kernel_state[1] + p, ca.sin(kernel_state[0]) + x), kernel_state[0] * x],
     )
     rng = np.random.default_rng(1)
     starts, xs = rng.normal(size=(16, 2)), rng.normal(size=(16, 300, 1))

@@ -95,11 +95,11 @@ def test_states_of_others_have_kernels_of_their_own() -> None:
     rig = load_rig("capstan-joint")
     angles = []
     for size in (0.0, 0.05):
-        runner = AdaptiveFilter(rig, False, kinds=(*KINDS, lambda _, size=size: [Harness(size)]))
-        assert runner.structure is None
-        sample = np.zeros(len(runner.channels))
-        belief = runner.initial(0.0, sample)
-        angles.append(runner.step(belief, runner.interval, sample)[0].mean[0])
+        estimator = AdaptiveFilter(rig, False, kinds=(*KINDS, lambda _, size=size: [Harness(size)]))
+        assert estimator.structure is None
+        sample = np.zeros(len(estimator.channels))
+        belief = estimator.initial(0.0, sample)
+        angles.append(estimator.step(belief, estimator.interval, sample)[0].mean[0])
     assert angles[0] != angles[1]
 
 

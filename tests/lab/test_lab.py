@@ -79,14 +79,16 @@ def moved(rig: Rig, pulls: np.ndarray, truth: Rig | None = None, whole: bool = F
     held = BodyInputs(np.zeros((1, n)), np.zeros((1, n)), np.zeros((1, n, 3)))
     held.effort[0, nj:] = [drive.nominal_force.value for drive in rig.drives]
     kernel = Kernel(plant_function(made.plant, made.count))
-    carry, _ = at_rest(made.plant, held, made.start, kernel)
+    kernel_state, _ = at_rest(made.plant, held, made.start, kernel)
     rows = np.column_stack(
         [
             np.repeat(pulls, made.parts, axis=0),
             np.full(made.parts * len(pulls), made.interval / made.parts),
         ]
     )
-    ys = kernel.scan(carry, rows, Mechanism(truth or rig, remembers=True).parameters.values)[1]
+    ys = kernel.scan(kernel_state, rows, Mechanism(truth or rig, remembers=True).parameters.values)[
+        1
+    ]
     return ys[made.parts - 1 :: made.parts, : None if whole else nj]
 
 
@@ -213,7 +215,7 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
     known, plain = estimate(log, rig), estimate(log, rig, "inextensible")
     pulls = np.array(found["pulls"])
     whole = moved(rig, pulls, changed(rig, found["settings"]), whole=True)
-    truth, told, half = (
+    truth, identified, half = (
         np.rad2deg(column[:, joint])
         for column in (whole[:, :nj], known.angles[1:], BAND * known.angle_stds[1:])
     )
@@ -226,8 +228,10 @@ def compare(page: Page, rig: Rig, folder: Path, first: str, joint: int) -> dict[
         assert len(at) > 100
         np.testing.assert_allclose(rows[:, 1:], np.column_stack(columns)[at], atol=1e-9)
 
-    agree(found["drawn"]["angles"], [truth, told, rough, told - half, told + half])
-    agree(found["drawn"]["errors"], [told - truth, rough - truth, -half, half])
+    agree(
+        found["drawn"]["angles"], [truth, identified, rough, identified - half, identified + half]
+    )
+    agree(found["drawn"]["errors"], [identified - truth, rough - truth, -half, half])
     name = rig.joints[joint].name
     torques = external_torques_of(make_estimator("adaptive", rig))
     if name in torques:
@@ -260,20 +264,20 @@ def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
         choose(page, joint)
         for k in range(page.value(f"{BUTTONS}.length")):
             settings = compare(page, rig, folder, f"{BUTTONS}[{k}].click()", joint)
-            wanted = page.value(f"JSON.parse({BUTTONS}[{k}].dataset.set)")
+            desired = page.value(f"JSON.parse({BUTTONS}[{k}].dataset.set)")
             for name, value in settings.items():
                 plain = {"load": 0.0, "wanted": 0.0, "range": 0.7, "speed": 0.15}.get(name, 1.0)
                 expected = (
-                    wanted.get(name, 0.0)
+                    desired.get(name, 0.0)
                     if name == "load"
-                    else 2 ** wanted[name]
-                    if name in wanted
+                    else 2 ** desired[name]
+                    if name in desired
                     else plain
                 )
                 assert value == pytest.approx(expected, rel=0.02), name  # a slider moves in steps
             assert page.value(
                 "document.querySelectorAll('input[type=checkbox]:checked').length"
-            ) == len(wanted.get("dead", []))
+            ) == len(desired.get("dead", []))
             assert text(page, "why") == page.value(f"{BUTTONS}[{k}].dataset.why")
             pressed = page.value(f"[...{BUTTONS}].map((one) => one.getAttribute('aria-pressed'))")
             assert [one == "true" for one in pressed] == [i == k for i in range(len(pressed))]
@@ -338,8 +342,8 @@ def test_the_band_holds_where_the_rig_file_allows_for_what_is_done(page: Page, r
                     "return rows; })()"
                 )
                 kept = np.array([[np.nan if x is None else x for x in row] for row in rows])
-                true, told, stds = (kept[:, 1 + 4 * joint + what] for what in range(3))
-                inside = np.abs(told - true) <= band * stds
+                true, identified, stds = (kept[:, 1 + 4 * joint + what] for what in range(3))
+                inside = np.abs(identified - true) <= band * stds
                 assert min(inside.mean(), inside[kept[:, 0] > 3.0].mean()) >= 0.88, (
                     why,
                     joint,
@@ -440,10 +444,10 @@ def test_a_joint_is_brought_to_a_wanted_angle(page: Page, rig: Rig) -> None:
     page.value("document.getElementById('bring').checked = true")
     joint = rig.joints[0]
     middle = np.rad2deg(joint.initial.value if joint.stops is None else sum(joint.stops) / 2)
-    for wanted in (8.0, -8.0):
-        set_by_hand(page, str(wanted), "wanted")
+    for desired in (8.0, -8.0):
+        set_by_hand(page, str(desired), "wanted")
         page.value("lab.run(4)")
-        assert np.rad2deg(page.value("lab.last()")[1]) == pytest.approx(middle + wanted, abs=3.0)
+        assert np.rad2deg(page.value("lab.last()")[1]) == pytest.approx(middle + desired, abs=3.0)
     page.value("document.querySelector('button[data-set]').click()")
     assert not page.value("document.getElementById('bring').checked")  # an experiment begins anew
     choose(page, len(rig.joints) - 1)

@@ -12,7 +12,7 @@ import pytest
 
 from distal import Rig, load_rig
 from distal.export.plant_source import ExportedPlant, c_plant
-from distal.lab.html_page import STIFF, SWING, _largest_load, _motion, _places, _servo
+from distal.lab.html_page import STIFF, SWING, _largest_load, _motion, _positions, _servo
 from distal.reports.moving_chain import chain_script
 
 SHOWN = Path(__file__).parents[2] / "docs" / "lab.html"
@@ -63,7 +63,7 @@ def test_drives_stand_where_their_tendons_are_as_taut_as_at_the_start(
     the joint is led to.
     """
     rig, plant = capstan
-    (table,), (motion,) = _places(rig, plant), _motion(rig)
+    (table,), (motion,) = _positions(rig, plant), _motion(rig)
     radius, arm = rig.drives[0].radius.value, rig.tendons[0].arms()["jaw"]  # type: ignore[union-attr]
     angles = np.linspace(table["from"], table["to"], len(table["rows"]))
     assert table["from"] <= motion["centre"] - motion["amplitude"] + 1e-12

@@ -77,9 +77,9 @@ def test_what_is_no_text_is_named(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     for bad, said in ((b"\0", "holds a zero byte"), (b"\xff", "is not UTF-8")):
         text = "\n".join(["t,a,b", *ROWS * 20]).encode()
-        place = text.index(b"\n", 6000) + 1
-        path.write_bytes(text[:place] + bad + text[place:])
-        row = text[:place].count(b"\n") + 1
+        position = text.index(b"\n", 6000) + 1
+        path.write_bytes(text[:position] + bad + text[position:])
+        row = text[:position].count(b"\n") + 1
         with pytest.raises(LogError, match=f"row {row}: .*{said}"):
             read_table(path)
 

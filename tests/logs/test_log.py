@@ -41,8 +41,8 @@ def test_where_a_truth_comes_from_has_a_kind_and_words() -> None:
     assert read.truth_kind is TruthKind.SENSOR
     assert str(read.truth_source) == "the reference sensor"
     assert read.select([0]).truth_kind is TruthKind.SENSOR
-    told = Log(time, {}, theta, "log", "at home, the reference sensor")
-    assert told.truth_kind is TruthKind.UNKNOWN
-    assert not told.truth_kind.by_sensor
-    assert str(told.truth_source) == "at home, the reference sensor"
+    identified = Log(time, {}, theta, "log", "at home, the reference sensor")
+    assert identified.truth_kind is TruthKind.UNKNOWN
+    assert not identified.truth_kind.by_sensor
+    assert str(identified.truth_source) == "at home, the reference sensor"
     assert str(Log(time, {}).truth_source) == ""

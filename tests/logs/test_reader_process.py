@@ -54,10 +54,10 @@ def test_a_damaged_file_costs_itself_only(path: Path) -> None:
     refused = 0
     for _ in range(60):
         changed = bytearray(content)
-        place = rng.choice(
+        position = rng.choice(
             [rng.randrange(len(content)), rng.randrange(len(content) - 400, len(content))]
         )
-        changed[place] ^= 1 << rng.randrange(8)
+        changed[position] ^= 1 << rng.randrange(8)
         path.write_bytes(changed)
         try:
             read_table(path, ["t", "a"])

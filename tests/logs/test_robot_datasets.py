@@ -43,9 +43,11 @@ def runs() -> list[np.ndarray]:
     for seed in range(4):
         rng = np.random.default_rng(seed)
         time = np.arange(300 + 10 * seed) / 200.0
-        place = np.cumsum(rng.normal(0.0, 2e-3, len(time)))
+        position = np.cumsum(rng.normal(0.0, 2e-3, len(time)))
         found.append(
-            np.column_stack([time, place, 0.02 * np.sign(np.gradient(place))]).astype(np.float32)
+            np.column_stack([time, position, 0.02 * np.sign(np.gradient(position))]).astype(
+                np.float32
+            )
         )
     return found
 

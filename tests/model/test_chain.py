@@ -204,7 +204,7 @@ def _mjcf(rig: Rig) -> str:
     for joint in rig.joints:
         link = joint.link
         assert link is not None
-        place, centre, axis, inertia = (
+        position, centre, axis, inertia = (
             " ".join(map(repr, vector))
             for vector in (joint.offset, link.centre, joint.axis, link.inertia)
         )
@@ -215,7 +215,7 @@ def _mjcf(rig: Rig) -> str:
             else inertia
         )
         inside += (
-            f"<body pos='{place}'><joint type='hinge' axis='{axis}' "
+            f"<body pos='{position}'><joint type='hinge' axis='{axis}' "
             f"armature='{joint.inertia.value!r}'/>"
         )
         inside += f"<inertial pos='{centre}' mass='{link.mass.value!r}' diaginertia='{inertia}'/>"

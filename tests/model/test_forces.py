@@ -22,7 +22,7 @@ from distal.rig import Linkage, Pinned, Pulley
 from tests.helpers import NaiveRig, finite_difference
 
 ANGLE = st.floats(-1.2, 1.2)
-PLACE = st.floats(-5e-3, 15e-3)
+POSITION = st.floats(-5e-3, 15e-3)
 
 
 def evaluate(mechanism: Mechanism) -> ca.Function:
@@ -45,7 +45,7 @@ def paper(paper_rig: Rig) -> tuple[Mechanism, ca.Function]:
     return mechanism, evaluate(mechanism)
 
 
-@given(ANGLE, PLACE, PLACE)
+@given(ANGLE, POSITION, POSITION)
 def test_forces_are_the_papers(
     paper: tuple[Mechanism, ca.Function], theta: float, x1: float, x2: float
 ) -> None:
@@ -141,7 +141,7 @@ SHAPES = {
 }
 
 
-@given(ANGLE, PLACE, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley", "linkage"]))
+@given(ANGLE, POSITION, st.sampled_from([1, -1]), st.sampled_from(["pinned", "pulley", "linkage"]))
 def test_angle_at_is_the_inverse_of_elongation(
     theta: float, x: float, side: int, kind: str
 ) -> None:

@@ -112,10 +112,10 @@ def test_a_point_of_a_cable_that_stiffens_holds_up_to_the_capstan_equation(
         return near * float(before) - far * float(after)
 
     found = cable.bounds(point, stretch, 0.0)
-    wanted = sorted(
+    desired = sorted(
         bisect(lacks, -0.05, 0.05, args, xtol=1e-12) for args in ((1.0, drawn), (drawn, 1.0))
     )
-    assert [float(found.low), float(found.high)] == pytest.approx(wanted, abs=1e-8)
+    assert [float(found.low), float(found.high)] == pytest.approx(desired, abs=1e-8)
 
 
 def test_a_cable_that_hardly_stiffens_is_linear() -> None:
@@ -144,11 +144,14 @@ def rest_of(mechanism: Mechanism, ways: list[list[float]]) -> list[tuple[Any, An
     place to place.
     """
     q, p = ca.SX.sym("q", mechanism.n_bodies), mechanism.parameters.symbols
-    place, pulls = mechanism.internal_state(q), mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
+    position, pulls = (
+        mechanism.internal_state(q),
+        mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies)),
+    )
     function = ca.Function(
-        "place",
+        "position",
         [q, p],
-        [place.q, ca.vertcat(*place.inside), pulls.joint, pulls.drive, pulls.forces],
+        [position.q, ca.vertcat(*position.inside), pulls.joint, pulls.drive, pulls.forces],
     )
     still = Mechanism(mechanism.rig)
     start, own = still.internal_state(q).inside, still.parameters
@@ -192,8 +195,8 @@ def test_the_far_side_of_a_loose_drive_is_held_by_its_sheathed_cable() -> None:
     """
     loose = {"drives.0.backlash": {"width": 1e-3, "held": False}}
     ways = [
-        [0.0, place, 0.0]
-        for place in np.concatenate([np.linspace(0, 2e-3, 21), np.linspace(2e-3, 0, 21)])
+        [0.0, position, 0.0]
+        for position in np.concatenate([np.linspace(0, 2e-3, 21), np.linspace(2e-3, 0, 21)])
     ]
     for way, (tied, inside, (_, drive, _)) in zip(ways, rest_of(sheathed(**loose), ways)):
         assert drive[0] > 0
@@ -223,8 +226,8 @@ def test_its_sweeps_are_enough(count: int) -> None:
     cable, time = sheath(count), np.arange(0.0, 6.0, 0.01)
     drive = 2e-3 + 1.2e-3 * np.sin(2 * np.pi * 0.4 * time)
     once = many = cable.middle(drive[0], 0.0)
-    for place in drive[1:]:
-        once, many = moved(cable, once, place, 0.0), moved(cable, many, place, 0.0, 60)
+    for position in drive[1:]:
+        once, many = moved(cable, once, position, 0.0), moved(cable, many, position, 0.0, 60)
         assert np.allclose(once, many, atol=0.05 * np.abs(np.diff(drive)).max())
 
 
@@ -240,30 +243,30 @@ def test_two_points_stand_for_a_whole_cable() -> None:
     fine = Cable(K, MU, WRAP)
     errors: dict[int, list[float]] = {1: [], 2: []}
     points = {count: sheath(count).middle(drive[0], joint[0]) for count in errors}
-    wanted = []
+    desired = []
     for d, j in zip(drive, joint):
         fine.settle(d, j)
-        wanted.append(fine.tensions(d, j))
+        desired.append(fine.tensions(d, j))
         for count, each in errors.items():
             points[count] = moved(sheath(count), points[count], d, j)
             each += [
                 float(a) - b
-                for a, b in zip(sheath(count).tensions(points[count], d, j), wanted[-1])
+                for a, b in zip(sheath(count).tensions(points[count], d, j), desired[-1])
             ]
-    mean = float(np.mean(wanted))
+    mean = float(np.mean(desired))
     for count, allowed in ((1, 0.1), (2, 0.05)):
         assert 0.0 < np.sqrt(np.mean(np.square(errors[count]))) < allowed * mean
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30), st.floats(0.0, 0.5))
-def test_a_gap_is_a_play(places: list[float], width: float) -> None:
+def test_a_gap_is_a_play(positions: list[float], width: float) -> None:
     far = naive = 0.0
-    for place in places:
-        far = float(gap(place, width).hold(far))
-        if naive < place - width / 2:
-            naive = place - width / 2
-        elif naive > place + width / 2:
-            naive = place + width / 2
+    for position in positions:
+        far = float(gap(position, width).hold(far))
+        if naive < position - width / 2:
+            naive = position - width / 2
+        elif naive > position + width / 2:
+            naive = position + width / 2
         assert far == pytest.approx(naive, abs=1e-12)
 
 
@@ -351,9 +354,9 @@ def test_backlash_of_a_drive() -> None:
         "damping": 50.0,
     }
     log = run(rig, {"left": {"servo": swing}, "right": {"force": 2.0}}, 4.0)
-    place, tension = log.truth["position_left"], log.truth["tension_left"]
-    far, naive = place[0], []
-    for each in place:
+    position, tension = log.truth["position_left"], log.truth["tension_left"]
+    far, naive = position[0], []
+    for each in position:
         far = min(max(far, each - width / 2), each + width / 2)
         naive.append(806.0 * far)
     late = log.time > 1.0
@@ -361,22 +364,22 @@ def test_backlash_of_a_drive() -> None:
     assert np.abs(tension - naive)[late].max() < 0.02 * np.ptp(tension)
 
 
-def torque_at(rig: Rig, angle: float, places: list[float]) -> float:
+def torque_at(rig: Rig, angle: float, positions: list[float]) -> float:
     mechanism = Mechanism(rig)
     q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
     function = ca.Function("f", [q, mechanism.parameters.symbols], [mechanism.pulls(q, v).forces])
-    return float(function([angle, *places], mechanism.parameters.values)[0])
+    return float(function([angle, *positions], mechanism.parameters.values)[0])
 
 
 @given(st.floats(-0.2, 0.2))
 def test_backlash_of_a_joint_is_a_dead_zone(angle: float) -> None:
     """Both tendons taut: τ = K (θ_eq − θ ∓ b/2) beyond the gap, nothing within; K = 2 k r²."""
     rig, width, radius = quiet({"joints.0.backlash.width": 0.05}), 0.05, 9.53e-3
-    places = [6e-3, 5e-3]
-    stiffness, rest = 2 * 806.0 * radius**2, (places[0] - places[1]) / (2 * radius)
+    positions = [6e-3, 5e-3]
+    stiffness, rest = 2 * 806.0 * radius**2, (positions[0] - positions[1]) / (2 * radius)
     away = rest - angle
     expected = stiffness * (max(away - width / 2, 0.0) + min(away + width / 2, 0.0))
-    assert torque_at(rig, angle, places) == pytest.approx(expected, abs=1e-7)
+    assert torque_at(rig, angle, positions) == pytest.approx(expected, abs=1e-7)
 
 
 def test_the_slack_one_of_two_tendons_leaves_the_pulley_to_the_other() -> None:
@@ -412,10 +415,10 @@ def test_a_motor_with_cogging_needs_that_much_less() -> None:
         simulate(rig, build_scenario({"rig": "capstan-joint", **raw}, "turned"), 1)
         for rig in (plain, plain.with_values({"drives.0.cogging": cogging}))
     ]
-    place = logs[1].truth["position_motor"]
+    position = logs[1].truth["position_motor"]
     less = (logs[0].truth["force_motor"] - logs[1].truth["force_motor"])[100:]
-    assert np.corrcoef(less, np.cos(12 * place)[100:])[0, 1] > 0.98
-    assert np.std(less) == pytest.approx(0.05 * np.std(np.cos(12 * place)[100:]), rel=0.1)
+    assert np.corrcoef(less, np.cos(12 * position)[100:])[0, 1] > 0.98
+    assert np.std(less) == pytest.approx(0.05 * np.std(np.cos(12 * position)[100:]), rel=0.1)
 
 
 def test_nobody_who_forgets_is_in_the_middle() -> None:
@@ -470,9 +473,9 @@ def test_a_point_of_a_stiffening_cable_balances(
     """T₁(l − m) = e T₂(m − r) at m, and its derivatives by both ends against differences."""
     cable = Sheath(stiffness, float(np.exp(grip)), 1.0, count, stiffening, pretension)
     before, after = ca.SX.sym("before"), ca.SX.sym("after")
-    place = cable.bounds(0, before, after).high
-    slopes = ca.jacobian(place, ca.vertcat(before, after))
-    function = ca.Function("place", [before, after], [place, slopes])
+    position = cable.bounds(0, before, after).high
+    slopes = ca.jacobian(position, ca.vertcat(before, after))
+    function = ca.Function("position", [before, after], [position, slopes])
     near, far = (end * pretension / stiffness for end in ends)
     found, derivatives = (np.array(part).ravel() for part in function(near, far))
     pulls = [

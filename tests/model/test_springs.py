@@ -33,11 +33,11 @@ def torque(rig: Rig, angle: float) -> float:
     return float(function([angle, *[0.0] * mechanism.n_drives], mechanism.parameters.values))
 
 
-def tensions(rig: Rig, angle: float, places: list[float]) -> np.ndarray:
+def tensions(rig: Rig, angle: float, positions: list[float]) -> np.ndarray:
     mechanism = Mechanism(rig)
     q, v = ca.SX.sym("q", mechanism.n_bodies), ca.SX.zeros(mechanism.n_bodies)
     function = ca.Function("T", [q, mechanism.parameters.symbols], [mechanism.tensions(q, v)])
-    return np.array(function([angle, *places], mechanism.parameters.values)).ravel()
+    return np.array(function([angle, *positions], mechanism.parameters.values)).ravel()
 
 
 def energy(spring: dict[str, float], angle: float) -> float:

@@ -272,16 +272,16 @@ def test_displacements_as_inputs_give_the_same_link(paper_rig: Rig) -> None:
     driven = driven_substep(full.mechanism)
     pulls = np.repeat(load_steps()[:150], 10, axis=0)
     motion = full.run(pulls, START)
-    places = np.vstack([START[1:], motion[:, 1:3]])
-    speeds = np.diff(places, axis=0) / 1e-3
+    positions = np.vstack([START[1:], motion[:, 1:3]])
+    speeds = np.diff(positions, axis=0) / 1e-3
     q, v = START.copy(), np.zeros(3)
     link = []
     for k in range(len(pulls)):
-        q[1:], v[1:] = places[k], speeds[k]
+        q[1:], v[1:] = positions[k], speeds[k]
         for _ in range(2):
             q, v = driven(q, v, 0.5e-3)
         link.append(q[0])
-        np.testing.assert_allclose(q[1:], places[k + 1], atol=1e-12)
+        np.testing.assert_allclose(q[1:], positions[k + 1], atol=1e-12)
     assert np.rad2deg(np.ptp(motion[:, 0])) > 30.0
     # the straight lines between samples hide some ringing of the sliders, hence not to the last
     # digit
@@ -372,29 +372,29 @@ def test_a_body_flies_off_a_stop_along_the_parabola_of_its_kick() -> None:
     for _ in range(60):
         high = bool(rng.integers(2))
         side, length = (1.0 if high else -1.0), rng.uniform(0.4, 1.2) * h
-        place, gap = (3e-3 if high else -2e-3), rng.uniform(0.1, 1.0) * 1e-3
+        position, gap = (3e-3 if high else -2e-3), rng.uniform(0.1, 1.0) * 1e-3
         before, free = side * rng.uniform(0.2, 4.0, 2)
-        x = place - side * gap
+        x = position - side * gap
         a = (free - before) / length
         start = free - a * h / 2
         hits = [
             t.real
-            for t in np.roots([a / 2, start, x - place])
+            for t in np.roots([a / 2, start, x - position])
             if abs(t.imag) < 1e-9 and 0 < t.real < h
         ]
         if not hits or side * (start + a * min(hits)) <= 0.0:
             continue
         hit = min(hits)
         left, away = h - hit, -e * (start + a * hit)
-        end = place + away * left + a * left**2 / 2
+        end = position + away * left + a * left**2 / 2
         flies, after, bounced = _numbers(
-            *bounce(e, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h))
+            *bounce(e, ca.SX(high), ca.SX(position), Flight(free, x, before, length, h))
         )
-        assert bool(flies) == (side * (end - place) < 0.0)
+        assert bool(flies) == (side * (end - position) < 0.0)
         assert bounced == pytest.approx(end, abs=1e-12)
         assert after == pytest.approx(away + a * left - a * h / 2, rel=1e-9, abs=1e-9)
         assert not _numbers(
-            *bounce(0.0, ca.SX(high), ca.SX(place), Flight(free, x, before, length, h))
+            *bounce(0.0, ca.SX(high), ca.SX(position), Flight(free, x, before, length, h))
         )[0]
         flown += bool(flies)
     assert flown > 10

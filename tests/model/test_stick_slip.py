@@ -72,9 +72,13 @@ def function_of(n: int) -> ca.Function:
     x = ca.SX.sym("x", n * n + 3 * n)
     matrix, load = ca.reshape(x[: n * n], n, n), x[n * n : n * n + n]
     v = velocities(matrix, load, x[n * n + n : n * n + 2 * n], x[n * n + 2 * n :])
-    carry, p = ca.SX.sym("carry"), ca.SX.sym("p", 0)
+    kernel_state, p = ca.SX.sym("kernel_state"), ca.SX.sym("p", 0)
     return ca.Function(
-        "velocities", [carry, x, p], [carry, ca.cse(v)], ["carry", "x", "p"], ["next", "y"]
+        "velocities",
+        [kernel_state, x, p],
+        [kernel_state, ca.cse(v)],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 

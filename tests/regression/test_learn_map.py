@@ -258,15 +258,15 @@ def test_a_motion_beyond_the_homing_move_widens_the_band_by_what_logs_left_out_e
     )  # goes beyond the other end
     below, _ = calibrate_window(learned, mirrored, mirrored.window(4.0))
     for one, after_move in ((partly[0], after), (mirrored, below)):
-        function, told = map_function(after_move, 2, [False, False]), predict(after_move, one)
+        function, identified = map_function(after_move, 2, [False, False]), predict(after_move, one)
         memory = np.concatenate([one.readings[0], np.zeros(2), np.zeros(len(after_move.played))])
-        assert beyond_homing(after_move, one, 0, told.values).max() > 0.5
+        assert beyond_homing(after_move, one, 0, identified.values).max() > 0.5
         for k in range(0, 400, 40):
             x = np.concatenate([[0.02], one.readings[k], np.ones(2)])
             *_, variance, _, _ = function(
                 memory, x, np.zeros(2), one.angles[k], map_coefficients_of(after_move)
             )
-            assert float(variance) == pytest.approx(told.variances[k], rel=1e-9)
+            assert float(variance) == pytest.approx(identified.variances[k], rel=1e-9)
 
 
 def test_what_the_band_holds_already_is_no_cost_of_extrapolation() -> None:

@@ -154,9 +154,9 @@ def test_zoom_and_hover_in_a_browser(page: Path, result: Estimate, tmp_path: Pat
     done = subprocess.run(
         [*words, copy.as_uri()], capture_output=True, text=True, check=True, timeout=120
     )
-    told = re.search(r'data-told="(.*?)"', done.stdout)
-    assert told is not None
-    held = json.loads(told[1].replace("&quot;", '"'))
+    identified = re.search(r'data-told="(.*?)"', done.stdout)
+    assert identified is not None
+    held = json.loads(identified[1].replace("&quot;", '"'))
     assert len(held["ranges"]) == 5
     assert all(np.allclose(limits, [1, 2]) for limits in held["ranges"])
     assert held["drawn"] >= 9

@@ -121,12 +121,12 @@ def test_a_calibration_says_ratio_sign_and_zero(tmp_path: Path) -> None:
         ratio = 8e-3 / motor.radius.value
         # the travel also holds stretch and play: the ratio is a little less
         assert 0.85 < ratio * radians(joint[1] - joint[0]) / 2.0 < 1.0
-        place = next(s for s in rig.sensors_of("position") if s.of == name)
-        assert place.sign == sign
+        position = next(s for s in rig.sensors_of("position") if s.of == name)
+        assert position.sign == sign
         middle = limits["motor_limits"][int(name[-1])]
         # in the middle of its travel the motor's reading is that of the joint in the middle of its
         # range
-        at = place.sign * sum(middle) / 2 - place.bias.value
+        at = position.sign * sum(middle) / 2 - position.bias.value
         assert at / ratio == pytest.approx(radians(sum(joint) / 2), abs=1e-6)
 
 

@@ -263,10 +263,12 @@ def test_a_sensor_of_a_new_kind_is_one_file_and_a_line_in_a_list() -> None:
 
 
 def test_the_first_sample_may_miss_it(rig: Rig, logs: list[Log]) -> None:
-    runner = AdaptiveFilter(rig, compiled=False)
-    samples = samples_of(logs[0], runner.channels)[:30].copy()
-    samples[:10, [runner.channels.index(name) for name in NUMBERS]] = np.nan
-    means, *_ = runner.scan(runner.initial(0.0, first_values(samples)), logs[0].time[:30], samples)
+    estimator = AdaptiveFilter(rig, compiled=False)
+    samples = samples_of(logs[0], estimator.channels)[:30].copy()
+    samples[:10, [estimator.channels.index(name) for name in NUMBERS]] = np.nan
+    means, *_ = estimator.scan(
+        estimator.initial(0.0, first_values(samples)), logs[0].time[:30], samples
+    )
     assert np.isfinite(means).all()
 
 

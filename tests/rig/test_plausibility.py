@@ -77,7 +77,7 @@ def test_a_tension_behind_the_friction_of_a_path_is_asked_about() -> None:
 def test_the_first_three_problems_are_said_and_the_others_counted(wrong: int, more: str) -> None:
     from distal.errors import RigError
 
-    places = (
+    positions = (
         "joints.0.inertia",
         "joints.0.damping",
         "drives.0.mass",
@@ -86,7 +86,7 @@ def test_the_first_three_problems_are_said_and_the_others_counted(wrong: int, mo
         "drives.1.damping",
     )
     with pytest.raises(RigError) as caught:
-        load_rig("template", [f'{place}="3 degg"' for place in places[:wrong]])
+        load_rig("template", [f'{position}="3 degg"' for position in positions[:wrong]])
     line = str(caught.value)
     assert line.count("; also ") == 2
     assert line.endswith(more) if more else "more problem" not in line

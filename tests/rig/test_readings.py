@@ -11,13 +11,13 @@ from distal import Rig, load_rig
 from distal.rig.joints import REACH
 from distal.rig.sensors.force import Force, largest_effort
 from distal.rig.sensors.position import Position, drive_travel
-from distal.run.drive_range import place_range
+from distal.run.drive_range import position_range
 
 
 def test_a_command_is_ahead_of_its_drive_by_its_speed_times_the_lag() -> None:
     """A drive at 2 that moves with 3/s, commanded 0.1 s ahead, is told 2.3; its encoder reads 2."""
     motion: Any = SimpleNamespace(
-        place=lambda part: 2.0 + part, rate=lambda part: 3.0, effort=lambda part: 7.0 + part
+        position=lambda part: 2.0 + part, rate=lambda part: 3.0, effort=lambda part: 7.0 + part
     )
     for lag, read in ((0.0, 2.0), (0.1, 2.3)):
         sensor: Any = SimpleNamespace(lag=lag)
@@ -98,9 +98,9 @@ def test_a_place_is_possible_a_little_beyond_the_stops_or_far_beyond_what_the_jo
     position, force = rig.sensors[0], rig.sensors[1]
     low, high = drive_travel(rig, 0)
     room = 10.0 * (high - low) + 0.02 + 10 * 0.01
-    assert place_range(rig, position) == pytest.approx((low - room + 0.3, high + room + 0.3))
+    assert position_range(rig, position) == pytest.approx((low - room + 0.3, high + room + 0.3))
     stopped = rig.with_values({"drives.0.stops": [-1.0, 3.0]})
     room = 0.05 * 4.0 + 0.02 + 10 * 0.01
-    assert place_range(stopped, position) == pytest.approx((-1.0 - room + 0.3, 3.0 + room + 0.3))
-    assert place_range(rig, force)[0] < -1e100
-    assert place_range(rig, force)[1] > 1e100
+    assert position_range(stopped, position) == pytest.approx((-1.0 - room + 0.3, 3.0 + room + 0.3))
+    assert position_range(rig, force)[0] < -1e100
+    assert position_range(rig, force)[1] > 1e100

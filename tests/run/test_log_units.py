@@ -44,8 +44,8 @@ def test_counts_and_milliamperes_become_si_by_name_and_in_order() -> None:
 
 def test_a_goal_goes_back_to_what_the_log_holds() -> None:
     units = LogUnits(rig_of(sign=-1))
-    place = units.sample(0.0, {"motor_angle": 4000})[0]
-    assert units.logged("motor_angle", place) == pytest.approx(4000)
+    position = units.sample(0.0, {"motor_angle": 4000})[0]
+    assert units.logged("motor_angle", position) == pytest.approx(4000)
 
 
 @pytest.mark.parametrize("bits", [12, 16])
@@ -64,8 +64,10 @@ def test_an_encoder_is_followed_over_its_turn(bits: int, way: int) -> None:
 
 
 def test_it_begins_in_the_turn_in_which_the_joint_can_be() -> None:
-    for raw, place in ((10, 10), (4090, -6)):
-        assert LogUnits(rig_of()).sample(0.0, [raw, 0.0])[0] == pytest.approx(place * 2 * pi / 4096)
+    for raw, position in ((10, 10), (4090, -6)):
+        assert LogUnits(rig_of()).sample(0.0, [raw, 0.0])[0] == pytest.approx(
+            position * 2 * pi / 4096
+        )
 
 
 def test_a_gap_with_less_than_half_a_turn_of_motion_changes_nothing() -> None:
@@ -201,8 +203,8 @@ def test_a_first_turn_that_is_a_guess_is_in_doubt_until_motion_tells_it() -> Non
     low, high = units._ranges[0]
     assert 2 * pi < high - low < 4 * pi
     true, doubted, read = np.linspace(-3.5, 4.0, 400), [], []
-    for k, place in enumerate(true):
-        count = (place / (2 * pi) * 4096) % 4096
+    for k, position in enumerate(true):
+        count = (position / (2 * pi) * 4096) % 4096
         read.append(units.sample(0.01 * k, [float(count), 0.0])[0])
         doubted.append(units.in_doubt != ())
     assert doubted[0]

@@ -29,8 +29,10 @@ class Ratio:
 
     def step(self, belief: Belief, time: float, sample: np.ndarray) -> tuple[Belief, Innovation]:
         angle = (sample[0] - sample[1]) / 2 / 9.53e-3
-        carry = np.array([belief.mean[0] if np.isnan(angle) else angle, 0.01])
-        return Belief(time, carry, 1, belief.samples + 1), Innovation(np.zeros(0), np.zeros(0), 0.0)
+        kernel_state = np.array([belief.mean[0] if np.isnan(angle) else angle, 0.01])
+        return Belief(time, kernel_state, 1, belief.samples + 1), Innovation(
+            np.zeros(0), np.zeros(0), 0.0
+        )
 
     def scan(
         self, belief: Belief, times: np.ndarray, samples: np.ndarray

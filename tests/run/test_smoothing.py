@@ -60,13 +60,13 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     Q; what a sample tells is the information P⁻¹ − (P⁻)⁻¹ that the filter gained from it. No
     recursion backwards, no gain.
     """
-    runner = AdaptiveFilter(rig, compiled=False, trace=True)
-    samples = samples_of(log, runner.channels)
-    belief = runner.initial(log.time[0], first_values(samples))
-    rows, _ = runner.checked_rows(belief, log.time, samples)
-    carries, ys = runner.kernel.scan(belief.carry, rows, runner.numbers)
-    n, m, count = belief.size, len(runner.measured), len(rows)
-    means, covariances = carries[:, :n], carries[:, n : n + n * n].reshape(-1, n, n)
+    estimator = AdaptiveFilter(rig, compiled=False, trace=True)
+    samples = samples_of(log, estimator.channels)
+    belief = estimator.initial(log.time[0], first_values(samples))
+    rows, _ = estimator.checked_rows(belief, log.time, samples)
+    kernel_states, ys = estimator.kernel.scan(belief.kernel_state, rows, estimator.numbers)
+    n, m, count = belief.size, len(estimator.measured), len(rows)
+    means, covariances = kernel_states[:, :n], kernel_states[:, n : n + n * n].reshape(-1, n, n)
     before, rest = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)
     uncertain, transitions = rest[:, 0], np.swapaxes(rest[:, 1], 1, 2)
     mean, whole = np.zeros(count * n), np.zeros((count * n, count * n))

@@ -120,19 +120,20 @@ def test_a_rezero_pulls_the_joint_to_a_known_angle_and_the_filter_reads_it() -> 
     pieces = list(simulate_pieces(rig, built))
     known = np.vstack([piece.known for piece in pieces])[:, 0]
     times = np.concatenate([piece.log.time for piece in pieces])
-    told = np.isfinite(known)
-    np.testing.assert_allclose(times[told][[0, -1]], [62.0, 123.99], atol=0.011)
-    assert told.sum() == 400
-    assert np.all(known[told] == np.deg2rad(10.0))
+    identified = np.isfinite(known)
+    np.testing.assert_allclose(times[identified][[0, -1]], [62.0, 123.99], atol=0.011)
+    assert identified.sum() == 400
+    assert np.all(known[identified] == np.deg2rad(10.0))
     assert (
-        np.abs(np.rad2deg(whole([piece.log for piece in pieces], "theta")[told]) - 10.0).max() < 0.3
+        np.abs(np.rad2deg(whole([piece.log for piece in pieces], "theta")[identified]) - 10.0).max()
+        < 0.3
     )
-    blind, told_of = (
+    blind, identified_of = (
         list(estimate_pieces(pieces, rig, known_std=std)) for std in (None, np.deg2rad(0.2))
     )
-    assert told_of[0].angle_stds.mean() == pytest.approx(blind[0].angle_stds.mean(), rel=0.02)
-    assert told_of[2].angle_stds.mean() < 0.9 * blind[2].angle_stds.mean()
-    for found in (blind, told_of):
+    assert identified_of[0].angle_stds.mean() == pytest.approx(blind[0].angle_stds.mean(), rel=0.02)
+    assert identified_of[2].angle_stds.mean() < 0.9 * blind[2].angle_stds.mean()
+    for found in (blind, identified_of):
         wrong = np.abs(found[2].angles - found[2].truths) / found[2].angle_stds
         assert np.mean(wrong < 1.96) > 0.9
 

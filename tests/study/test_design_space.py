@@ -62,8 +62,8 @@ def test_chunks_hold_each_design_once_and_like_beside_like() -> None:
     chunks = space.chunks(runs_per_design=2, size=10)
     assert sorted(i for chunk in chunks for i in chunk) == list(range(50))
     assert [len(chunk) for chunk in chunks] == [5] * 10
-    told = [space.design(i)["sensors.u1"] for chunk in chunks for i in chunk]
-    assert told == [True] * 25 + [False] * 25
+    identified = [space.design(i)["sensors.u1"] for chunk in chunks for i in chunk]
+    assert identified == [True] * 25 + [False] * 25
 
 
 @pytest.mark.parametrize(

@@ -55,8 +55,8 @@ def test_rigs_that_differ_in_numbers_share_a_kernel() -> None:
     alone = Kernel(adaptive_function(taken.states), False)
     start = taken.initial(log.time[0], samples_of(log, taken.channels)[0])
     rows, _ = taken.checked_rows(start, log.time, samples_of(log, taken.channels))
-    carries, _ = alone.scan(start.carry, rows, taken.numbers)
-    np.testing.assert_allclose(found.angles[:, 0], carries[:, 0], atol=1e-12)
+    kernel_states, _ = alone.scan(start.kernel_state, rows, taken.numbers)
+    np.testing.assert_allclose(found.angles[:, 0], kernel_states[:, 0], atol=1e-12)
     assert np.abs(estimate(log, other, known).angles - found.angles).max() > 1e-4
     # load cells so bad that they do not see the friction of the sliders: there are fewer states
     fewer = AdaptiveFilter(base.with_values({"sensors.u1.noise": 3.0}))

@@ -7,7 +7,7 @@ import pytest
 
 from distal import load_rig
 from distal.errors import StudyError
-from distal.study.suggest import Suggestion, _told, options_of, suggestions
+from distal.study.suggest import Suggestion, _identified, options_of, suggestions
 from tests.study.plans import small
 
 
@@ -33,8 +33,8 @@ def test_an_error_that_its_plants_do_not_tell_from_that_without_the_option_is_th
     base = Suggestion("", 1.0, rng.uniform(1.0, 2.0, size=24))
     same = Suggestion("", 1.0, base.squares + rng.normal(size=24))
     less = Suggestion("", 1.0, 0.5 * base.squares)
-    assert _told(base, same) == base.error
-    assert _told(base, less) == pytest.approx(np.sqrt(0.5) * base.error)
+    assert _identified(base, same) == base.error
+    assert _identified(base, less) == pytest.approx(np.sqrt(0.5) * base.error)
 
 
 def test_suggestions_need_a_covariance() -> None:

@@ -68,8 +68,8 @@ app.add_typer(simulate_command.app, name="scenario")
 app.command("doctor")(doctor_command.doctor_command)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(desired: bool) -> None:
+    if desired:
         from distal.version import __version__
 
         print(f"distal {__version__}")
@@ -159,7 +159,7 @@ def ended_by(problem: BaseException) -> object:
     return code
 
 
-WORTH_KEEPING = 1.0
+WEIGHT_KEEPING = 1.0
 """What took longer than this is kept elsewhere when it cannot be written [s of processor time]."""
 
 
@@ -167,7 +167,7 @@ def _kept(problem: DistalError) -> str:
     """Keep what could not be written, and say where."""
     if not isinstance(problem, OutputError) or not problem.unsaved:
         return ""
-    if time.process_time() < WORTH_KEEPING:
+    if time.process_time() < WEIGHT_KEEPING:
         return ""
     from distal.logs import keep_elsewhere
 

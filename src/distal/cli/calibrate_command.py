@@ -76,8 +76,10 @@ def _show(rig: Rig, faulty: set[str]) -> None:
             state = f"{sum(tendon.pretension.value for tendon in tendons) / 2:.2g} N"
         else:
             state = "one tendon"
-        place = next(sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name)
-        zero = f"{degrees(place.sign * place.bias.value):.1f} ± {degrees(place.bias.std):.1f}"
+        position = next(sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name)
+        zero = (
+            f"{degrees(position.sign * position.bias.value):.1f} ± {degrees(position.bias.std):.1f}"
+        )
         stiffness = f"{1e-3 * tendons[0].stiffness.value:.3g}"
         rub = f"{1e3 * drive.friction.constant.value:.0f}"
         rows.append((drive.name, ", ".join(tendons[0].joints), zero, state, stiffness, rub))

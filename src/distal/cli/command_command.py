@@ -18,7 +18,7 @@ NOTHING = 0.01
 
 
 def command_command(
-    wanted: Annotated[
+    desired: Annotated[
         Path,
         Argument(help="Wanted angles: a file with t and theta (theta_JOINT)."),
     ],
@@ -56,7 +56,7 @@ def command_command(
     if plot is not None:
         plot_kind(plot)
     check_command_outputs(
-        [*to_file("--out", out), *to_file("--plot", plot)], logs=[wanted], rig=rig
+        [*to_file("--out", out), *to_file("--plot", plot)], logs=[desired], rig=rig
     )
     check_ending(out, "a table")
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
@@ -64,14 +64,14 @@ def command_command(
     columns = {
         joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints
     }
-    time, angles = read_angles(wanted, list(columns.values()))
+    time, angles = read_angles(desired, list(columns.values()))
     with working("finding the commands"):
         commands = inverse(time, {joint: angles[name] for joint, name in columns.items()})
     # as the desired angles came
-    commands.write(out, unit_of_angles(wanted, list(columns.values())))
+    commands.write(out, unit_of_angles(desired, list(columns.values())))
     for j, joint in enumerate(joints):
         away = degrees(
-            float(np.sqrt(np.mean((commands.angles[:, j] - commands.wanted[:, j]) ** 2)))
+            float(np.sqrt(np.mean((commands.angles[:, j] - commands.desired[:, j]) ** 2)))
         )
         band = BAND * degrees(float(np.sqrt(np.mean(commands.stds[:, j] ** 2))))
         reached = (

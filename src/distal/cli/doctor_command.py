@@ -76,9 +76,9 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
     from distal.rig import in_words, load_rig
 
     rig = load_rig(name, changes or ())
-    runner = AdaptiveFilter(rig, compiled=False)
-    states = runner.states
-    context = runner.states.context
+    estimator = AdaptiveFilter(rig, compiled=False)
+    states = estimator.states
+    context = estimator.states.context
     constants = [path for path, _ in context.mechanism.parameters.constants]
     declaring = [drive.name for i, drive in enumerate(rig.drives) if context.declares_friction(i)]
     lagging = [sensor.name for sensor in context.channels.positions if sensor.lag > 0.0]
@@ -93,7 +93,7 @@ def _say_structure(name: str, changes: list[str] | None) -> None:
         "joints whose friction is known to a factor only": ", ".join(doubted),
         "drives that declare friction": ", ".join(declaring),
         "sensors that read a command with a lag": ", ".join(lagging),
-        "sub-steps of the joints in a sample": str(runner.substeps),
+        "sub-steps of the joints in a sample": str(estimator.substeps),
         "joints that follow a jump of a drive within a sample": _yes(context.joints_follow),
         "joints that come to rest within a sample": _yes(context.joints_settle),
         "learned maps, by their terms": ", ".join(maps),

@@ -267,7 +267,7 @@ def _names(asked: list[str] | None, rig: Rig, is_known: bool) -> list[str]:
     return [name for name in names if name not in left]
 
 
-def _at_home(log: Log, rig: Rig, places: list[str], home: float | None) -> tuple[Log, Rig]:
+def _at_home(log: Log, rig: Rig, positions: list[str], home: float | None) -> tuple[Log, Rig]:
     """Return log and rig in which joints stand at known angles while homing."""
     from distal.homing import at_known_angle
 
@@ -275,8 +275,8 @@ def _at_home(log: Log, rig: Rig, places: list[str], home: float | None) -> tuple
         raise EstimationError(
             "--homing-angle says where the joint stands while homing; give --homing too, e.g. 0.5s"
         )
-    for place in places:
-        joint, (angle, std) = joint_angle(place)
+    for position in positions:
+        joint, (angle, std) = joint_angle(position)
         log, rig = at_known_angle(log, rig, home, angle, std, joint)
         say(
             f"home: {joint or 'the joint'} stands at {degrees(angle):g}° ± {degrees(std):g}° for "

@@ -153,8 +153,8 @@ def joint_angle(text: str) -> tuple[str | None, tuple[float, float]]:
     """Return the joint, None if none is named, and its `angle` with std: ``pip: 0 deg ± 1 deg`` or
     ``0 deg``.
     """
-    name, colon, place = text.partition(":")
-    return (name.strip(), angle(place)) if colon else (None, angle(text))
+    name, colon, position = text.partition(":")
+    return (name.strip(), angle(position)) if colon else (None, angle(text))
 
 
 def homing_time(text: str | None) -> float | None:

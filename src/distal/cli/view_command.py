@@ -66,16 +66,18 @@ def view_command(
         result = estimate(samples, description, estimator, homing=home)
         show("testing what the log says of the rig")
         diagnosis = diagnose(result, samples, description, home).text
-    place = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
+    position = out if out is not None else Path(tempfile.mkdtemp(prefix="distal-")) / "view.html"
     try:
         with working("drawing the page"):
-            view_page(result, samples, description, place, [diagnosis])
+            view_page(result, samples, description, position, [diagnosis])
     except BaseException:
         if out is None:
-            shutil.rmtree(place.parent, ignore_errors=True)
+            shutil.rmtree(position.parent, ignore_errors=True)
         raise
     say(result.in_words())
     say(diagnosis)
-    say(f"wrote {place}")
-    if (out is None if open_ is None else open_) and not webbrowser.open(place.resolve().as_uri()):
+    say(f"wrote {position}")
+    if (out is None if open_ is None else open_) and not webbrowser.open(
+        position.resolve().as_uri()
+    ):
         say("no browser could be opened; open the file yourself")

@@ -74,7 +74,7 @@ class Dataflow:
         """Follow each result of a call through changes of shape: does it end as an output, and
         nowhere else?
         """
-        places = {}
+        positions = {}
         for k, results in enumerate(self.makes):
             for number in results if self.operations[k] == ca.OP_CALL else []:
                 through = number
@@ -85,6 +85,6 @@ class Dataflow:
                         continue
                     if self.operations[reader] == ca.OP_OUTPUT:
                         output = self.function.instruction_MX(reader).info()
-                        places[number] = (int(output["ind"]), int(output["offset"]))
+                        positions[number] = (int(output["ind"]), int(output["offset"]))
                     break
-        return places
+        return positions

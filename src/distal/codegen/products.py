@@ -113,8 +113,8 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
     at = memory.at
     for first, end in _ranges(columns):
         together = range(min(COLUMNS_TOGETHER, end - first))
-        places = [at(to, _sum("i", rows * (first + c)) + f" + {rows} * j") for c in together]
-        starts = [memory.dialect.constant(0.0) if zero else place for place in places]
+        positions = [at(to, _sum("i", rows * (first + c)) + f" + {rows} * j") for c in together]
+        starts = [memory.dialect.constant(0.0) if zero else position for position in positions]
         sums = ", ".join(f"s{c} = {start}" for c, start in enumerate(starts))
         short = inner <= UNROLLED_SUM
         terms = []
@@ -124,7 +124,7 @@ def _dense(work: Workspace, step: Step, rows: int, inner: int, columns: int) -> 
             added = " ".join(f"s{c} += e * {factor};" for c, factor in enumerate(right))
             terms.append(f"{{ const {kind} e = {left}; {added} }}")
         total = " ".join(terms) if short else f"for (k = 0; k < {inner}; ++k) {terms[0]}"
-        ends = " ".join(f"{place} = s{c};" for c, place in enumerate(places))
+        ends = " ".join(f"{position} = s{c};" for c, position in enumerate(positions))
         lines.append(
             f"  for (j = 0; j < {end - first}; j += {len(together)}) for (i = 0; i < {rows}; ++i) "
             f"{{ {kind} {sums}; "
@@ -181,8 +181,8 @@ def _sparse_right_unrolled(
         target = at(to, _sum("i", rows * column))
         terms = [
             f"{at(x, _sum('i', rows * row))} * {at(y, number)}"
-            for number, (row, place) in enumerate(entries)
-            if place == column
+            for number, (row, position) in enumerate(entries)
+            if position == column
         ]
         if terms or zero:
             total = " + ".join(

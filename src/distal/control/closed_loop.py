@@ -180,12 +180,13 @@ def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | N
     rig = plant.rig
     period = plant.period
     errors = plant.errors(seed)
-    runner = None if feedback == ENCODER else make_estimator(_estimator_name(feedback), rig)
+    estimator = None if feedback == ENCODER else make_estimator(_estimator_name(feedback), rig)
     if errors is None or not (
-        runner is None or (isinstance(runner, KernelEstimator) and _is_plain(runner, period))
+        estimator is None
+        or (isinstance(estimator, KernelEstimator) and _is_plain(estimator, period))
     ):
         return None
-    scanned = scan_loop(plant, errors, runner)
+    scanned = scan_loop(plant, errors, estimator)
     if scanned is None:
         return None
     time = np.round(period * np.arange(len(scanned.readings), dtype=np.float64), 9)
@@ -201,11 +202,15 @@ def _by_scan(plant: ControlledPlant, feedback: str, seed: int) -> ClosedLoop | N
     )
 
 
-def _is_plain(runner: KernelEstimator, period: float) -> bool:
+def _is_plain(estimator: KernelEstimator, period: float) -> bool:
     """Return whether an estimator's angles are those of its filter, and a period is one of its
     intervals.
     """
-    return runner.has_kernel and not runner.report.states and abs(runner.interval - period) < 1e-9
+    return (
+        estimator.has_kernel
+        and not estimator.report.states
+        and abs(estimator.interval - period) < 1e-9
+    )
 
 
 def run_controller(

@@ -53,11 +53,11 @@ class CommandedForces:
         """Return what the filter makes of the `values` of all sensors at a `stamp` [s], and find
         the commands for it.
         """
-        wanted = {
+        desired = {
             name: float(one.reference.at(np.array([stamp]))[0])
             for name, one in self._joints.items()
         }
-        command = self._inverse.step(stamp, wanted, values[self._at])
+        command = self._inverse.step(stamp, desired, values[self._at])
         self._forces = command.forces
         return command.reading
 

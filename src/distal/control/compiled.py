@@ -54,7 +54,7 @@ class LoopShape:
     read: tuple[int, ...]
 
     @property
-    def carry(self) -> Layout:
+    def kernel_state(self) -> Layout:
         """Layout of the carry."""
         nj = len(self.rig.joints)
         nd = len(self.rig.drives)
@@ -110,14 +110,14 @@ class LoopShape:
 @lru_cache(maxsize=8)
 def loop_kernel(shape: LoopShape) -> Kernel:
     """Return the kernel of a loop, one sample for each period."""
-    carry_of = shape.carry
+    kernel_state_of = shape.kernel_state
     x_of = shape.x
     p_of = shape.p
     nj = len(shape.rig.joints)
-    carry = ca.MX.sym("carry", carry_of.size)
+    kernel_state = ca.MX.sym("kernel_state", kernel_state_of.size)
     x = ca.MX.sym("x", x_of.size)
     p = ca.MX.sym("p", p_of.size)
-    before = carry_of.parts(carry)
+    before = kernel_state_of.parts(kernel_state)
     numbers = p_of.parts(p)
     sample = x_of.parts(x)
     period, tension, encoder = (numbers["general"][i] for i in range(3))
@@ -126,7 +126,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     memory = pid_function(shape.rig, shape.controlled)(*state, sample["reference"], *fixed)
     asked = memory_layout(shape.rig).part(memory, "commands")
     share, low, high = (numbers["drives"][i, :].T for i in range(3))
-    wanted = ca.fmin(ca.fmax(before["waiting"], low), high)
+    desired = ca.fmin(ca.fmax(before["waiting"], low), high)
     moving = before["plant"]
     efforts = before["efforts"]
     rows = sample["rows"]
@@ -134,7 +134,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     y = ca.MX(0)
     bodies = shape.plant.n_bodies
     for i in range(shape.intervals):
-        efforts = efforts + share * (wanted - efforts)
+        efforts = efforts + share * (desired - efforts)
         row = ca.vertcat(rows[:nj, i], rows[nj:bodies, i] + efforts, rows[bodies:, i])
         moving, y = step(moving, row, numbers["plant"])
     read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
@@ -149,7 +149,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
         angles = belief[:nj]
         n = shape.states
         stds = ca.sqrt(ca.fmax(belief[[n + j * (n + 1) for j in range(nj)]], 0))
-    after = carry_of.joined(
+    after = kernel_state_of.joined(
         plant=moving,
         efforts=efforts,
         waiting=asked,
@@ -160,7 +160,9 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     )
     out = shape.y.joined(plant=y, read=read, asked=asked, angles=angles, stds=stds)
     return Kernel(
-        ca.Function("loop", [carry, x, p], [after, out], ["carry", "x", "p"], ["next", "y"])
+        ca.Function(
+            "loop", [kernel_state, x, p], [after, out], ["kernel_state", "x", "p"], ["next", "y"]
+        )
     )
 
 
@@ -180,7 +182,7 @@ class Scanned:
 
 
 def scan_loop(
-    controlled: ControlledPlant, errors: SensorErrors, runner: KernelEstimator | None
+    controlled: ControlledPlant, errors: SensorErrors, estimator: KernelEstimator | None
 ) -> Scanned | None:
     """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was
     not always known.
@@ -193,7 +195,7 @@ def scan_loop(
     """
     prepared = controlled.prepared
     period = controlled.period
-    (carry, begin) = controlled.begin
+    (kernel_state, begin) = controlled.begin
     rig = prepared.rig
     plant = prepared.plant
     control = prepared.scenario.control
@@ -204,15 +206,15 @@ def scan_loop(
     intervals = round(period / prepared.dt)
     count = len(prepared.inputs.effort) // intervals
     nj = len(joints)
-    read = () if runner is None else tuple(sensors.index(name) for name in runner.channels)
+    read = () if estimator is None else tuple(sensors.index(name) for name in estimator.channels)
     indices = tuple(joints.index(name) for name in control.joints)
     function, states = (
-        (None, 0) if runner is None else (runner.kernel.function, len(runner.state_names))
+        (None, 0) if estimator is None else (estimator.kernel.function, len(estimator.state_names))
     )
     shape = LoopShape(plant, rig, prepared.count, intervals, indices, function, states, read)
     draws = errors.draws(count + 1).copy()
     first = errors.read(Readings(plant).at(begin))[0]
-    if runner is None:
+    if estimator is None:
         belief = np.zeros(1)
         angles = quantised_values(begin[0, :nj], encoder)
         stds = np.full(nj, encoder * quantisation_variance(1.0) ** 0.5)
@@ -220,17 +222,18 @@ def scan_loop(
         sample = first[list(read)]
         row = np.concatenate([[0.0], sample, np.ones(len(read))])
         belief = advance(
-            runner.kernel, Feed(runner.initial(0.0, sample).carry, row, runner.numbers)
-        ).carries[0]
+            estimator.kernel,
+            Feed(estimator.initial(0.0, sample).kernel_state, row, estimator.numbers),
+        ).kernel_states[0]
         angles = belief[:nj]
         stds = np.sqrt(np.maximum(variances_of(belief, states)[:nj], 0.0))
     efforts = np.zeros(2 * len(rig.drives))
     memory = np.zeros(memory_layout(rig).size)
-    start = np.concatenate([carry, efforts, belief, angles, stds, memory])
+    start = np.concatenate([kernel_state, efforts, belief, angles, stds, memory])
     time: Floats = period * np.arange(count, dtype=np.float64)
-    wanted = np.column_stack([joint.reference.at(time) for joint in control.joints.values()])
+    desired = np.column_stack([joint.reference.at(time) for joint in control.joints.values()])
     rows = rows_of(prepared.inputs, prepared.dt)[: count * intervals].reshape(count, -1)
-    parts = [plant.parameters.values, np.zeros(1) if runner is None else runner.numbers]
+    parts = [plant.parameters.values, np.zeros(1) if estimator is None else estimator.numbers]
     parts += [
         Mechanism(rig).parameters.values,
         errors.numbers.ravel(),
@@ -241,7 +244,8 @@ def scan_loop(
         np.array([period, control.co_contraction, encoder]),
     ]
     ys = advance(
-        loop_kernel(shape), Feed(start, np.hstack([rows, draws[1:], wanted]), np.concatenate(parts))
+        loop_kernel(shape),
+        Feed(start, np.hstack([rows, draws[1:], desired]), np.concatenate(parts)),
     ).ys
     out = {name: shape.y.view(ys, name) for name in ("plant", "read", "asked", "angles", "stds")}
     motion = PlantMotion(plant, np.vstack([begin, out["plant"]]))

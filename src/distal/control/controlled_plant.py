@@ -164,7 +164,7 @@ class ControlledPlant:
     def reset(self, seed: int = 0) -> list[tuple[float, Floats]]:
         """Go back to the start and return the samples at time zero; see `step`."""
         rig = self.plant.rig
-        (self._carry, first) = self.begin
+        (self._kernel_state, first) = self.begin
         self._done = 0
         self._taken = 0
         self._y = np.full((len(self._all_rows) + 1, first.shape[1]), np.nan)
@@ -188,15 +188,15 @@ class ControlledPlant:
         """
         if self.finished:
             raise ControlError("the scenario is over; call reset")
-        wanted: Floats = np.clip(self._checked(commands), self._lowest, self._highest)
+        desired: Floats = np.clip(self._checked(commands), self._lowest, self._highest)
         end = min(self._done + self._per_period, len(self._rows))
         drives = slice(self.plant.n_joints, self.plant.n_bodies)
         for row in self._rows[self._done : end]:
-            self._efforts += self._shares * (wanted - self._efforts)
+            self._efforts += self._shares * (desired - self._efforts)
             row[drives] += self._efforts
-        feed = Feed(self._carry, self._rows[self._done : end], self.plant.parameters.values)
-        carries, ys = advance(self._kernel, feed)
-        self._carry = carries[-1]
+        feed = Feed(self._kernel_state, self._rows[self._done : end], self.plant.parameters.values)
+        kernel_states, ys = advance(self._kernel, feed)
+        self._kernel_state = kernel_states[-1]
         self._y[self._done + 1 : end + 1] = ys
         try:
             PlantMotion(self.plant, ys).check()
@@ -219,7 +219,7 @@ class ControlledPlant:
 
     def _checked(self, commands: Mapping[str, float]) -> Floats:
         names = [drive.name for drive in self._drives]
-        wanted = np.zeros(len(names))
+        desired = np.zeros(len(names))
         for name, command in commands.items():
             if name not in names:
                 raise ControlError(
@@ -233,8 +233,8 @@ class ControlledPlant:
                     f"the controller's command for '{name}' at {self.time:g} s is no number: "
                     f"{command!r}"
                 )
-            wanted[names.index(name)] = command
-        return wanted
+            desired[names.index(name)] = command
+        return desired
 
     def _read(self) -> list[tuple[float, Floats]]:
         """Return the samples whose stamps have come."""
@@ -268,10 +268,10 @@ class _Rate:
 
     def true(self, y: Floats, stamp: float, dt: float) -> Floats:
         """Return what there is to measure at a stamp; between two intervals it is a line."""
-        place = np.maximum(stamp - self._delays, 0.0) / dt
-        before = np.minimum((place + 1e-6).astype(np.intp), len(y) - 1)
+        position = np.maximum(stamp - self._delays, 0.0) / dt
+        before = np.minimum((position + 1e-6).astype(np.intp), len(y) - 1)
         after = np.minimum(before + 1, len(y) - 1)
-        share = place - before
+        share = position - before
         share[share < 1e-6] = 0.0
         # each sensor has a row of its own, by its delay
         early, late = (np.diagonal(self._readings.at(y[rows])) for rows in (before, after))

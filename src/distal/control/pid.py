@@ -117,9 +117,9 @@ def pid_function(rig: Rig, controlled: tuple[int, ...]) -> ca.Function:
         away = reference[k] - angles[j]
         rests[j] = ca.fabs(away) < band * ca.if_else(before["rests"][j] > 0.5, LEAVES, 1.0)
         error = ca.if_else(rests[j], 0, away - ca.fmin(ca.fmax(away, -band), band))
-        wanted = kp * error + before["integral"][j] - kd * speed[j]
-        torques[j] = ca.fmin(ca.fmax(wanted, -limit), limit)
-        integral[j] += ca.if_else(torques[j] == wanted, ki * error * period, 0)
+        desired = kp * error + before["integral"][j] - kd * speed[j]
+        torques[j] = ca.fmin(ca.fmax(desired, -limit), limit)
+        integral[j] += ca.if_else(torques[j] == desired, ki * error * period, 0)
     commands = allocated(mechanism, angles, torques, tension)
     after = layout.joined(
         integral=integral, speed=speed, last=angles, rests=rests, begun=ca.SX(1), commands=commands
@@ -173,9 +173,9 @@ class PID:
         if estimate.unusable:
             self._hold(time, estimate.unusable)
         else:
-            wanted = [reference.at(np.array([time]))[0] for reference in self._references]
+            desired = [reference.at(np.array([time]))[0] for reference in self._references]
             (self.memory,) = self._law(
-                estimate.angles, estimate.angle_stds, self.memory, wanted, *self._fixed
+                estimate.angles, estimate.angle_stds, self.memory, desired, *self._fixed
             )
         return dict(zip(self._drives, self.part("commands").tolist()))
 

@@ -108,11 +108,11 @@ class Cause:
             return []
         if self.kind in ("arm", "friction"):
             return [ModelChange(numbers=dict.fromkeys(self.paths, factor))]
-        is_place = self.kind == "scale"
-        reading = ModelChange(channels={self.subject: 1 / factor if is_place else factor})
+        is_position = self.kind == "scale"
+        reading = ModelChange(channels={self.subject: 1 / factor if is_position else factor})
         if not self.paths or factor < 0.0:
             return [reading]
-        number = factor if is_place else 1 / factor
+        number = factor if is_position else 1 / factor
         return [reading, ModelChange(numbers=dict.fromkeys(self.paths, number))]
 
     @property
@@ -255,21 +255,21 @@ def _words(cause: Cause) -> str:
     assert sensor is not None
     if cause.kind == "zero":
         return texts.like_a_zero(cause.change, sensor.si)
-    is_place = cause.kind == "scale"
-    unit = _unit_words(1 / factor if is_place else factor, sensor, is_place)
+    is_position = cause.kind == "scale"
+    unit = _unit_words(1 / factor if is_position else factor, sensor, is_position)
     if unit is not None:
         return unit
-    if not is_place:
+    if not is_position:
         return texts.like_a_compliance(factor, sensor.of)
     gear = getattr(sensor, "gear", 1.0)
     return texts.like_a_scale(factor, gear, is_capstan=sensor.si == "rad")
 
 
-def _unit_words(scale: float, sensor: Sensor, is_place: bool) -> str | None:
+def _unit_words(scale: float, sensor: Sensor, is_position: bool) -> str | None:
     """Return what a drive's place or force looks like that a unit's factor mends; None where no
     unit does.
     """
-    si = sensor.si if is_place else _unit_of_force(sensor)
+    si = sensor.si if is_position else _unit_of_force(sensor)
     for unit, words in UNIT_FACTORS.items():
         like = words.get(si, words.get(""))
         is_unit = unit > 0 and scale > 0 and abs(np.log(scale / unit)) < ALIKE

@@ -39,7 +39,7 @@ def each_apart(rerun: Rerun, changes: Sequence[ModelChange]) -> Iterator[tuple[i
             else:
                 chosen = ((i, parts[i]) for i in run)
                 yield from (
-                    (i, _alone(rerun.base, outcome, rerun.runner.parts[part]))
+                    (i, _alone(rerun.base, outcome, rerun.estimator.parts[part]))
                     for i, part in chosen
                     if part is not None
                 )
@@ -48,11 +48,11 @@ def each_apart(rerun: Rerun, changes: Sequence[ModelChange]) -> Iterator[tuple[i
 
 def _part_of(rerun: Rerun, change: ModelChange) -> int | None:
     """Return the part that a change concerns alone; None where there is no such part."""
-    runner = rerun.runner
-    states = [runner.state_names.index(name) for name in change.shifts]
-    numbers = [runner.parameter_names.index(path) for path in change.numbers]
+    estimator = rerun.estimator
+    states = [estimator.state_names.index(name) for name in change.shifts]
+    numbers = [estimator.parameter_names.index(path) for path in change.numbers]
     read = {*change.channels, *change.added, *change.later, *change.exchanged}
-    for k, part in enumerate(runner.parts):
+    for k, part in enumerate(estimator.parts):
         channels = set(part.states.context.channels.names)
         if set(states) <= {*part.at} and set(numbers) <= {*part.numbers} and read <= channels:
             return k

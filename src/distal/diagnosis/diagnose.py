@@ -26,8 +26,8 @@ from distal.estimators import AdaptiveFilter
 from distal.logs import Log
 from distal.results import Estimate
 from distal.rig import Rig
-from distal.run.drive_range import place_range
-from distal.run.offline import runner_for
+from distal.run.drive_range import position_range
+from distal.run.offline import estimator_for
 
 OUTSIDE_SHARE = 0.05
 """Share of a log outside of where it can be, or of what a fit has seen, from which on that is said.
@@ -71,9 +71,9 @@ def diagnose(
 
     @cache
     def rerun() -> Rerun:
-        runner = runner_for(log, rig, "adaptive", compiled, homing)
-        assert isinstance(runner, AdaptiveFilter)
-        return Rerun(log, runner, homing)
+        estimator = estimator_for(log, rig, "adaptive", compiled, homing)
+        assert isinstance(estimator, AdaptiveFilter)
+        return Rerun(log, estimator, homing)
 
     truth = against_truth(
         result, log, rig, rerun if what_if and result.estimator == "adaptive" else None
@@ -120,9 +120,9 @@ def why_diverged(
     if not found:
         # a torque from outside would take what is wrong with the rig upon itself
         untouched = rig.with_values({"joints.*.touch": "never"})
-        runner = runner_for(log, untouched, "adaptive", compiled, homing)
-        assert isinstance(runner, AdaptiveFilter)
-        found = [*explanations(Rerun(log, runner, homing)), *out_of_reach(log, rig)]
+        estimator = estimator_for(log, untouched, "adaptive", compiled, homing)
+        assert isinstance(estimator, AdaptiveFilter)
+        found = [*explanations(Rerun(log, estimator, homing)), *out_of_reach(log, rig)]
     return found
 
 
@@ -144,7 +144,7 @@ def elsewhere(log: Log, rig: Rig) -> list[Finding]:
         readings = log.channels.get(sensor.name)
         if (
             readings is not None
-            and _share_outside(readings, *place_range(rig, sensor)) > OUTSIDE_SHARE
+            and _share_outside(readings, *position_range(rig, sensor)) > OUTSIDE_SHARE
         ):
             findings.append(texts.drive_elsewhere(sensor.name))
     return findings

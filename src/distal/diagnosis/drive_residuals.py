@@ -158,19 +158,19 @@ def swaps(log: Log, rig: Rig, angles: Floats, drives: Sequence[DriveResidual]) -
     for kind in ("position", "force"):
         read = [s for s in rig.sensors_of(kind) if s.of in by_drive and s.name in log.channels]
         for first, second in combinations(read, 2):
-            places = [by_drive[first.of], by_drive[second.of]]
+            positions = [by_drive[first.of], by_drive[second.of]]
             exchanged = replace(log, channels={**log.channels, **_exchanged(log, first, second)})
-            after = [residual_of(exchanged, rig, angles, sensor) for sensor in places]
+            after = [residual_of(exchanged, rig, angles, sensor) for sensor in positions]
             fits = [drive.fit() for drive in after if drive is not None]
-            if len(fits) < len(places):
+            if len(fits) < len(positions):
                 continue
-            gain = sum(before[sensor.name].cost for sensor in places) - sum(f.cost for f in fits)
+            gain = sum(before[sensor.name].cost for sensor in positions) - sum(f.cost for f in fits)
             if gain < SURE_GAIN:
                 continue
             size = max(
                 float(np.sqrt(np.mean((before[drive.sensor.name].left) ** 2))) / drive.lever
                 for drive in drives
-                if drive.sensor in places
+                if drive.sensor in positions
             )
             subject = f"{first.name} and {second.name}"
             found.append(Cause(subject, "swap", np.zeros(0), size=size, gain=gain))

@@ -96,8 +96,8 @@ def explanations(rerun: Rerun) -> list[Finding]:
 
 
 def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, ModelChange]]:
-    for sensor in rerun.runner.rig.sensors:
-        if sensor.name in rerun.runner.channels and sensor.measures not in REFERENCES:
+    for sensor in rerun.estimator.rig.sensors:
+        if sensor.name in rerun.estimator.channels and sensor.measures not in REFERENCES:
             for factor, words in UNIT_FACTORS.items():
                 like = words.get(sensor.si, words.get(""))
                 if like is not None:
@@ -109,8 +109,8 @@ def _signs_and_units(rerun: Rerun) -> Iterator[tuple[Finding, ModelChange]]:
 
 def _gears(rerun: Rerun) -> Iterator[tuple[Finding, ModelChange]]:
     """Yield for each capstan the ratio of a gear that fits best, on its angle and its torque."""
-    rig = rerun.runner.rig
-    channels = rerun.runner.channels
+    rig = rerun.estimator.rig
+    channels = rerun.estimator.channels
     for drive in rig.drives:
         sensors: dict[str, str] = {
             sensor.measures: sensor.name for sensor in rig.sensors if sensor.of == drive.name
@@ -161,5 +161,6 @@ def _moves(rerun: Rerun, outcome: Outcome) -> bool:
     everything.
     """
     return (
-        float(np.ptp(outcome.means[:, : len(rerun.runner.rig.joints)], axis=0).max()) > LEAST_TURN
+        float(np.ptp(outcome.means[:, : len(rerun.estimator.rig.joints)], axis=0).max())
+        > LEAST_TURN
     )

@@ -190,10 +190,10 @@ def hangs_on_the_start(state: str, spread: float, *, is_angle: bool) -> Finding:
     """Return that the angle depends on the filter's start by more than its band: by `spread`
     standard deviations.
     """
-    place = f"{'where' if is_angle else 'what'} {state} is"
+    position = f"{'where' if is_angle else 'what'} {state} is"
     text = (
         f"the band is too narrow: the angle depends {spread:.1f}× as much as it allows on "
-        f"{place} at first"
+        f"{position} at first"
     )
     return Finding("overconfident", state, text)
 

@@ -104,20 +104,20 @@ class Rerun:
     filter from `runner_for`; the truth is used for `homing` [s], or None.
     """
 
-    def __init__(self, log: Log, runner: AdaptiveFilter, homing: float | None = None) -> None:
+    def __init__(self, log: Log, estimator: AdaptiveFilter, homing: float | None = None) -> None:
         if len(log) > MOST_RERUN:
             log = log.select(slice(MOST_RERUN))
             homing = None if homing is None or homing >= float(np.ptp(log.time)) else homing
         self.log = log
-        self._run = prepared(log, runner, homing)
-        assert isinstance(self._run.runner, AdaptiveFilter)
-        self.runner = self._run.runner  # a homing move may give it other maps
+        self._run = prepared(log, estimator, homing)
+        assert isinstance(self._run.estimator, AdaptiveFilter)
+        self.estimator = self._run.estimator  # a homing move may give it other maps
         self._begun = dict[str, list[tuple[int, float]]]()
         self.base = self(ModelChange())
 
     def covered(self, channel: str) -> float:
         """Return the range of a channel's samples, in its SI unit."""
-        readings = self._run.samples[:, self.runner.channels.index(channel)]
+        readings = self._run.samples[:, self.estimator.channels.index(channel)]
         return (
             float(np.nanmax(readings) - np.nanmin(readings)) if np.isfinite(readings).any() else 0.0
         )
@@ -131,59 +131,59 @@ class Rerun:
         lanes.
         """
         changes = list(changes)
-        width = self.runner.kernel.side_by_side if len(changes) > 1 else 1
+        width = self.estimator.kernel.side_by_side if len(changes) > 1 else 1
         runs = in_order(map(self._changed, changes), width, self._outcomes, os.cpu_count() or 1)
         return (outcome for _, outcome in runs)
 
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         """Return what the filter gives in some runs, each of a belief, samples and parameters."""
-        runner = self.runner
+        estimator = self.estimator
         (beliefs, samples, numbers) = zip(*inputs)
-        found = runner.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
+        found = estimator.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
         outcomes = []
         for (means, variances, ys), read in zip(found, samples):
-            bounded = len(out_of_bounds(means, variances, len(runner.rig.joints))) == 0
-            outcomes.append(Outcome(means, variances, *runner.innovations_of(ys, read), bounded))
+            bounded = len(out_of_bounds(means, variances, len(estimator.rig.joints))) == 0
+            outcomes.append(Outcome(means, variances, *estimator.innovations_of(ys, read), bounded))
         return outcomes
 
     def _starts(self, path: str) -> list[tuple[int, float]]:
         """Return the states that begin with a number of the rig, and where each of them does."""
         if path not in self._begun:
-            runner = self.runner
-            number = float(runner.numbers[runner.parameter_names.index(path)])
-            other = runner.states_of(runner.rig.with_values({path: 1.01 * number}))
-            means = runner.states.means
+            estimator = self.estimator
+            number = float(estimator.numbers[estimator.parameter_names.index(path)])
+            other = estimator.states_of(estimator.rig.with_values({path: 1.01 * number}))
+            means = estimator.states.means
             moved = np.flatnonzero(other.means != means) if len(other) == len(means) else ()
             self._begun[path] = [(int(i), float(means[i])) for i in moved]
         return self._begun[path]
 
     def _changed(self, change: ModelChange) -> tuple[Belief, Floats, Floats]:
         """Return belief, samples and parameters of a run with a change."""
-        runner = self.runner
+        estimator = self.estimator
         run = self._run
         samples = run.samples
         begin = run.start
-        p = np.array(runner.numbers)
+        p = np.array(estimator.numbers)
         if change.reads_otherwise:
             samples = samples.copy()
-            pair = [runner.channels.index(name) for name in change.exchanged]
+            pair = [estimator.channels.index(name) for name in change.exchanged]
             samples[:, pair] = samples[:, pair[::-1]]
             for name, delay in change.later.items():
-                at = runner.channels.index(name)
+                at = estimator.channels.index(name)
                 samples[:, at] = np.interp(self.log.time + delay, self.log.time, samples[:, at])
             for name, factor in change.channels.items():
-                samples[:, runner.channels.index(name)] *= factor
+                samples[:, estimator.channels.index(name)] *= factor
             for name, shift in change.added.items():
-                samples[:, runner.channels.index(name)] += shift
+                samples[:, estimator.channels.index(name)] += shift
             is_finite = np.isfinite(samples)
             first = samples[is_finite.argmax(axis=0), np.arange(samples.shape[1])]
-            begin = runner.initial(self.log.time[0], first)
-        carry = np.array(begin.carry)
+            begin = estimator.initial(self.log.time[0], first)
+        kernel_state = np.array(begin.kernel_state)
         for name, shift in change.shifts.items():
-            i = runner.state_names.index(name)
-            carry[i] = max(carry[i] + shift, runner.states.lowest[i])
+            i = estimator.state_names.index(name)
+            kernel_state[i] = max(kernel_state[i] + shift, estimator.states.lowest[i])
         for path, factor in change.numbers.items():
-            p[runner.parameter_names.index(path)] *= factor
+            p[estimator.parameter_names.index(path)] *= factor
             for i, start in self._starts(path):
-                carry[i] += (factor - 1.0) * start
-        return replace(begin, carry=carry), samples, p
+                kernel_state[i] += (factor - 1.0) * start
+        return replace(begin, kernel_state=kernel_state), samples, p

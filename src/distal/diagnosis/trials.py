@@ -81,7 +81,7 @@ def tried(rerun: Rerun, causes: Sequence[Cause]) -> list[Trial]:
     if not causes:
         return []
     score = _Score(rerun)
-    found = _best_of_each(score.of([*_of_causes(causes), *_of_frictions(rerun.runner)]))
+    found = _best_of_each(score.of([*_of_causes(causes), *_of_frictions(rerun.estimator)]))
     for share in NEARER:
         again = [nearer for trial in found[:LIKELIEST] for nearer in _nearer(trial, share)]
         found = _best_of_each([*found, *score.of(again)])
@@ -104,7 +104,7 @@ class _Score:
     """What a run is worth beside the truth."""
 
     def __init__(self, rerun: Rerun) -> None:
-        joints = [joint.name for joint in rerun.runner.rig.joints]
+        joints = [joint.name for joint in rerun.estimator.rig.joints]
         truths = true_angles(rerun.log, joints)
         assert truths is not None
         self._rerun = rerun
@@ -117,7 +117,7 @@ class _Score:
         """Return trials with what each gains; those of numbers that the filter's kernel has as
         constants are left out.
         """
-        known = set(self._rerun.runner.parameter_names)
+        known = set(self._rerun.estimator.parameter_names)
         possible = [trial for trial in trials if trial.change.numbers.keys() <= known]
         outcomes = self._rerun.each(trial.change for trial in possible)
         scored = []
@@ -175,16 +175,16 @@ def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
             yield from _scaled(cause, cause.units)
 
 
-def _of_frictions(runner: AdaptiveFilter) -> Iterator[Trial]:
+def _of_frictions(estimator: AdaptiveFilter) -> Iterator[Trial]:
     """Yield friction of joints and drives that is less, and more."""
     for kind in ("joints", "drives"):
-        for i, part in enumerate(getattr(runner.rig, kind)):
+        for i, part in enumerate(getattr(estimator.rig, kind)):
             paths = {
                 f"{kind}.{i}.friction.{key}": number
                 for key, number in part.friction
                 if isinstance(number, Parameter) and key in FRICTION_KEYS and number.value > 0.0
             }
-            paths = {path: paths[path] for path in paths if path in runner.parameter_names}
+            paths = {path: paths[path] for path in paths if path in estimator.parameter_names}
             if paths:
                 std = max(number.total_std / number.value for number in paths.values())
                 subject = f"friction of {part.name}"

@@ -23,7 +23,7 @@ from distal.diagnosis.what_if import contradictions
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
 from distal.rig import Rig
-from distal.run.offline import runner_for
+from distal.run.offline import estimator_for
 
 FACTORS = (0.5, 0.67, 0.9, 1.1, 1.5, 2.0)
 """What scales are multiplied by: a log of a rig whose scale is wrong by one of them is right with
@@ -54,15 +54,15 @@ def cannot_test(
     Raises:
         EstimationError: the filter cannot run on this rig or log.
     """
-    runner = runner_for(log, rig, "adaptive", compiled, homing)
-    assert isinstance(runner, AdaptiveFilter)
-    return tuple(untestable(Rerun(log, runner, homing)))
+    estimator = estimator_for(log, rig, "adaptive", compiled, homing)
+    assert isinstance(estimator, AdaptiveFilter)
+    return tuple(untestable(Rerun(log, estimator, homing)))
 
 
 def untestable(rerun: Rerun) -> list[Finding]:
     """Return the groups of numbers that cannot be tested, each with the drives where that is so."""
     of_base = contradictions(rerun, rerun.base)
-    drives = [drive.name for drive in rerun.runner.rig.drives]
+    drives = [drive.name for drive in rerun.estimator.rig.drives]
     found: dict[str, list[str]] = {}
     kinds: dict[tuple[str, tuple[str, ...]], list[ModelChange]] = {}
     for group, concerned, change in _changes(rerun):
@@ -94,28 +94,28 @@ def _listed(named: Sequence[str], drives: Sequence[str]) -> str:
 
 def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]:
     """Yield a group, the drives that a change concerns, one or all of them, and the change."""
-    runner = rerun.runner
-    rig = runner.rig
-    channels = runner.channels
+    estimator = rerun.estimator
+    rig = estimator.rig
+    channels = estimator.channels
     arms = dict[str, list[str]]()
     springs = dict[str, list[str]]()
     for i, tendon in enumerate(rig.tendons):
         paths = [f"tendons.{i}.{at}.radius" for at, _ in tendon.shapes()]
         arms.setdefault(tendon.drive, []).extend(
-            path for path in paths if path in runner.parameter_names
+            path for path in paths if path in estimator.parameter_names
         )
         path = f"tendons.{i}.stiffness"
         springs.setdefault(tendon.drive, []).extend(
-            [path] if path in runner.parameter_names else []
+            [path] if path in estimator.parameter_names else []
         )
     for drive in rig.drives:
         read = {
             s.measures: s.name for s in rig.sensors if s.of == drive.name and s.name in channels
         }
-        place = read.get("position")
+        position = read.get("position")
         force = read.get("force")
-        for factor in (*FACTORS, *GROSS) if place is not None else ():
-            yield texts.SCALE, (drive.name,), ModelChange(channels={str(place): factor})
+        for factor in (*FACTORS, *GROSS) if position is not None else ():
+            yield texts.SCALE, (drive.name,), ModelChange(channels={str(position): factor})
         for factor in FACTORS:
             for path in arms.get(drive.name, ()):
                 yield texts.SCALE, (drive.name,), ModelChange(numbers={path: factor})
@@ -127,9 +127,9 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]
                 (drive.name,),
                 ModelChange(numbers=dict.fromkeys(springs[drive.name], factor)),
             )
-        for sign in (1.0, -1.0) if place is not None else ():
-            shift = sign * ZERO * rerun.covered(str(place))
-            yield texts.ZERO, (drive.name,), ModelChange(added={str(place): shift})
+        for sign in (1.0, -1.0) if position is not None else ():
+            shift = sign * ZERO * rerun.covered(str(position))
+            yield texts.ZERO, (drive.name,), ModelChange(added={str(position): shift})
     for group, paths_of in ((texts.SCALE, arms), (texts.COMPLIANCE, springs)):
         together = [path for paths in paths_of.values() for path in paths]
         for factor in FACTORS if together else ():
@@ -145,7 +145,7 @@ def _unseen(rerun: Rerun, outcome: Outcome, base_contradictions: set[tuple[Kind,
     nothing.
     """
     base = rerun.base
-    joints = len(rerun.runner.rig.joints)
+    joints = len(rerun.estimator.rig.joints)
     if not outcome.bounded:
         return False
     moved = np.abs(outcome.means - base.means)[:, :joints] > SHARE * BAND * np.sqrt(

@@ -59,17 +59,17 @@ def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
     """Return state → by how much another start of it moves the joints' angles, the mean square over
     that of the band, (n_joints,).
     """
-    runner = rerun.runner
+    estimator = rerun.estimator
     base = rerun.base
-    states = runner.states
-    joints = len(runner.rig.joints)
+    states = estimator.states
+    joints = len(estimator.rig.joints)
     time = rerun.log.time
     settled = time >= time[0] + min(START_FORGOTTEN, 0.1 * float(np.ptp(time)))
     width = np.mean(base.variances[settled, :joints], axis=0)
     moved = dict[str, Floats]()
     shifts = list[tuple[str, float]]()
     angles = _angles(rerun)
-    for i, name in enumerate(runner.state_names):
+    for i, name in enumerate(estimator.state_names):
         if states.stds[i] > 0.0 and (states.lasting[i] or name in angles):
             moved[name] = np.zeros(joints)
             shifts += [(name, sign * float(states.stds[i])) for sign in (1.0, -1.0)]
@@ -84,7 +84,7 @@ def moved_by_starts(rerun: Rerun) -> dict[str, Floats]:
 
 
 def _angles(rerun: Rerun) -> set[str]:
-    kinds = zip(rerun.runner.state_names, rerun.runner.state_kinds)
+    kinds = zip(rerun.estimator.state_names, rerun.estimator.state_kinds)
     return {name for name, kind in kinds if kind is StateKind.ANGLE}
 
 
@@ -96,15 +96,15 @@ def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
     alike, until it is learned. So far as it is within `WITHIN` standard deviations of what the rig
     says, that contradicts nothing.
     """
-    states = rerun.runner.states
-    names = rerun.runner.state_names
+    states = rerun.estimator.states
+    names = rerun.estimator.state_names
     shifts = np.clip(
         rerun.base.means[-1] - states.means, -WITHIN * states.stds, WITHIN * states.stds
     )
     outcome = rerun(
         ModelChange(shifts={names[i]: float(shifts[i]) for i in np.flatnonzero(states.lasting)})
     )
-    measured = rerun.runner.measured
+    measured = rerun.estimator.measured
     if not outcome.bounded or not set(result.measured) <= set(measured):
         return result
     # a reference that is read while homing is not among what a result compares
@@ -126,22 +126,22 @@ def contradictions(rerun: Rerun, outcome: Outcome) -> set[tuple[Kind, str]]:
 
 def as_estimate(rerun: Rerun, outcome: Outcome) -> Estimate:
     """Return what a run gave as an estimate without a truth."""
-    runner = rerun.runner
-    lasting = runner.states.lasting
+    estimator = rerun.estimator
+    lasting = estimator.states.lasting
     return Estimate(
-        runner.name,
-        runner.rig.name,
+        estimator.name,
+        estimator.rig.name,
         rerun.log.time,
-        runner.state_names,
+        estimator.state_names,
         outcome.means,
         outcome.variances,
-        runner.measured,
+        estimator.measured,
         outcome.innovations,
         outcome.innovation_variances,
-        joint_names=tuple(joint.name for joint in runner.rig.joints),
-        prior_means=np.where(lasting, runner.states.means, np.nan),
-        prior_stds=np.where(lasting, runner.states.stds, np.nan),
-        state_kinds=runner.state_kinds,
-        state_parts=runner.state_parts,
-        state_units=state_units(runner),
+        joint_names=tuple(joint.name for joint in estimator.rig.joints),
+        prior_means=np.where(lasting, estimator.states.means, np.nan),
+        prior_stds=np.where(lasting, estimator.states.stds, np.nan),
+        state_kinds=estimator.state_kinds,
+        state_parts=estimator.state_parts,
+        state_units=state_units(estimator),
     )

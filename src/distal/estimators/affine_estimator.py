@@ -15,7 +15,7 @@ from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.read_channels import channels_of
 from distal.expressions import Scalar
-from distal.kernels import Kernel, carry_layout
+from distal.kernels import Kernel, kernel_state_layout
 from distal.kernels.mask import is_read
 from distal.logs import Log, frozen, true_angles
 from distal.regression import (
@@ -235,19 +235,23 @@ def affine_function(affine: Affine, width: int) -> ca.Function:
     `map_function`.
     """
     nj = len(affine.joints)
-    layout = carry_layout(nj + 1, map=memory_size(affine))
-    carry = ca.SX.sym("carry", layout.size)
+    layout = kernel_state_layout(nj + 1, map=memory_size(affine))
+    kernel_state = ca.SX.sym("kernel_state", layout.size)
     x = ca.SX.sym("x", 1 + 2 * width)
     p = ca.SX.sym("p", len(map_coefficients_of(affine)))
     no = ca.SX.zeros(nj)
     function = map_function(affine, width, [False] * width)
     values, _, variances, far, memory = function.call(
-        [layout.part(carry, "map"), x, ca.SX.zeros(width), no, p], True
+        [layout.part(kernel_state, "map"), x, ca.SX.zeros(width), no, p], True
     )
     spread = ca.diag(ca.vertcat(variances, 0))
     following = layout.joined(mean=ca.vertcat(values, far), covariance=spread, map=memory)
     return ca.Function(
-        "affine", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
+        "affine",
+        [kernel_state, x, p],
+        [following, ca.SX.zeros(1)],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 

@@ -26,7 +26,7 @@ class Belief:
     """
 
     time: float
-    carry: Floats
+    kernel_state: Floats
     size: int
     samples: int = 0
     output: Floats | None = None
@@ -35,13 +35,13 @@ class Belief:
     @property
     def mean(self) -> Floats:
         """State estimate as it is reported, (n,)."""
-        mean: Floats = mean_of(self.carry, self.size)
+        mean: Floats = mean_of(self.kernel_state, self.size)
         return mean if self.output is None else self.report.means(mean[None], self.output[None])[0]
 
     @property
     def covariance(self) -> Floats:
         """Covariance of its error, (n, n)."""
-        covariance: Floats = covariance_of(self.carry, self.size)
+        covariance: Floats = covariance_of(self.kernel_state, self.size)
         return (
             covariance
             if self.output is None

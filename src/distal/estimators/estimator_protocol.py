@@ -132,8 +132,8 @@ class KernelEstimator:
         if not np.isfinite(_number(self.name, time)):
             raise EstimationError(f"{self.name}: the stamp {time} is not a finite time")
         mean, covariance, memory = self.prior(self._checked(sample), self._p)
-        carry = np.concatenate([mean, covariance.ravel(), memory])
-        return Belief(float(time), frozen(carry), len(mean))
+        kernel_state = np.concatenate([mean, covariance.ravel(), memory])
+        return Belief(float(time), frozen(kernel_state), len(mean))
 
     def prior(self, sample: Floats, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Return mean, covariance and remembered inputs before the first sample, at the kernel's
@@ -176,18 +176,19 @@ class KernelEstimator:
         """
         sample, time = self._accepted(belief, time, sample)
         rows, _ = self.rows(np.array([time - belief.time]), sample[None, :])
-        carries, ys = advance(self.kernel, Feed(belief.carry, rows, self._p))
-        carry = carries[-1].copy()
+        kernel_states, ys = advance(self.kernel, Feed(belief.kernel_state, rows, self._p))
+        kernel_state = kernel_states[-1].copy()
         y = ys[-1].copy()
-        after = Belief(float(time), carry, belief.size, belief.samples + 1, y, self.report)
+        after = Belief(float(time), kernel_state, belief.size, belief.samples + 1, y, self.report)
         if not (
-            np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE) and np.isfinite(carry).all()
+            np.all(np.abs(after.mean[self.angles]) <= LARGEST_ANGLE)
+            and np.isfinite(kernel_state).all()
         ):
             raise EstimationError(
                 f"{self.name}: left all bounds at {time:g} s; the sample {sample} is far from any "
                 "motion"
             )
-        carry.flags.writeable = False
+        kernel_state.flags.writeable = False
         values, variances = self.innovations_of(y[None, :], sample[None, :])
         return after, innovation(values[0], variances[0])
 
@@ -202,10 +203,10 @@ class KernelEstimator:
         Raises:
             EstimationError: stamps do not rise, or a value is wild: beyond `LARGEST_READING`.
         """
-        (carries, ys), n = self.advanced(belief, times, samples), belief.size
+        (kernel_states, ys), n = self.advanced(belief, times, samples), belief.size
         values, variances = self.innovations_of(ys, np.asarray(samples, dtype=np.float64))
-        means = self.report.means(mean_of(carries, n).copy(), ys)
-        covariances = self.report.covariances(covariance_of(carries, n).copy(), ys)
+        means = self.report.means(mean_of(kernel_states, n).copy(), ys)
+        covariances = self.report.covariances(covariance_of(kernel_states, n).copy(), ys)
         return means, covariances, values, variances
 
     def scan_all(
@@ -231,7 +232,9 @@ class KernelEstimator:
             *range(n),
             *variances_of(np.arange(n + n * n), n),
         ]  # of each carry the mean and the variances
-        feeds = [Feed(belief.carry, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)]
+        feeds = [
+            Feed(belief.kernel_state, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)
+        ]
         driven = (
             at_samples(run, last)
             for run, (_, last) in zip(advance_all(self.kernel, feeds, keep), rows)
@@ -247,7 +250,7 @@ class KernelEstimator:
             EstimationError: as `checked_rows`.
         """
         rows, last = self.checked_rows(belief, times, samples)
-        return at_samples(advance(self.kernel, Feed(belief.carry, rows, self._p)), last)
+        return at_samples(advance(self.kernel, Feed(belief.kernel_state, rows, self._p)), last)
 
     def checked_rows(
         self, belief: Belief, times: Floats, samples: Floats
@@ -336,7 +339,7 @@ class KernelEstimator:
         sample = self._checked(sample)
         expected = self.initial_size
         if not isinstance(belief, Belief) or (
-            expected is not None and belief.carry.shape != (expected,)
+            expected is not None and belief.kernel_state.shape != (expected,)
         ):
             raise EstimationError(
                 f"{self.name}: the belief is not one of this estimator's; begin with "
@@ -349,7 +352,7 @@ class KernelEstimator:
     @property
     def initial_size(self) -> int | None:
         """Size of a belief's carry, or None where only the estimator itself knows."""
-        return self.kernel.n_carry if self.has_kernel else None
+        return self.kernel.n_kernel_state if self.has_kernel else None
 
     def _checked(self, sample: Floats) -> Floats:
         with suppress(TypeError, ValueError):

@@ -15,9 +15,9 @@ from distal.errors import EstimationError
 from distal.estimators.estimator_protocol import KernelEstimator
 from distal.estimators.kalman import predict_covariance, update
 from distal.estimators.kinematic_readings import first_drives
-from distal.estimators.read_channels import UNKNOWN_PLACE, Channels, channels_of, sensor_for
+from distal.estimators.read_channels import UNKNOWN_POSITION, Channels, channels_of, sensor_for
 from distal.expressions import Vector
-from distal.kernels import Kernel, carry_layout
+from distal.kernels import Kernel, kernel_state_layout
 from distal.model import Mechanism, substeps, tangent_step
 from distal.rig import Rig, Sensor, angle_names, gain_of, speed_names
 from distal.sensor_errors import systematic_variance, variance
@@ -53,12 +53,14 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     measured = [*channels.positions, *channels.tensions]
     m = len(measured)
     width = len(channels.names)
-    layout = carry_layout(n, pulls=nd)
-    carry = ca.MX.sym("carry", layout.size)
+    layout = kernel_state_layout(n, pulls=nd)
+    kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", 1 + 2 * width)
     p = ca.MX.sym("p", n_p + nd + nd + n + m)
     model, _, q_u, q_x, r = ca.vertsplit(p, [int(i) for i in np.cumsum([0, n_p, nd, nd, n, m])])
-    mean, covariance, held = (layout.part(carry, name) for name in ("mean", "covariance", "pulls"))
+    mean, covariance, held = (
+        layout.part(kernel_state, name) for name in ("mean", "covariance", "pulls")
+    )
     dt = x[0]
     values = x[1 : 1 + width]
     mask = x[1 + width :]
@@ -79,7 +81,11 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     following = layout.joined(mean=mean, covariance=covariance, pulls=pull)
     y = ca.vertcat(innovations, variances)
     return ca.Function(
-        "full_state", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+        "full_state",
+        [kernel_state, x, p],
+        [following, y],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 
@@ -163,9 +169,9 @@ class FullStateFilter(KernelEstimator):
         sample.
         """
         values, mask = (ca.SX.sym(name, len(self._channels.names)) for name in ("values", "mask"))
-        places, pulls = first_drives(self.rig, self._channels, values, mask)
+        positions, pulls = first_drives(self.rig, self._channels, values, mask)
         angles = ca.DM([joint.initial.value for joint in self.rig.joints])
-        mean = ca.vertcat(angles, places, ca.SX.zeros(self._mechanism.n_bodies))
+        mean = ca.vertcat(angles, positions, ca.SX.zeros(self._mechanism.n_bodies))
         p = ca.SX.sym("p", len(self._p))
         return ca.Function(
             "prior", [values, mask, p], [mean, ca.SX(ca.DM(self._noise.initial)), pulls]
@@ -206,17 +212,17 @@ def _initial_variances(rig: Rig, channels: Channels, mechanism: Mechanism) -> Fl
     from its sensor.
     """
     angles = [joint.initial.std for joint in rig.joints]
-    places = []
+    positions = []
     for drive in rig.drives:
         sensor = sensor_for(channels.positions, drive.name)
         if sensor is not None:
-            places.append(np.sqrt(variance(sensor) + systematic_variance(sensor)))
+            positions.append(np.sqrt(variance(sensor) + systematic_variance(sensor)))
         elif drive.stops is not None:
-            places.append((drive.stops[1] - drive.stops[0]) / np.sqrt(12.0))
+            positions.append((drive.stops[1] - drive.stops[0]) / np.sqrt(12.0))
         else:
-            places.append(UNKNOWN_PLACE[drive.kind])
+            positions.append(UNKNOWN_POSITION[drive.kind])
     turns = [True] * mechanism.n_joints + [drive.kind == "capstan" for drive in rig.drives]
-    return np.array([*angles, *places, *(START_SPEED[turning] for turning in turns)]) ** 2
+    return np.array([*angles, *positions, *(START_SPEED[turning] for turning in turns)]) ** 2
 
 
 START_SPEED = {True: 0.5, False: 0.005}

@@ -13,7 +13,7 @@ from distal.estimators.kinematic_readings import (
     tension_share,
 )
 from distal.estimators.read_channels import Channels, channels_of, sensor_for
-from distal.kernels import Kernel, carry_layout
+from distal.kernels import Kernel, kernel_state_layout
 from distal.model import Mechanism
 from distal.rig import Rig, angle_names, tendon_angle_name
 from distal.sensor_errors import systematic_variance, variance
@@ -35,13 +35,15 @@ def kinematic_function(
     nj = mechanism.n_joints
     n = nj + k
     width = len(channels.names)
-    layout = carry_layout(n, lengths=k, places=nd, pulls=nd, first_pulls=nd)
-    carry = ca.SX.sym("carry", layout.size)
+    layout = kernel_state_layout(n, lengths=k, positions=nd, pulls=nd, first_pulls=nd)
+    kernel_state = ca.SX.sym("kernel_state", layout.size)
     x = ca.SX.sym("x", 1 + 2 * width)
     mean, covariance, lengths = (
-        layout.part(carry, name) for name in ("mean", "covariance", "lengths")
+        layout.part(kernel_state, name) for name in ("mean", "covariance", "lengths")
     )
-    drives, pulls, first = (layout.part(carry, name) for name in ("places", "pulls", "first_pulls"))
+    drives, pulls, first = (
+        layout.part(kernel_state, name) for name in ("positions", "pulls", "first_pulls")
+    )
     positions, filtered = read_drives(mechanism.rig, channels, drives, pulls, x)
     q = ca.vertcat(mean[:nj], positions)
     angles = []
@@ -59,12 +61,16 @@ def kinematic_function(
         mean=mean,
         covariance=covariance,
         lengths=lengths,
-        places=positions,
+        positions=positions,
         pulls=filtered,
         first_pulls=first,
     )
     return ca.Function(
-        "kinematic", [carry, x, p], [following, ca.SX.zeros(1)], ["carry", "x", "p"], ["next", "y"]
+        "kinematic",
+        [kernel_state, x, p],
+        [following, ca.SX.zeros(1)],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 
@@ -98,8 +104,8 @@ class KinematicEstimator(KernelEstimator):
         values, mask = (ca.SX.sym(name, len(channels.names)) for name in ("values", "mask"))
         initial = rig.joints[0].initial.value
         std = rig.joints[0].initial.std
-        places, pulls = first_drives(rig, channels, values, mask)
-        q = ca.vertcat(initial, places)
+        positions, pulls = first_drives(rig, channels, values, mask)
+        q = ca.vertcat(initial, positions)
         p = mechanism.parameters.symbols
         lengths = mechanism.elongations(q)
         jacobian = mechanism.length_jacobian(q)
@@ -115,6 +121,6 @@ class KinematicEstimator(KernelEstimator):
         k = len(self._tendons)
         mixing = ca.vertcat(ca.DM.ones(1, k) / k, ca.DM.eye(k))
         covariance = ca.mtimes([mixing, ca.diag(ca.vertcat(*variances)), mixing.T]) + std**2
-        memory = ca.vertcat(lengths[list(self._tendons)], places, pulls, pulls)
+        memory = ca.vertcat(lengths[list(self._tendons)], positions, pulls, pulls)
         prior = [ca.SX.ones(1 + k) * initial, covariance, memory]
         return ca.Function("prior", [values, mask, p], [ca.densify(part) for part in prior])

@@ -19,7 +19,7 @@ from distal.estimators.kinematic_readings import (
 )
 from distal.estimators.read_channels import Channels, channels_of
 from distal.expressions import Scalar, Vector
-from distal.kernels import Kernel, carry_layout
+from distal.kernels import Kernel, kernel_state_layout
 from distal.model import Mechanism, solver
 from distal.rig import Rig, angle_names
 from distal.sensor_errors import systematic_variance, variance
@@ -92,17 +92,17 @@ def chain_function(
     n = nj
     width = len(channels.names)
     p = mechanism.parameters
-    layout = carry_layout(n, read_positions=nd, pulls=nd)
-    carry = ca.SX.sym("carry", layout.size)
+    layout = kernel_state_layout(n, read_positions=nd, pulls=nd)
+    kernel_state = ca.SX.sym("kernel_state", layout.size)
     x = ca.SX.sym("x", 1 + 2 * width)
-    read_positions = layout.part(carry, "read_positions")
-    pulls = layout.part(carry, "pulls")
+    read_positions = layout.part(kernel_state, "read_positions")
+    pulls = layout.part(kernel_state, "pulls")
     positions, filtered = read_drives(mechanism.rig, channels, read_positions, pulls, x)
     errors = [ca.SX(0)] * nd
     for sensor in channels.positions:
         drive = [drive.name for drive in mechanism.rig.drives].index(sensor.of)
         errors[drive] = ca.SX(variance(sensor) + systematic_variance(sensor))
-    wanted = stretches(mechanism, filtered, elastic)
+    desired = stretches(mechanism, filtered, elastic)
     q = ca.SX.sym("q", mechanism.n_bodies)
     lengths = mechanism.elongations(q)
     jacobian = mechanism.length_jacobian(q)
@@ -114,13 +114,13 @@ def chain_function(
     weights = ca.diag(
         ca.vertcat(*(p[f"tendons.{i}.stiffness"] * (CONSTRAINT if few else 1) for i in rows))
     )
-    angles = carry[:nj]
+    angles = kernel_state[:nj]
     for _ in range(ITERATIONS):
         length, slopes, springs = look(ca.vertcat(angles, positions), p.symbols)
         arms = ca.mtimes(slopes[:, :nj], mechanism.spread)
         along = ca.mtimes(arms.T, weights)
         matrix = ca.mtimes(along, arms)
-        push = ca.mtimes(along, ca.vertcat(*(wanted[i] for i in rows)) - length)
+        push = ca.mtimes(along, ca.vertcat(*(desired[i] for i in rows)) - length)
         if few:
             torque = springs[:, 0]
             stiffness = ca.diag(springs[:, 1])
@@ -139,10 +139,16 @@ def chain_function(
     covariance = ca.mtimes([by_length, ca.diag(variances), by_length.T]) + ca.DM(
         unseen_covariance(mechanism.rig)
     )
-    following = layout.joined(mean=angles, covariance=covariance, read_positions=positions, pulls=filtered)
+    following = layout.joined(
+        mean=angles, covariance=covariance, read_positions=positions, pulls=filtered
+    )
     outputs = [ca.cse(following), ca.SX.zeros(1)]
     return ca.Function(
-        "kinematic", [carry, x, p.symbols], outputs, ["carry", "x", "p"], ["next", "y"]
+        "kinematic",
+        [kernel_state, x, p.symbols],
+        outputs,
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 

@@ -19,7 +19,7 @@ CUT_OFF = 5.0
 
 
 def read_drives(
-    rig: Rig, channels: Channels, places: Vector, pulls: Vector, x: Vector
+    rig: Rig, channels: Channels, positions: Vector, pulls: Vector, x: Vector
 ) -> tuple[Vector, Vector]:
     """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt}
     (F − U), f = `CUT_OFF`.
@@ -32,12 +32,12 @@ def read_drives(
     values = x[1 : 1 + width]
     mask = x[1 + width :]
     forget = ca.exp(-2 * ca.pi * CUT_OFF * dt)
-    held = ca.vertsplit(places)
+    held = ca.vertsplit(positions)
     filtered = ca.vertsplit(pulls)
     for sensor in channels.positions:
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
-        held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, places[i])
+        held[i] = ca.if_else(mask[j], values[j] - sensor.bias.value, positions[i])
     for sensor in channels.forces:
         i = names.index(sensor.of)
         j = channels.names.index(sensor.name)
@@ -52,9 +52,9 @@ def first_drives(
     """Return places and pulls of the drives at the first `values`, (n_drives,) each; 0 and nominal
     where `mask` is 0.
     """
-    places = [ca.SX(0) for _ in rig.drives]
+    positions = [ca.SX(0) for _ in rig.drives]
     pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]
-    for first, sensors in ((places, channels.positions), (pulls, channels.forces)):
+    for first, sensors in ((positions, channels.positions), (pulls, channels.forces)):
         for i, drive in enumerate(rig.drives):
             sensor = sensor_for(sensors, drive.name)
             if sensor is not None:
@@ -64,7 +64,7 @@ def first_drives(
                     (values[k] - sensor.bias.value) / gain_of(sensor).value,
                     first[i],
                 )
-    return ca.vertcat(*places), ca.vertcat(*pulls)
+    return ca.vertcat(*positions), ca.vertcat(*pulls)
 
 
 def measured_tendons(rig: Rig, channels: Channels) -> tuple[int, ...]:

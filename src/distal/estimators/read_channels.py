@@ -65,7 +65,7 @@ def channels_of(
     """
     positions, forces, tensions, added = (
         tuple(sensor for sensor in rig.sensors if measurand_of(sensor).role is role)
-        for role in (Role.PLACE, Role.EFFORT, Role.TENSION, Role.COMPARED)
+        for role in (Role.POSITION, Role.EFFORT, Role.TENSION, Role.COMPARED)
     )
     channels = Channels(positions, forces, tensions, tuple(references), added if others else ())
     if not channels.positions:
@@ -106,6 +106,6 @@ def sensor_for(sensors: tuple[Sensor, ...], part: str) -> Sensor | None:
     return next((sensor for sensor in sensors if sensor.of == part), None)
 
 
-UNKNOWN_PLACE = {"slider": 0.01, "capstan": 1.0}
+UNKNOWN_POSITION = {"slider": 0.01, "capstan": 1.0}
 """Standard deviation of a drive's place where nothing measures it and no stop bounds it [m, rad].
 """

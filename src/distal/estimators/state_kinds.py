@@ -63,11 +63,11 @@ def kinds_by_joint(
     return tuple(kind for kind, _ in kinds_and_parts), tuple(part for _, part in kinds_and_parts)
 
 
-def kinds_of(runner: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
+def kinds_of(estimator: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, ...]]:
     """Return what an estimator's states are, and the parts that they are of, (n,) each."""
-    if hasattr(runner, "state_kinds") and hasattr(runner, "state_parts"):
-        return runner.state_kinds, runner.state_parts
-    return kinds_by_joint(runner.state_names, [joint.name for joint in runner.rig.joints])
+    if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
+        return estimator.state_kinds, estimator.state_parts
+    return kinds_by_joint(estimator.state_names, [joint.name for joint in estimator.rig.joints])
 
 
 UNITS_OF_JOINTS = {
@@ -86,15 +86,15 @@ _OF_DRIVE = {
 }
 
 
-def state_units(runner: NamesStates) -> tuple[str, ...]:
+def state_units(estimator: NamesStates) -> tuple[str, ...]:
     """Return the SI units of an estimator's states, (n,): 1 of a plain number, nothing where it is
     not known.
     """
-    rig: Rig = runner.rig
+    rig: Rig = estimator.rig
     by_name = dict.fromkeys((tendon_angle_name(tendon.name) for tendon in rig.tendons), "rad")
     for drive in rig.drives:
-        place = position_unit(drive)
-        by_name |= {f"position_{drive.name}": place, f"velocity_{drive.name}": f"{place}/s"}
+        position = position_unit(drive)
+        by_name |= {f"position_{drive.name}": position, f"velocity_{drive.name}": f"{position}/s"}
     drives = {drive.name: drive for drive in rig.drives}
     sensors = {sensor.name: sensor for sensor in rig.sensors}
 
@@ -117,7 +117,7 @@ def state_units(runner: NamesStates) -> tuple[str, ...]:
             else UNITS_OF_JOINTS.get(kind) or by_name.get(name, "")
         )
 
-    return tuple(unit(*state) for state in zip(runner.state_names, *kinds_of(runner)))
+    return tuple(unit(*state) for state in zip(estimator.state_names, *kinds_of(estimator)))
 
 
 def states_of(
@@ -137,10 +137,12 @@ def states_of(
     return {part: indices[part] for part in parts if part in indices}
 
 
-def external_torques_of(runner: NamesStates) -> dict[str, int]:
+def external_torques_of(estimator: NamesStates) -> dict[str, int]:
     """Return joint → index of the state that is the torque on it from outside, in the order of the
     joints.
     """
     return states_of(
-        StateKind.EXTERNAL_TORQUE, [joint.name for joint in runner.rig.joints], *kinds_of(runner)
+        StateKind.EXTERNAL_TORQUE,
+        [joint.name for joint in estimator.rig.joints],
+        *kinds_of(estimator),
     )

@@ -34,7 +34,7 @@ class ExportedCommand:
     name: str
     header: str
     source: str
-    carry: int
+    kernel_state: int
     operations: int
     joints: tuple[int, ...]
 
@@ -51,25 +51,27 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         EstimationError: the filter cannot run on this rig.
     """
     checked_name(name)
-    runner = AdaptiveFilter(rig, False, folded=True)
+    estimator = AdaptiveFilter(rig, False, folded=True)
     model = CommandModel(rig, folded=True)
-    layout = layouts(model, runner.states)
-    step = live_function(model, runner.states)
+    layout = layouts(model, estimator.states)
+    step = live_function(model, estimator.states)
     emitter = Emitter(real)
     try:
         advance = emitter.add(step, in_place=True)
     except CodeError as problem:
         raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
     gains = gains_of(model, LEAST_TENSION, None, None)
-    of_filter = runner.numbers[: len(runner.parameter_names)]
+    of_filter = estimator.numbers[: len(estimator.parameter_names)]
     numbers = np.concatenate([gains, of_filter, model.derived])
-    at = {sensor.of: runner.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
+    at = {sensor.of: estimator.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
     together = (crossed @ crossed.T) | np.eye(model.nd, dtype=bool)
     at_touched = layout.x["touched"].start
     reported = [(j, field) for j, (field, _) in enumerate(angle_fields(rig))]
-    reported += [(runner.state_names.index(state), field) for state, field in torque_fields(runner)]
+    reported += [
+        (estimator.state_names.index(state), field) for state, field in torque_fields(estimator)
+    ]
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -84,8 +86,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         ),
         "n_joints": str(model.nf),
         "n_drives": str(model.nd),
-        "n_states": str(len(runner.states)),
-        "n_carry": str(layout.carry.size),
+        "n_states": str(len(estimator.states)),
+        "n_carry": str(layout.kernel_state.size),
         "n_x": str(layout.x.size),
         "n_y": str(layout.y.size),
         "numbers": ", ".join(real.constant(float(number)) for number in numbers),
@@ -94,7 +96,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         ),
         "touched": "\n".join(
             f"  if (x[{at_touched}] < filter->carry[{i}]) x[{at_touched}] = filter->carry[{i}];"
-            for i in runner.touched
+            for i in estimator.touched
         ),
         "known": " && ".join(
             f"out->{std} <= {real.constant(LOST)}" for _, std in angle_fields(rig)
@@ -104,7 +106,10 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "oldest": ", ".join(real.constant(float(age)) for age in MotorReadings(rig).oldest),
         "moves": _matrix(moves),
         "together": _matrix(together),
-        **{f"c_{part}": str(layout.carry[part].start) for part in ("reference", *MOVING, "at_end")},
+        **{
+            f"c_{part}": str(layout.kernel_state[part].start)
+            for part in ("reference", *MOVING, "at_end")
+        },
         "zero": real.constant(0.0),
         "one": real.constant(1.0),
         "first": str(FIRST),
@@ -117,7 +122,9 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     operations = emitter.functions[advance].cost.operations
     header = filled(_HEADER, values)
     source = filled(_SOURCE, values)
-    return ExportedCommand(name, header, source, layout.carry.size, operations, tuple(model.free))
+    return ExportedCommand(
+        name, header, source, layout.kernel_state.size, operations, tuple(model.free)
+    )
 
 
 MOVING = ("rate", "speed", "acceleration")

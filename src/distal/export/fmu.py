@@ -74,17 +74,17 @@ def export_fmu(
     if Path(out).suffix.lower() != ".fmu":
         raise ExportError(f"{out}: an FMU is one file; give a name that ends in .fmu")
     exported = c_filter(rig, estimator, False, name)
-    runner = make_estimator(estimator, rig, compiled=False)
-    variables = [*_variables(runner, exported)]
-    told = [variable for variable in variables if variable.causality == "output"]
+    chosen = make_estimator(estimator, rig, compiled=False)
+    variables = [*_variables(chosen, exported)]
+    identified = [variable for variable in variables if variable.causality == "output"]
     # the same filter has the same token, whenever it was written
     token = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, exported.source)) + "}"
     values = {
         "name": exported.name,
         "NAME": exported.name.upper(),
-        "n_outputs": str(len(told)),
-        "told": ", ".join(f"now->out.{variable.field}" for variable in told),
-        "prior": outputs(runner, len(runner.state_names), stepped=False),
+        "n_outputs": str(len(identified)),
+        "told": ", ".join(f"now->out.{variable.field}" for variable in identified),
+        "prior": outputs(chosen, len(chosen.state_names), stepped=False),
         "not_yet": str(len(spoken())),
         "token": token,
         "wild": f"{LARGEST_READING:.17g}",
@@ -109,7 +109,7 @@ def export_fmu(
                 f"binaries/{platform}/{exported.name}{SUFFIX[platform.split('-')[1]]}", binary
             )
     write_whole(out, fmu.getvalue())
-    names = (*(variable.name for variable in told), _free("health", exported.channels))
+    names = (*(variable.name for variable in identified), _free("health", exported.channels))
     return Fmu(exported, exported.channels, names, tuple(binaries), without)
 
 
@@ -124,8 +124,8 @@ class _Variable:
     field: str = ""
 
 
-def _variables(runner: KernelEstimator, exported: Exported) -> Iterator[_Variable]:
-    rig = runner.rig
+def _variables(chosen: KernelEstimator, exported: Exported) -> Iterator[_Variable]:
+    rig = chosen.rig
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     for channel in exported.channels:
         sensor = sensors[channel]
@@ -136,7 +136,7 @@ def _variables(runner: KernelEstimator, exported: Exported) -> Iterator[_Variabl
     fields = [
         (angle, joint.name, "angle", "rad") for joint, angle in zip(rig.joints, angles, strict=True)
     ]
-    fields += [(field, field, "torque from outside", "N m") for _, field in torque_fields(runner)]
+    fields += [(field, field, "torque from outside", "N m") for _, field in torque_fields(chosen)]
     for field, part, quantity, unit in fields:
         std = std_name(field), f"standard deviation of the error of the {quantity}"
         for name, description in ((field, quantity), std):

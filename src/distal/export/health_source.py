@@ -26,20 +26,20 @@ def health_codes(name: str) -> str:
     )
 
 
-def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
+def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> dict[str, str]:
     """Return the C of an estimator's health, and how many numbers it remembers, as the templates
     are filled with them.
 
     Raises:
         ExportError: the function has no C.
     """
-    watch = watch_of(runner)
+    watch = watch_of(estimator)
     dialect = emitter.dialect
     assert isinstance(dialect, Plain)
     try:
         check = emitter.add(watch.function)
     except CodeError as problem:
-        raise ExportError(f"the health of '{runner.rig.name}' has no C: {problem}") from None
+        raise ExportError(f"the health of '{estimator.rig.name}' has no C: {problem}") from None
     at_touched = watch.sample["touched"].start
     values = {
         "name": name,
@@ -49,13 +49,13 @@ def health_source(runner: KernelEstimator, name: str, emitter: Emitter) -> dict[
         "begun": ", ".join(dialect.constant(float(number)) for number in begun(watch)),
         "n_sample": str(watch.sample.size),
         "n_findings": str(watch.findings.size),
-        "n": str(len(runner.state_names)),
+        "n": str(len(estimator.state_names)),
         "watched": ", ".join(map(str, watch.watched)) or "0",  # a list without members is not C
         "n_watched": str(len(watch.watched)),
-        "stds": ", ".join(f"out->{std}" for _, std in angle_fields(runner.rig)),
+        "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
         "touched": "\n".join(
             f"  if (sample[{at_touched}] < state->carry[{i}]) sample[{at_touched}] = state->carry[{i}];"
-            for i in runner.touched
+            for i in estimator.touched
         ),
         "zero": dialect.constant(0.0),
         "one": dialect.constant(1.0),

@@ -42,40 +42,41 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
     return [(name, std_name(name)) for name in names]
 
 
-def torque_fields(runner: KernelEstimator) -> list[tuple[str, str]]:
+def torque_fields(estimator: KernelEstimator) -> list[tuple[str, str]]:
     """Return the states that are torques from outside, and their names in an exported filter's
     output.
     """
-    states = [runner.state_names[i] for i in external_torques_of(runner).values()]
+    states = [estimator.state_names[i] for i in external_torques_of(estimator).values()]
     return [(state, re.sub(r"[^A-Za-z0-9]", "_", state)) for state in states]
 
 
-def members(runner: KernelEstimator, name: str) -> str:
+def members(estimator: KernelEstimator, name: str) -> str:
     """Return the members of the output that are angles and torques from outside, with their
     standard deviations.
     """
     lines = []
-    rig = runner.rig
+    rig = estimator.rig
     for (angle, std), joint in zip(angle_fields(rig), rig.joints):
         which = "the joint" if len(rig.joints) == 1 else comment(joint.name)
         lines += [f"  {name}_real {angle}; /* of {which} [rad] */"]
         lines += [f"  {name}_real {std}; /* standard deviation of its error [rad] */"]
-    for _, field in torque_fields(runner):
+    for _, field in torque_fields(estimator):
         lines += [f"  {name}_real {field}; /* on the joint [N m] */"]
         lines += [f"  {name}_real {std_name(field)}; /* standard deviation of its error [N m] */"]
     return "\n".join(lines)
 
 
-def outputs(runner: KernelEstimator, n: int, stepped: bool = True) -> str:
+def outputs(estimator: KernelEstimator, n: int, stepped: bool = True) -> str:
     """Return the lines that fill these members from the `n` states; before the first sample no
     learned map has spoken.
     """
-    fields = [(j, *pair) for j, pair in enumerate(angle_fields(runner.rig))]
+    fields = [(j, *pair) for j, pair in enumerate(angle_fields(estimator.rig))]
     fields += [
-        (runner.state_names.index(state), f, std_name(f)) for state, f in torque_fields(runner)
+        (estimator.state_names.index(state), f, std_name(f))
+        for state, f in torque_fields(estimator)
     ]
     lines = []
-    report = runner.report
+    report = estimator.report
     for at, field, std in fields:
         estimate = f"state->carry[{at}]"
         variance = f"state->carry[{n + at * (n + 1)}]"

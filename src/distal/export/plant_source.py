@@ -80,7 +80,7 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     pull = resting_pull(plant)
     held = BodyInputs(pull[None], np.zeros((1, n)), np.zeros((1, n, 3)))
     start = equilibrium(plant, np.array([joint.initial.value for joint in rig.joints]), held)
-    carry, first = at_rest(plant, held, start, Kernel(kernel, False))
+    kernel_state, first = at_rest(plant, held, start, Kernel(kernel, False))
     emitter = Emitter(Plain())
     dialect = Plain()
     try:
@@ -114,13 +114,13 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "n_tendons": str(plant.n_tendons),
         "n_sensors": str(len(rig.sensors)),
         "n_numbers": str(len(names)),
-        "n_carry": str(len(carry)),
+        "n_carry": str(len(kernel_state)),
         "n_y": str(first.size),
         "interval": dialect.constant(interval),
         "dt": dialect.constant(dt),
         "parts": str(parts),
         "numbers": table(numbers[: len(names)]),
-        "carry": table(carry),
+        "carry": table(kernel_state),
         "first": table(first[0]),
         "errors": ",\n  ".join(f"{{{table(row)}}}" for row in _errors(plant)),
         "every": ", ".join(

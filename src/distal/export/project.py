@@ -94,7 +94,9 @@ def export_files(name: str, plant: bool = False, command: bool = False) -> tuple
         ExportError: the name is no C identifier.
     """
     names = f"{checked_name(name)}.h", f"{name}.c", "replay.c", "CMakeLists.txt", "README.md"
-    also = [f"{name}_{part}" for part, wanted in (("plant", plant), ("command", command)) if wanted]
+    also = [
+        f"{name}_{part}" for part, desired in (("plant", plant), ("command", command)) if desired
+    ]
     return (*names, *(f"{part}.{ending}" for part in also for ending in "hc"))
 
 
@@ -151,7 +153,7 @@ def readme(exported: Exported) -> str:
             "n_states": str(len(exported.states)),
             "state_bytes": f"{exported.state_bytes:,}",
             "scratch_bytes": f"{exported.scratch_bytes:,}",
-            "carry": f"{exported.carry} x {size}",
+            "carry": f"{exported.kernel_state} x {size}",
             "operations": f"{exported.operations:,}",
             "calls": calls or "none",
         },

@@ -9,17 +9,17 @@ from distal.rig import angle_names, log_factor, log_unit, std_name
 from distal.units import unit_factor
 
 
-def replay_program(runner: KernelEstimator, name: str) -> str:
+def replay_program(estimator: KernelEstimator, name: str) -> str:
     """Return a C program that reads a log and writes t, then angles and torques from outside with
     their stds.
     """
-    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    time = runner.rig.log.time
-    read = [sensors[channel] for channel in runner.channels]
+    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
+    time = estimator.rig.log.time
+    read = [sensors[channel] for channel in estimator.channels]
     columns = [time.column, *(sensor.log_column for sensor in read)]
     factors = [unit_factor(time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
-    angles = angle_names([joint.name for joint in runner.rig.joints])
-    torques = torque_fields(runner)
+    angles = angle_names([joint.name for joint in estimator.rig.joints])
+    torques = torque_fields(estimator)
     units = {**dict.fromkeys(angles, "rad"), **{torque: "N m" for torque, _ in torques}}
     names = [
         header(column, unit)
@@ -27,7 +27,7 @@ def replay_program(runner: KernelEstimator, name: str) -> str:
         for column in (estimate, std_name(estimate))
     ]
     log_units = [time.unit, *(log_unit(sensor) for sensor in read)]
-    pairs = [*angle_fields(runner.rig), *((field, std_name(field)) for _, field in torques)]
+    pairs = [*angle_fields(estimator.rig), *((field, std_name(field)) for _, field in torques)]
     values = {
         "header": ",".join([header("t", "s"), *names]),
         "format": ",".join(["%.17g"] * (1 + len(names))),

@@ -56,7 +56,7 @@ class Exported:
     channels: tuple[str, ...]
     states: tuple[str, ...]
     measured: tuple[str, ...]
-    carry: int
+    kernel_state: int
     scratch: int
     operations: int
     library: dict[str, int]
@@ -67,7 +67,7 @@ class Exported:
     @property
     def state_bytes(self) -> int:
         """Size of the state, in bytes."""
-        return (4 * self.carry + 4) if self.single else 8 * (self.carry + 1)
+        return (4 * self.kernel_state + 4) if self.single else 8 * (self.kernel_state + 1)
 
     @property
     def scratch_bytes(self) -> int:
@@ -98,16 +98,16 @@ def c_filter(
     """
     if home is not None and estimator != "adaptive":
         raise ExportError(f"adaptive homes while it runs, {estimator} does not; leave home out")
-    runner = (
+    chosen = (
         make_estimator(estimator, rig, compiled=False)
         if home is None
         else homing_filter(rig, home, False)
     )
-    if isinstance(runner, AdaptiveFilter):
-        runner = runner.folded()
+    if isinstance(chosen, AdaptiveFilter):
+        chosen = chosen.folded()
     name = checked_name(name if name is not None else c_name(f"{rig.name}_{estimator}"))
-    prior = runner.prior_function()
-    step = runner.kernel.function
+    prior = chosen.prior_function()
+    step = chosen.kernel.function
     emitter = Emitter(Plain(single))
     try:
         begin = emitter.add(prior)
@@ -116,9 +116,9 @@ def c_filter(
         raise ExportError(f"{estimator} of '{rig.name}' has no C: {problem}") from None
     cost = emitter.functions[advance].cost
     scratch = sum(written.scratch for written in emitter.functions.values())
-    watching = health_source(runner, name, emitter)
-    values = _values(runner, name, emitter, begin, advance) | watching
-    values |= _beginning(len(runner.state_names), prior.numel_out(1))
+    watching = health_source(chosen, name, emitter)
+    values = _values(chosen, name, emitter, begin, advance) | watching
+    values |= _beginning(len(chosen.state_names), prior.numel_out(1))
     return Exported(
         name,
         estimator,
@@ -126,76 +126,76 @@ def c_filter(
         single,
         header=filled(_HEADER, values),
         source=filled(_SOURCE, values),
-        channels=runner.channels,
-        states=runner.state_names,
-        measured=runner.measured,
-        carry=int(step.numel_in(0)),
+        channels=chosen.channels,
+        states=chosen.state_names,
+        measured=chosen.measured,
+        kernel_state=int(step.numel_in(0)),
         scratch=scratch,
         operations=cost.operations,
         library=dict(sorted(cost.library.items())),
-        interval=runner.interval,
-        replay=replay_program(runner, name),
-        jumps=isinstance(runner, FullStateFilter),
+        interval=chosen.interval,
+        replay=replay_program(chosen, name),
+        jumps=isinstance(chosen, FullStateFilter),
     )
 
 
 def _values(
-    runner: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str
+    chosen: KernelEstimator, name: str, emitter: Emitter, begin: str, advance: str
 ) -> dict[str, str]:
     """Return what the templates are filled with."""
     dialect = emitter.dialect
-    n = len(runner.state_names)
-    m = len(runner.measured)
+    n = len(chosen.state_names)
+    m = len(chosen.measured)
     assert isinstance(dialect, Plain)
-    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    read = [sensors[channel] for channel in runner.channels]
+    sensors = {sensor.name: sensor for sensor in chosen.rig.sensors}
+    read = [sensors[channel] for channel in chosen.channels]
     channels = [f" *   {i}  {s.name}: {s.measures} of {s.of} [{s.si}]" for i, s in enumerate(read)]
     states = [
         f"{state}{f' [{unit}]' * bool(unit)}"
-        for state, unit in zip(runner.state_names, state_units(runner))
+        for state, unit in zip(chosen.state_names, state_units(chosen))
     ]
-    measured = [f" *   {i}  {c}" for i, c in enumerate(runner.measured)]
-    numbers = [dialect.constant(float(x)) for x in runner.numbers]
-    travels = [joint.travel for joint in runner.rig.joints]
+    measured = [f" *   {i}  {c}" for i, c in enumerate(chosen.measured)]
+    numbers = [dialect.constant(float(x)) for x in chosen.numbers]
+    travels = [joint.travel for joint in chosen.rig.joints]
     rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
     return {
         "nan": dialect.constant(float("nan")),
         "name": name,
         "NAME": name.upper(),
-        "rig": comment(runner.rig.name),
-        "estimator": runner.name,
+        "rig": comment(chosen.rig.name),
+        "estimator": chosen.name,
         "real": dialect.type,
         "channels": "\n".join(channels),
         "states": "\n".join(f" *   {i:2d}  {state}" for i, state in enumerate(states)),
         "measured": "\n".join(measured) or " *   none",
-        "n_channels": str(len(runner.channels)),
+        "n_channels": str(len(chosen.channels)),
         "n_states": str(n),
         "n_measured": str(m),
         "n_innovations": str(max(m, 1)),
-        "n_outputs": str(max(runner.kernel.n_y, 2 * m, 1)),
-        "n_carry": str(runner.kernel.n_carry),
+        "n_outputs": str(max(chosen.kernel.n_y, 2 * m, 1)),
+        "n_carry": str(chosen.kernel.n_kernel_state),
         "n_numbers": str(len(numbers)),
-        "n_bridged": str(runner.bridged),
+        "n_bridged": str(chosen.bridged),
         "reach": ", ".join(
             f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels
         ),
         "anywhere": dialect.constant(ANYWHERE**2),
         "health": health_codes(name),
-        "n_joints": str(len(runner.rig.joints)),
-        "outputs": members(runner, name),
-        "angles": outputs(runner, n),
+        "n_joints": str(len(chosen.rig.joints)),
+        "outputs": members(chosen, name),
+        "angles": outputs(chosen, n),
         "numbers": ",\n  ".join(rows),
         "prelude": dialect.prelude(emitter.text),
         "functions": emitter.text,
         "begin": begin,
         "advance": advance,
-        "interval": dialect.constant(runner.interval),
-        "split": dialect.constant(SPLIT * runner.interval),
+        "interval": dialect.constant(chosen.interval),
+        "split": dialect.constant(SPLIT * chosen.interval),
         "most": str(MOST_BRIDGES),
         "largest": dialect.constant(LARGEST_ANGLE),
         "wild": dialect.constant(LARGEST_READING),
         "shortest": dialect.constant(SHORTEST),
-        "which": ", ".join(str(runner.channels.index(c)) for c in runner.measured) or "0",
+        "which": ", ".join(str(chosen.channels.index(c)) for c in chosen.measured) or "0",
         "zero": dialect.constant(0.0),
         "read": dialect.constant(READ),
         "missing": dialect.constant(MISSING),

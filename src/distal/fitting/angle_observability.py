@@ -167,27 +167,30 @@ def observability(
             log = with_channel(
                 log, sensor.name, np.where(early, true[:, joints.index(sensor.of)], np.nan)
             )
-    runner = AdaptiveFilter(rig, references=references)
-    samples = samples_of(log, runner.channels)
-    belief = runner.initial(log.time[0], first_values(samples))
-    rows, last = runner.rows(np.diff(log.time, prepend=log.time[0]), samples)
-    carries = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers)).carries
+    estimator = AdaptiveFilter(rig, references=references)
+    samples = samples_of(log, estimator.channels)
+    belief = estimator.initial(log.time[0], first_values(samples))
+    rows, last = estimator.rows(np.diff(log.time, prepend=log.time[0]), samples)
+    kernel_states = advance(
+        estimator.kernel, Feed(belief.kernel_state, rows, estimator.numbers)
+    ).kernel_states
     std = estimated.angle_stds[:, at]
     regained = np.array(std)
     number = np.floor((log.time - log.time[0]) / window).astype(int)
-    n = len(runner.state_names)
+    n = len(estimator.state_names)
     for k in range(int(number[-1]) + 1):
         inside = np.flatnonzero(number == k)
         if len(inside) == 0:
             continue
         start = last[inside[0] - 1] + 1 if inside[0] else 0
-        carry = np.array(carries[start - 1] if start else belief.carry)
-        covariance = covariance_of(carry, n)
+        kernel_state = np.array(kernel_states[start - 1] if start else belief.kernel_state)
+        covariance = covariance_of(kernel_state, n)
         covariance[at, :] = covariance[:, at] = 0.0
         covariance[at, at] = LOST**2
         after = advance(
-            runner.kernel, Feed(carry, rows[start : last[inside[-1]] + 1], runner.numbers)
-        ).carries
+            estimator.kernel,
+            Feed(kernel_state, rows[start : last[inside[-1]] + 1], estimator.numbers),
+        ).kernel_states
         regained[inside] = np.sqrt(
             np.maximum(variances_of(after[last[inside] - start], n)[:, at], 0.0)
         )

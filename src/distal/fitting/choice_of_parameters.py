@@ -161,7 +161,7 @@ def _held(rig: Rig) -> list[str]:
     return held
 
 
-def paths_of(rig: Rig, wanted: str) -> list[str]:
+def paths_of(rig: Rig, desired: str) -> list[str]:
     """Return the paths, by indices, that a wish names, its parts by name or index; ``*`` stands for
     all parts of a kind.
 
@@ -169,21 +169,21 @@ def paths_of(rig: Rig, wanted: str) -> list[str]:
         FitError: ``*`` stands for nothing.
         RigError: the path is not that of a number.
     """
-    before, star, after = wanted.partition(".*.")
+    before, star, after = desired.partition(".*.")
     if not star:
-        return [number(rig, wanted).path]
+        return [number(rig, desired).path]
     items = part_at(rig, before)
     if not isinstance(items, tuple):
         raise FitError(
-            f"'{wanted}': '{before}' is no list that '*' could stand for; write e.g. "
+            f"'{desired}': '{before}' is no list that '*' could stand for; write e.g. "
             "tendons.*.stiffness"
         )
     return [path for i in range(len(items)) for path in paths_of(rig, f"{before}.{i}.{after}")]
 
 
-def _asked(rig: Rig, wanted: str, per_log: bool) -> Free:
+def _asked(rig: Rig, desired: str, per_log: bool) -> Free:
     try:
-        numbers = [number(rig, path) for path in paths_of(rig, wanted)]
+        numbers = [number(rig, path) for path in paths_of(rig, desired)]
     except RigError as problem:
         raise FitError(f"{'--per-log' if per_log else '--free'} {problem}") from None
     return _free(rig, numbers, per_log)
@@ -194,17 +194,18 @@ def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
     paths = tuple(parameter.path for parameter in numbers)
     starts = tuple(parameter.value for parameter in numbers)
     name = in_words(rig, *paths)
-    place = named(rig, first.path)
+    position = named(rig, first.path)
     if not first.is_parameter:
         return _noise(rig, numbers)
     if first.value == 0.0 and first.std == 0.0:
         raise FitError(
-            f"'{place}' is zero without a std, so its size is unknown; give it one "
-            f"(--set {place}.std=…) to say how large it may be"
+            f"'{position}' is zero without a std, so its size is unknown; give it one "
+            f"(--set {position}.std=…) to say how large it may be"
         )
     if per_log and first.std == 0.0:
         raise FitError(
-            f"'{place}' has no std; what differs from log to log needs one (--set {place}.std=…)"
+            f"'{position}' has no std; what differs from log to log needs one "
+            f"(--set {position}.std=…)"
         )
     low = {"any": -np.inf, "nonnegative": 0.0, "positive": SMALLEST_NUMBER * first.value}[
         first.quantity.bound

@@ -146,11 +146,11 @@ def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
             k = int(np.argmax(np.abs(alone_optimum.z - start) / limits))
             part, _ = alone.parts[k]
             worst = ratio
-            wanted = f"{part.name} = {part.value(alone_optimum.z[k]):.4g} {part.si}".rstrip()
+            desired = f"{part.name} = {part.value(alone_optimum.z[k]):.4g} {part.si}".rstrip()
             sentences = [
                 f"contradictory logs: {Path(data.log.source).name} fits {ratio:.1f} times better "
                 "with numbers of its own "
-                f"({wanted}, all logs together {part.value(start[k]):.4g}); was something changed "
+                f"({desired}, all logs together {part.value(start[k]):.4g}); was something changed "
                 "between the logs? Fit "
                 "them apart, or give each its own with --per-log"
             ]

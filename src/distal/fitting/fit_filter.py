@@ -67,7 +67,7 @@ class FitFilter:
         self.rig = rig
         self.references = tuple(references)
         self.steps = steps
-        self.runner = AdaptiveFilter(
+        self.estimator = AdaptiveFilter(
             rig,
             "lanes" if compiled else False,
             Robustness.fitting(),
@@ -83,12 +83,12 @@ class FitFilter:
 
         Its truth is the reference, NaN or absent where it is not known.
         """
-        runner = self.runner
+        estimator = self.estimator
         joints = [joint.name for joint in self.rig.joints]
-        names = runner.channels[: -len(self.references)]
+        names = estimator.channels[: -len(self.references)]
         proximal = samples_of(log, names, "fit").copy()
-        for sensor in runner.states.context.channels.positions:
-            centre, away = runner.states.context.possible_places(sensor)
+        for sensor in estimator.states.context.channels.positions:
+            centre, away = estimator.states.context.possible_positions(sensor)
             column = proximal[:, names.index(sensor.name)]
             column[np.abs(column - centre) > away] = np.nan
         angles = true_angles(log, joints)
@@ -98,9 +98,9 @@ class FitFilter:
         # of the rest
         stopped = in_stops(log.time, truth, self.rig)
         samples = np.column_stack([proximal, np.where(stopped, np.nan, truth)[:, read]])
-        samples[stopped.all(axis=1), runner.bridged :] = np.nan
-        times, fine, originals = refined(log.time, samples, runner.bridged, self.steps)
-        rows, last = runner.rows(np.diff(times, prepend=times[0]), fine)
+        samples[stopped.all(axis=1), estimator.bridged :] = np.nan
+        times, fine, originals = refined(log.time, samples, estimator.bridged, self.steps)
+        rows, last = estimator.rows(np.diff(times, prepend=times[0]), fine)
         return Data(log, samples, rows, last[originals])
 
 
@@ -115,9 +115,9 @@ def steps_of(rig: Rig, logs: Sequence[Log]) -> int:
         return 1
     sensors = list(rig.sensors_of("position"))
     noise = np.sqrt([variance(sensor) for sensor in sensors])
-    places = [
+    positions = [
         np.column_stack([log.channels[sensor.name] for sensor in sensors])
         for log in logs
         if sensors
     ]
-    return max((steps_per_sample(displacements, noise) for displacements in places), default=1)
+    return max((steps_per_sample(displacements, noise) for displacements in positions), default=1)

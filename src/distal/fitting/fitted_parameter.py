@@ -153,12 +153,12 @@ def only_grows(path: str, rig: Rig) -> bool:
     """Return whether a noise is never written smaller than it was: what the model does not know,
     and displacements'.
     """
-    places = [
+    positions = [
         f"sensors.{i}.noise"
         for i, sensor in enumerate(rig.sensors)
         if sensor.measures == "position"
     ]
-    return path.endswith(".unmodelled") or path in places
+    return path.endswith(".unmodelled") or path in positions
 
 
 def described(rig: Rig, values: Mapping[str, object]) -> Rig:

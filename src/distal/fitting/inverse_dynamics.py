@@ -71,12 +71,12 @@ class Equations:
     """
 
     def __init__(self, fit: FitFilter, compiled: bool = True) -> None:
-        context = fit.runner.states.context
+        context = fit.estimator.states.context
         self.context = context
         self.mechanism = context.mechanism
         self.fit = fit
         drives = range(context.n_drives)
-        self.places = [context.position_sensor(i) for i in drives]
+        self.positions = [context.position_sensor(i) for i in drives]
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
         tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
@@ -88,10 +88,12 @@ class Equations:
     @staticmethod
     def apply_to(fit: FitFilter) -> bool:
         """Return whether every drive's place and every joint's angle is read."""
-        context = fit.runner.states.context
+        context = fit.estimator.states.context
         read = {sensor.of for sensor in fit.references}
-        places = [context.position_sensor(i) for i in range(context.n_drives)]
-        return None not in places and read >= {joint.name for joint in context.mechanism.rig.joints}
+        positions = [context.position_sensor(i) for i in range(context.n_drives)]
+        return None not in positions and read >= {
+            joint.name for joint in context.mechanism.rig.joints
+        }
 
     def _function(self) -> ca.Function:
         """Return (carry, x, p) → (carry⁺, residuals).
@@ -104,17 +106,19 @@ class Equations:
         nj = self.mechanism.n_joints
         p = mechanism.parameters.symbols
         count = len(mechanism.plays) + len(mechanism.strains)
-        carry = ca.SX.sym("carry", nb + count)
+        kernel_state = ca.SX.sym("kernel_state", nb + count)
         x = ca.SX.sym("x", 1 + 5 * nb + len(self.sensors))
         ends = [0, 1, *(1 + nb * k for k in range(1, 6)), x.numel()]
         dt, turned, motion, v, a, unsure, read = ca.vertsplit(x, ends)
-        places = [
-            context.corrected(s, motion[nj + i]) for i, s in enumerate(self.places) if s is not None
+        positions = [
+            context.corrected(s, motion[nj + i])
+            for i, s in enumerate(self.positions)
+            if s is not None
         ]
-        q = ca.vertcat(motion[:nj], *places)
-        direction = ca.fmax(ca.fmin(carry[:nb] + turned, 1), -1)
-        inside = carry[nb:]
-        strains = carry[nb + len(mechanism.plays) :]
+        q = ca.vertcat(motion[:nj], *positions)
+        direction = ca.fmax(ca.fmin(kernel_state[:nb] + turned, 1), -1)
+        inside = kernel_state[nb:]
+        strains = kernel_state[nb + len(mechanism.plays) :]
         if count:
             at = [
                 mechanism.parameters.names.index(name)
@@ -127,7 +131,9 @@ class Equations:
                 return parameters
 
             moved = ca.Function(
-                "moved", [q_ := ca.SX.sym("q", nb), p], [ca.vertcat(*mechanism.internal_state(q_).inside)]
+                "moved",
+                [q_ := ca.SX.sym("q", nb), p],
+                [ca.vertcat(*mechanism.internal_state(q_).inside)],
             )
             crept = ca.Function(
                 "crept", [q_, t_ := ca.SX.sym("dt"), p], [ca.vertcat(*mechanism.crept(q_, t_))]
@@ -159,7 +165,9 @@ class Equations:
         outputs = [
             ca.cse(ca.densify(output)) for output in (ca.vertcat(direction, inside), residuals)
         ]
-        return ca.Function("equations", [carry, x, p], outputs, ["carry", "x", "p"], ["next", "y"])
+        return ca.Function(
+            "equations", [kernel_state, x, p], outputs, ["kernel_state", "x", "p"], ["next", "y"]
+        )
 
     def _forces(self) -> ca.Function:
         """Return (q, v, a, p) → tensions, pulls, all bodies' balance without friction, friction up
@@ -197,16 +205,16 @@ class Equations:
             share = still.parameters[f"{path}.{kind}.share"]
             stiffness = still.parameters[f"{path}.stiffness"]
             inside.append(settled * share * tension / stiffness)
-        carry: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
+        kernel_state: Scalar = ca.vertcat(ca.SX.zeros(still.n_bodies), *inside)
         return ca.Function(
-            "begin", [q, p], ca.substitute([carry], [symbols], [p[: symbols.numel()]])
+            "begin", [q, p], ca.substitute([kernel_state], [symbols], [p[: symbols.numel()]])
         )
 
     def motion_of(self, data: Data) -> KnownMotion | None:
         """Return a log as the equations take it, None where angles and places are hardly known
         together.
         """
-        channels = list(self.fit.runner.channels)
+        channels = list(self.fit.estimator.channels)
         joints = [joint.name for joint in self.mechanism.rig.joints]
 
         def columns(sensors: Sequence[Sensor | None]) -> Floats:
@@ -218,7 +226,7 @@ class Equations:
             return np.column_stack([*readings, np.zeros((len(data.samples), 0))])
 
         of = {sensor.of: sensor for sensor in self.fit.references}
-        q = np.column_stack([columns([of[name] for name in joints]), columns(self.places)])
+        q = np.column_stack([columns([of[name] for name in joints]), columns(self.positions)])
         time = data.log.time
         complete = np.asarray(np.isfinite(q).all(axis=1))
         from scipy.signal import savgol_coeffs, savgol_filter  # takes as long to load as distal
@@ -237,7 +245,7 @@ class Equations:
         # smoothing leaves a share of the noise of each angle and place
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
         noise = [
-            variance(s) for s in (*(of[name] for name in joints), *self.places) if s is not None
+            variance(s) for s in (*(of[name] for name in joints), *self.positions) if s is not None
         ]
         unsure = np.tile(left * np.array(noise), (len(q[at]), 1))
         read = columns(self.sensors)[at]

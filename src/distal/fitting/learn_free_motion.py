@@ -52,12 +52,12 @@ def free_motion_of(
     drives = tuple(drive.name for drive in rig.drives if drive.name in of_drives)
     if not channels or not drives:
         return None
-    places = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
-    spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in places]), axis=1), 1e-9)
+    positions = [[log.channels[of_drives[name]] for name in drives] for _, log in held_out]
+    spread = np.maximum(np.nanstd(np.hstack([np.array(rows) for rows in positions]), axis=1), 1e-9)
     squares, paces, seconds, neighbours, variances = (list[Floats]() for _ in range(5))
-    for (taught, log), readings in zip(held_out, places):
-        runner = closed_filter(taught)
-        result = estimate(log, taught, runner)
+    for (taught, log), readings in zip(held_out, positions):
+        estimator = closed_filter(taught)
+        result = estimate(log, taught, estimator)
         begun = log.time - log.time[0] > SETTLING
         stds = np.sqrt(np.maximum(result.innovation_variances, 1e-30))
         shown = np.nan_to_num(result.innovations / stds)
@@ -69,7 +69,7 @@ def free_motion_of(
         paces.append(_pace(np.array(readings) / spread[:, None], log)[begun])
     square = np.vstack(squares)
     pace = np.concatenate(paces)
-    names = runner.measured
+    names = estimator.measured
     compared = [name for name in names if name in channels]
     expected = np.vstack(variances)
     at = [names.index(name) for name in compared]
@@ -85,7 +85,7 @@ def free_motion_of(
         rms=rms,
         inside=inside,
         felt=_felt(
-            runner, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))
+            estimator, dict(zip(compared, np.array(at_rest) ** 2 * np.median(expected, 0)[at]))
         ),
         fastest=float(np.max(pace)),
         drives=drives,
@@ -103,11 +103,11 @@ def widest(first: FreeMotion, second: FreeMotion) -> FreeMotion:
     return first.model_copy(update=larger)
 
 
-def _felt(runner: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:
+def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float, ...]:
     """Return the torque on each joint from which on a touch is felt, 1/τ₀² = Σ a²/normal [N m]; 0
     of one where none is.
     """
-    context = runner.states.context
+    context = estimator.states.context
     felt = list[float]()
     for joint in range(context.n_joints):
         if joint not in context.touchable:
@@ -146,15 +146,15 @@ def _mean(values: Floats, log: Log, time: float) -> Floats:
     return means
 
 
-def _pace(places: Floats, log: Log) -> Floats:
+def _pace(positions: Floats, log: Log) -> Floats:
     """Return v², the largest recent squared speed of all drives over their spreads, (k,) [1/s²]."""
     interval = float(np.median(np.diff(log.time)))
     fade = exp(-interval / MOTION_TIME)
     slowly = exp(-2 * interval / PACE_TIME)
-    steps = np.nan_to_num(np.diff(places, axis=1, prepend=places[:, :1])) / interval
+    steps = np.nan_to_num(np.diff(positions, axis=1, prepend=positions[:, :1])) / interval
     speeds = lfilter([1 - fade], [1, -fade], steps, axis=1) ** 2
     paces = np.empty(speeds.shape[1])
-    kept = np.zeros(len(places))
+    kept = np.zeros(len(positions))
     for k, now in enumerate(speeds.T):
         kept = np.maximum(slowly * kept, now)
         paces[k] = kept.sum()

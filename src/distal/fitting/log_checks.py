@@ -125,14 +125,14 @@ def _check_sensors(log: Log, logs: Sequence[Log], rig: Rig) -> None:
     """Refuse a sensor that is constant, but for that of a drive that is held in this log and moves
     in another.
     """
-    places = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
-    places |= {
-        tendon.name: places[tendon.drive] for tendon in rig.tendons if tendon.drive in places
+    positions = {sensor.of: sensor.name for sensor in rig.sensors_of("position")}
+    positions |= {
+        tendon.name: positions[tendon.drive] for tendon in rig.tendons if tendon.drive in positions
     }
     for sensor in rig.sensors:
         if sensor.measures in REFERENCES or not _constant(log, sensor.name):
             continue
-        rests = places.get(sensor.of) is None or _constant(log, places[sensor.of])
+        rests = positions.get(sensor.of) is None or _constant(log, positions[sensor.of])
         if rests and not all(_constant(other, sensor.name) for other in logs):
             continue
         values = log.channels[sensor.name]

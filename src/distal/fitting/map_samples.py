@@ -180,35 +180,35 @@ def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> 
 
 
 def _filtered(
-    log: Log, runner: AdaptiveFilter, homing: float | None, usable: Bools | None
+    log: Log, estimator: AdaptiveFilter, homing: float | None, usable: Bools | None
 ) -> Samples:
-    joints = [joint.name for joint in runner.rig.joints]
+    joints = [joint.name for joint in estimator.rig.joints]
     truths = true_angles(log, joints)
     assert truths is not None
-    m = len(runner.places)
-    proximal = samples_of(log, runner.channels[:m], runner.name)
-    reference = np.full((len(log), len(runner.channels) - m), np.nan)
+    m = len(estimator.positions)
+    proximal = samples_of(log, estimator.channels[:m], estimator.name)
+    reference = np.full((len(log), len(estimator.channels) - m), np.nan)
     unaided = np.column_stack([proximal, reference])
-    start = runner.initial(log.time[0], np.append(first_values(proximal), reference[0]))
+    start = estimator.initial(log.time[0], np.append(first_values(proximal), reference[0]))
     early = log.time - log.time[0] < (SETTLING if homing is None else homing)
     if homing is not None:
         check_homing(homing, log, joints)
         usable_truths = truths if usable is None else np.where(usable[:, None], truths, np.nan)
-        of = {sensor.name: sensor.of for sensor in runner.rig.sensors_of("angle")}
-        columns = [joints.index(of[name]) for name in runner.channels[m:]]
+        of = {sensor.name: sensor.of for sensor in estimator.rig.sensors_of("angle")}
+        columns = [joints.index(of[name]) for name in estimator.channels[m:]]
         aided = np.column_stack(
             [proximal, np.where(early[:, None], usable_truths[:, columns], np.nan)]
         )
-        start = numbers_homed(Window.of(runner, start, log, aided, usable_truths, homing))
+        start = numbers_homed(Window.of(estimator, start, log, aided, usable_truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)
     if homing is None:
-        stopped = in_stops(log.time, truths, runner.rig)
+        stopped = in_stops(log.time, truths, estimator.rig)
         # one that hardly leaves its stops would be left without a truth
         moves = (np.isfinite(truths) & ~stopped).mean(axis=0) >= LEAST_FREE
         truths = np.where(stopped & moves, np.nan, truths)
-    return plain_samples(runner, start, log, unaided, truths)
+    return plain_samples(estimator, start, log, unaided, truths)
 
 
 def mean_rms(data: Mapping[int, Samples]) -> float:

@@ -22,7 +22,7 @@ from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
 from distal.fitting.problem import Problem
 from distal.fitting.progress import Progress, searching
-from distal.fitting.standard_errors import CONFOUNDED, TOLD, Uncertainty, uncertainty_at
+from distal.fitting.standard_errors import CONFOUNDED, IDENTIFIED, Uncertainty, uncertainty_at
 from distal.homing import added_reference, with_references
 from distal.logs import Log, true_angles
 from distal.model import joint_frequency
@@ -87,7 +87,7 @@ def numbers_of(
         FitError: the filter leaves all bounds on the logs.
     """
     equations = by_equations(problem, options, progress)
-    slow = joint_frequency(problem.filter.runner.states.context.mechanism) * SMOOTHED < FOLLOWS
+    slow = joint_frequency(problem.filter.estimator.states.context.mechanism) * SMOOTHED < FOLLOWS
     if equations is not None and (not slow or equations.optimum.interrupted):
         return [equations]
     return [
@@ -335,7 +335,7 @@ def _next_held(
     limit = problem.prior_stds
     share = np.where(may_stay & ~left & ~uncertainty.determined, errors / limit, 0.0)
     at = int(np.argmax(share))
-    return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else TOLD) else None
+    return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else IDENTIFIED) else None
 
 
 def fitted_numbers(
@@ -353,26 +353,28 @@ def fitted_numbers(
     has_errors = optimum.converged and not optimum.interrupted
     numbers = [_by_scale(problem, optimum.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):
-        places = sorted({columns[k] for columns in coordinates})
-        by_log = np.array([part.value(optimum.z[place]) for place in places])
-        slopes = np.array([part.slope(optimum.z[place]) for place in places])
+        positions = sorted({columns[k] for columns in coordinates})
+        by_log = np.array([part.value(optimum.z[position]) for position in positions])
+        slopes = np.array([part.slope(optimum.z[position]) for position in positions])
         mean = float(by_log.mean())
         values = tuple(
             mean if len(set(part.starts)) == 1 else mean * start / part.start
             for start in part.starts
         )
-        identified = bool(part.noise or part.per_log or not part.has_prior or not left[places[0]])
+        identified = bool(
+            part.noise or part.per_log or not part.has_prior or not left[positions[0]]
+        )
         fitted = _fitted(part, values if identified else part.starts, identified)
         per_log = dict(zip(logs, map(float, by_log))) if part.per_log else {}
         if has_errors:
             limit = part.std if part.has_prior and not part.noise else np.inf
-            error = min(_error_of_mean(by_log, uncertainty.errors[places] * slopes), limit)
+            error = min(_error_of_mean(by_log, uncertainty.errors[positions] * slopes), limit)
             fitted = replace(
                 fitted,
                 error=error,
-                held_error=_error_of_mean(by_log, errors_holding[places] * slopes),
+                held_error=_error_of_mean(by_log, errors_holding[positions] * slopes),
             )
-        is_held = bool(held[places[0]])
+        is_held = bool(held[positions[0]])
         numbers.append(
             replace(fitted, value=mean if identified else part.start, held=is_held, per_log=per_log)
         )

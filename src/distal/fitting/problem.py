@@ -34,7 +34,7 @@ PROBED = 0.3
 
 
 @dataclass(frozen=True)
-class Worth:
+class Weight:
     """What the values of each channel are worth, as found at a point: how much one counts
     (`shares_of`), (m,).
 
@@ -76,7 +76,7 @@ class Problem:
     homing: float | None = None
     aided: bool = False
     workers: int = 2
-    worth: Worth | None = None
+    weight: Weight | None = None
     noises: tuple[Free, ...] = ()
 
     def beginning(self, share: float, least: int) -> Problem:
@@ -87,14 +87,14 @@ class Problem:
             log_data.beginning(max(least, round(share * len(log_data.last))))
             for log_data in self.data
         )
-        return replace(self, data=data, worth=None)
+        return replace(self, data=data, weight=None)
 
     def among(self, logs: Sequence[int]) -> Problem:
         """Return the problem of some of the logs; what their values are worth stays."""
-        worth = self.worth
-        if worth is not None:
-            worth = replace(worth, counts=tuple(worth.counts[j] for j in logs))
-        return replace(self, data=tuple(self.data[j] for j in logs), worth=worth)
+        weight = self.weight
+        if weight is not None:
+            weight = replace(weight, counts=tuple(weight.counts[j] for j in logs))
+        return replace(self, data=tuple(self.data[j] for j in logs), weight=weight)
 
     def assessed(self, z: Floats) -> Problem:
         """Return the problem with the worth of the channels' values at a point, as it is where the
@@ -106,7 +106,7 @@ class Problem:
         counts = tuple(np.isfinite(run.values).sum(axis=0).astype(np.float64) for run in runs)
         return replace(
             self,
-            worth=Worth(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts),
+            weight=Weight(shares_of(runs, [self._times(j) for j in range(len(self.data))]), counts),
         )
 
     @property
@@ -117,7 +117,7 @@ class Problem:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of the channels that are compared, (m,)."""
-        return self.filter.runner.measured
+        return self.filter.estimator.measured
 
     @cached_property
     def _is_reference(self) -> Bools:
@@ -125,9 +125,9 @@ class Problem:
         return np.array([name in names for name in self.measured])
 
     @cached_property
-    def places(self) -> list[list[int]]:
+    def positions(self) -> list[list[int]]:
         """Where among the kernel's parameters each free number stands."""
-        names = self.filter.runner.parameter_names
+        names = self.filter.estimator.parameter_names
         return [[names.index(path) for path in part.paths] for part in self.free]
 
     @cached_property
@@ -158,8 +158,8 @@ class Problem:
 
     def columns(self, log: int) -> list[int]:
         """Return for each free number the coordinate that holds it in a log."""
-        places = {(id(part), of_log): k for k, (part, of_log) in enumerate(self.parts)}
-        return [places[id(part), log if part.per_log else None] for part in self.free]
+        positions = {(id(part), of_log): k for k, (part, of_log) in enumerate(self.parts)}
+        return [positions[id(part), log if part.per_log else None] for part in self.free]
 
     def run(self, tasks: Sequence[tuple[int, Floats]]) -> list[Innovations]:
         """Return the innovations of some runs, of a log's index and its coordinates, one for each
@@ -186,21 +186,23 @@ class Problem:
 
     @property
     def _kernel(self) -> Kernel:
-        return self.filter.runner.kernel
+        return self.filter.estimator.kernel
 
     def _feed(self, log: int, z: Floats) -> Feed:
         """Return what the kernel is fed at a log's coordinates."""
         p = self.numbers(z)
-        mean, covariance, memory = self.filter.runner.prior(first_values(self.data[log].samples), p)
+        mean, covariance, memory = self.filter.estimator.prior(
+            first_values(self.data[log].samples), p
+        )
         return Feed(np.concatenate([mean, covariance.ravel(), memory]), self._rows[log], p)
 
     def numbers(self, z: Floats) -> Floats:
         """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free
         number.
         """
-        p = np.array(self.filter.runner.numbers)
-        for part, places, coordinate in zip(self.free, self.places, z):
-            p[places] = part.values(float(coordinate))
+        p = np.array(self.filter.estimator.numbers)
+        for part, positions, coordinate in zip(self.free, self.positions, z):
+            p[positions] = part.values(float(coordinate))
         return p
 
     @cached_property
@@ -225,7 +227,7 @@ class Problem:
 
     def _compared(self, log: int, ys: Floats) -> Innovations:
         data = self.data[log]
-        values, variances = self.filter.runner.innovations_of(ys[data.last], data.samples)
+        values, variances = self.filter.estimator.innovations_of(ys[data.last], data.samples)
         if self.homing is not None:
             values = values.copy()
             values[:, ~self._is_reference] = np.nan
@@ -243,7 +245,9 @@ class Problem:
         """Return how the values of a log's channels count."""
         none = np.zeros(len(self.measured))
         share, counts = (
-            (none + 1.0, none) if self.worth is None else (self.worth.share, self.worth.counts[log])
+            (none + 1.0, none)
+            if self.weight is None
+            else (self.weight.share, self.weight.counts[log])
         )
         return Weighing(self._tolerance, share, self._times(log), counts, scale)
 
@@ -291,10 +295,12 @@ class Problem:
         ends = np.where(z + widths <= high, z + widths, np.maximum(z - widths, low))
         tasks = list[tuple[int, Floats]]()
         for j in range(len(self.data)):
-            places = self.columns(j)
-            tasks.append((j, z[places]))
-            varied = np.eye(len(places), dtype=bool)[widths[places] != 0.0]
-            tasks += [(j, np.where(is_varied, ends[places], z[places])) for is_varied in varied]
+            positions = self.columns(j)
+            tasks.append((j, z[positions]))
+            varied = np.eye(len(positions), dtype=bool)[widths[positions] != 0.0]
+            tasks += [
+                (j, np.where(is_varied, ends[positions], z[positions])) for is_varied in varied
+            ]
         runs = iter(self.run(tasks))
         bases = list[Innovations]()
         sides = list[list[Innovations]]()
@@ -324,10 +330,10 @@ class Problem:
         bends = np.zeros((len(steps), self.size))
         for j, of_log in enumerate(of_logs):
             for k, step in enumerate(steps):
-                places = self.columns(j)
+                positions = self.columns(j)
                 run = next(runs)
                 if of_log.slopes is not None:
-                    bends[k, places] += of_log.slopes.bend(run, step[places], PROBED)
+                    bends[k, positions] += of_log.slopes.bend(run, step[positions], PROBED)
         return bends
 
     def summed(self, of_logs: Sequence[Derivatives], z: Floats) -> Derivatives:
@@ -351,7 +357,7 @@ class Problem:
         """Return mean (n,) and covariance (n, n) of the filter's states at the end of a log, at all
         coordinates z.
         """
-        runner = self.filter.runner
-        n = len(self.filter.runner.state_names)
-        end = advance(runner.kernel, self._feed(log, z[self.columns(log)])).carries[-1]
+        estimator = self.filter.estimator
+        n = len(self.filter.estimator.state_names)
+        end = advance(estimator.kernel, self._feed(log, z[self.columns(log)])).kernel_states[-1]
         return mean_of(end, n), covariance_of(end, n)

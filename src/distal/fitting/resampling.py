@@ -13,7 +13,7 @@ FINEST = 4
 """At most so many steps per sample."""
 
 
-def steps_per_sample(places: Floats, noise: Floats) -> int:
+def steps_per_sample(positions: Floats, noise: Floats) -> int:
     """Return how many steps per sample keep straight lines within the sensors' `noise`, (m,): 1, 2
     or `FINEST`.
 
@@ -21,7 +21,7 @@ def steps_per_sample(places: Floats, noise: Floats) -> int:
     and stiffness would be fitted too large by (ω dt)²/12. With n steps it is n² times less.
     Displacements `places` are (k, m), NaN where missing.
     """
-    bends = np.abs(np.diff(places, n=2, axis=0)) / 8.0
+    bends = np.abs(np.diff(positions, n=2, axis=0)) / 8.0
     missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
     # noise bends too: its second difference has a variance of 6 σ²
     noise_bends = np.sqrt(6.0) / 8.0 * noise
@@ -33,7 +33,7 @@ def steps_per_sample(places: Floats, noise: Floats) -> int:
 
 
 def refined(
-    times: Floats, samples: Floats, places: int, steps: int
+    times: Floats, samples: Floats, positions: int, steps: int
 ) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Return stamps, samples and the original samples' rows, with displacements interpolated
     between them.
@@ -54,7 +54,7 @@ def refined(
     fine = np.full((len(fine_times), samples.shape[1]), np.nan)
     fine_times[rows] = times
     fine[rows] = samples
-    x = samples[:, :places]
+    x = samples[:, :positions]
     before = np.vstack([x[:1], x[:-2]])
     after = np.vstack([x[2:], x[-1:]])
     first = x[:-1]
@@ -65,7 +65,7 @@ def refined(
     right = np.where(smooth, (after - first) / 2, last - first)
     for j, s in enumerate(parts, start=1):
         fine_times[j::steps] = times[:-1] + s * interval
-        fine[j::steps, :places] = (
+        fine[j::steps, :positions] = (
             (2 * s**3 - 3 * s**2 + 1) * first
             + (s**3 - 2 * s**2 + s) * left
             + (3 * s**2 - 2 * s**3) * last
@@ -74,6 +74,6 @@ def refined(
     # gaps are bridged by the filter itself
     keep = np.ones(len(fine_times), dtype=bool)
     for j in range(1, steps):
-        keep[j::steps] = even & np.isfinite(fine[j::steps, :places]).all(axis=1)
+        keep[j::steps] = even & np.isfinite(fine[j::steps, :positions]).all(axis=1)
     new_rows = np.cumsum(keep) - 1
     return fine_times[keep], fine[keep], new_rows[rows]

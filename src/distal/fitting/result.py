@@ -262,8 +262,8 @@ class Fit:
             if name == part.name:
                 return part
         try:
-            wanted = set(paths_of(self.model, name))
-            return next(part for part in self.fitted if wanted <= set(part.paths))
+            desired = set(paths_of(self.model, name))
+            return next(part for part in self.fitted if desired <= set(part.paths))
         except (DistalError, StopIteration):
             raise KeyError(name) from None
 

@@ -63,14 +63,14 @@ def _of_sensor(
     """Return the curve and what is left of the linearity of one sensor, from names, means and
     covariances of logs' ends.
     """
-    runner = problem.filter.runner
-    states = zip(runner.state_kinds, runner.state_parts)
+    estimator = problem.filter.estimator
+    states = zip(estimator.state_kinds, estimator.state_parts)
     at = np.flatnonzero(
         [kind is StateKind.LINEARITY and part == sensor.name for kind, part in states]
     )
     block = np.ix_(at, at)
-    start = runner.states.means[at]
-    spread = runner.states.stds[at]
+    start = estimator.states.means[at]
+    spread = estimator.states.stds[at]
     prior = np.diag(1.0 / spread**2)
     precision = prior.copy()
     weighted = prior @ start

@@ -15,7 +15,7 @@ from distal.fitting.likelihood import Derivatives
 from distal.fitting.likelihood_search import hessian
 from distal.fitting.problem import Problem
 
-TOLD = 0.9
+IDENTIFIED = 0.9
 """A number is told by the logs if its standard error is below this share of its prior's std."""
 
 VAGUE = 0.5
@@ -100,7 +100,7 @@ def uncertainty_at(problem: Problem, derivatives: Derivatives, z: Floats) -> Unc
     shrink = np.minimum(1.0, limit / np.maximum(np.sqrt(np.diag(covariance)), 1e-300))
     covariance *= np.outer(shrink, shrink)
     yardstick = yardsticks(problem, z)
-    share = np.where(np.isfinite(limit), TOLD, 1.0)
+    share = np.where(np.isfinite(limit), IDENTIFIED, 1.0)
     errors = np.sqrt(np.diag(covariance))
     precision = np.diag(np.linalg.pinv(covariance, hermitian=True))
     # to know the others takes nothing off

@@ -108,7 +108,7 @@ class Hand:
         self._units = LogUnits(self._rig, self._live.channels)
         self._gate = GoalGate(self._rig)
         self._inverse: LiveInverse | None = None
-        self._wanted: dict[str, float] = {}
+        self._desired: dict[str, float] = {}
         self._reading: Reading | None = None
         self._temperatures: Mapping[str, float] = {}
         self._looked = -np.inf
@@ -139,11 +139,11 @@ class Hand:
             self._held_back = self._gate.note
             self._limit({})
         else:
-            command = self._inverse.step(time, self._wanted, believed)
+            command = self._inverse.step(time, self._desired, believed)
             self._reading = command.reading
             self._held_back = command.note
             names = [drive.name for drive in self._rig.drives]
-            self._inverse.confirm(self._write(dict(zip(names, command.places.tolist()))))
+            self._inverse.confirm(self._write(dict(zip(names, command.positions.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
         if self._units.restarts:
             detail = f"{', '.join(self._units.restarts)} counts from another turn: it restarted"
@@ -269,7 +269,7 @@ class Hand:
             )
         ranges = {joint.name: joint.travel for joint in self._rig.joints if joint.coupled is None}
         angles = dict(zip(self._joints, self._reading.angles))
-        wanted = {name: angles[name] for name in ranges} | self._wanted
+        desired = {name: angles[name] for name in ranges} | self._desired
         for name, angle in positions.items():
             if name in self._joints and name not in ranges:
                 raise CommandError(
@@ -284,8 +284,8 @@ class Hand:
                 or not low - 1.0 <= angle <= high + 1.0
             ):
                 raise CommandError(f"'{name}' turns from {low:.4g}° to {high:.4g}°, {angle!r} came")
-            wanted[name] = radians(float(np.clip(angle, low, high)))
-        self._wanted = wanted
+            desired[name] = radians(float(np.clip(angle, low, high)))
+        self._desired = desired
         if self._inverse is None:
             self._inverse = LiveInverse(self._rig, compiled=self._compiled, gate=self._gate)
             self._inverse.estimator.reset(self._reading.angles, max(self._reading.angle_stds))
@@ -293,7 +293,7 @@ class Hand:
     def relax(self) -> None:
         """Want no angles any more: `update` sends nothing."""
         self._inverse = None
-        self._wanted = {}
+        self._desired = {}
         self._gate.release()
 
     def _write(self, goals: Mapping[str, float]) -> bool:
@@ -428,7 +428,7 @@ class Hand:
         self._units = units.followed_by(rig)
         self._gate = GoalGate(rig)
         self._inverse = None
-        self._wanted = {}
+        self._desired = {}
         self._reading = None
 
 
@@ -436,11 +436,11 @@ def _without_zero(rig: Rig) -> list[str]:
     """Return the motors whose zero is known to no better than `KNOWN_ZERO` at their joints."""
     found = []
     for drive in rig.drives:
-        place = next(
+        position = next(
             (sensor for sensor in rig.sensors_of("position") if sensor.of == drive.name), None
         )
         arm = next(tendon.total_arm for tendon in rig.tendons if tendon.drive == drive.name)
         lever = drive.radius.value if isinstance(drive, Capstan) else 1.0
-        if place is None or place.bias.total_std * lever / arm > KNOWN_ZERO:
+        if position is None or position.bias.total_std * lever / arm > KNOWN_ZERO:
             found.append(drive.name)
     return found

@@ -105,10 +105,10 @@ class OrcaMotors:
 
     def read(self) -> dict[str, float]:
         """Return positions [rad] and currents [mA]; a read that failed gives none."""
-        places = list(self._hand.get_motor_pos())
+        positions = list(self._hand.get_motor_pos())
         answered = self._answered()
         currents = list(self._hand.get_motor_current())
-        return _columns(self._names, places, currents) if answered and self._answered() else {}
+        return _columns(self._names, positions, currents) if answered and self._answered() else {}
 
     def _answered(self) -> bool:
         """Return whether the last read was one: the SDK returns old values where it failed."""
@@ -212,11 +212,11 @@ def _known(rig: Rig, names: list[str]) -> list[str]:
 
 
 def _columns(
-    names: Sequence[str], places: Iterable[float], currents: Iterable[float]
+    names: Sequence[str], positions: Iterable[float], currents: Iterable[float]
 ) -> dict[str, float]:
     found = dict[str, float]()
-    for name, place, current in zip(names, places, currents):
-        for column, value in ((f"{name}_position", place), (f"{name}_current", current)):
+    for name, position, current in zip(names, positions, currents):
+        for column, value in ((f"{name}_position", position), (f"{name}_current", current)):
             if value is not None and float(value) == float(value):
                 found[column] = float(value)
     return found

@@ -288,10 +288,10 @@ def _with_ranges(
         travel = sum(abs(arm) * float(np.ptp(joints[name].travel)) for name, arm in arms.items())
         of_radius = np.sqrt(2) * np.hypot.reduce(off) / travel
         of_zero = np.hypot.reduce(off) / np.sqrt(2)
-        place = sweep_channels_of(rig, drive.name)[0]
+        position = sweep_channels_of(rig, drive.name)[0]
         for path, size in (
             (f"drives.{drive.name}.radius", of_radius * drive.radius.value),
-            (f"sensors.{place}.bias", of_zero / drive.radius.value),
+            (f"sensors.{position}.bias", of_zero / drive.radius.value),
         ):
             found = wider.get(path)
             if isinstance(found, dict):

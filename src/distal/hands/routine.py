@@ -113,7 +113,7 @@ class _Motor:
         self.over = 0.0
         self.goal = nan
         self.begin = nan
-        self.place = nan
+        self.position = nan
         self.started = nan
         self.ends: dict[int, float] = {}
         self.beyond = 0.0
@@ -124,23 +124,23 @@ class _Motor:
         self.first = nan
 
     def step(
-        self, time: float, dt: float, place: float, torque: float, options: RoutineOptions
+        self, time: float, dt: float, position: float, torque: float, options: RoutineOptions
     ) -> None:
         """Go on by one period."""
         if not isfinite(self.goal):
-            self.goal = self.begin = place
+            self.goal = self.begin = position
             self.started = time
-        self.place = place
+        self.position = position
         if self.done >= options.sweeps:
             if self.goal != self.rest:
                 self.goal += float(
                     np.clip(self.rest - self.goal, -options.speed * dt, options.speed * dt)
                 )
                 self.started = time
-            self.rested = abs(place - self.rest) < NEAR or time - self.started > WAITED
+            self.rested = abs(position - self.rest) < NEAR or time - self.started > WAITED
             return
         self.over = self.over + dt if self.way * torque > self.limit else 0.0
-        gone = self.way * (place - self.begin)
+        gone = self.way * (position - self.begin)
         # the first sweep begins anywhere; one tendon is let out from where it was wound up
         most = (
             2 * self.most
@@ -157,32 +157,32 @@ class _Motor:
                 )  # it meets nothing either way: it would only go on turning
             # back over what it went without meeting anything
             self.beyond = 0.0 if met else gone
-            self.ends[self.way] = self.goal = self.begin = place
+            self.ends[self.way] = self.goal = self.begin = position
             self.way = -self.way
             self.done = self.done + 1
             self.started = time
             self.over = 0.0
         speed = options.speed * float(np.clip(SLOWS - self.way * torque / self.limit, SLOWEST, 1.0))
         ahead = self.goal + self.way * speed * dt
-        self.goal = float(np.clip(ahead, place - LEAD, place + LEAD))
+        self.goal = float(np.clip(ahead, position - LEAD, position + LEAD))
 
-    def blind(self, dt: float, place: float, torque: float) -> str:
+    def blind(self, dt: float, position: float, torque: float) -> str:
         """Return why nothing tells how hard it pushes; empty where something does."""
         self.felt = self.felt or torque != 0.0
-        self.first = self.first if isfinite(self.first) else place
-        if not self.felt and abs(place - self.first) > FELT:
+        self.first = self.first if isfinite(self.first) else position
+        if not self.felt and abs(position - self.first) > FELT:
             return "its current reads 0 while it moves"
-        driven = self.way * (self.goal - place) >= LEAD - CREEPS
-        if not driven or not abs(place - self.stood_at) < CREEPS:
+        driven = self.way * (self.goal - position) >= LEAD - CREEPS
+        if not driven or not abs(position - self.stood_at) < CREEPS:
             self.still = 0.0
-            self.stood_at = place
+            self.stood_at = position
             return ""
         self.still += dt
         if self.still < STILL or self.way * torque > self.limit:
             return ""
         return (
-            f"it stands still at {np.rad2deg(place):.0f}° and its torque reads {torque:.2f} N m, "
-            f"where {self.limit:.2f} N m end a sweep: does it move, and is its current right?"
+            f"it stands still at {np.rad2deg(position):.0f}° and its torque reads "
+            f"{torque:.2f} N m, where {self.limit:.2f} N m end a sweep: does it move, and is its current right?"
         )
 
     @property
@@ -235,7 +235,7 @@ class Routine:
         self._sent = dict.fromkeys(self._motors, nan)
         self._rows = list[list[float]]()
         self._goals = dict.fromkeys(self._motors, nan)
-        self._places = dict.fromkeys(self._motors, nan)
+        self._positions = dict.fromkeys(self._motors, nan)
 
     @property
     def done(self) -> bool:
@@ -272,14 +272,16 @@ class Routine:
     def abort(self, why: str = "asked for") -> None:
         """End it: the goals become where the motors are, so that none goes on pushing."""
         self._aborted = self._aborted or why
-        self._goals |= {name: place for name, place in self._places.items() if isfinite(place)}
+        self._goals |= {
+            name: position for name, position in self._positions.items() if isfinite(position)
+        }
 
     def fail(self, motor: str, why: str) -> None:
         """End the routine of a motor, and of those that move the same joints."""
         for name in self._together[motor]:
             self._failed.setdefault(name, why if name == motor else f"{motor}: {why}")
-            if isfinite(self._places[name]):
-                self._goals[name] = self._places[name]
+            if isfinite(self._positions[name]):
+                self._goals[name] = self._positions[name]
 
     def step(self, time: float, sample: Mapping[str, float]) -> dict[str, float]:
         """Take in a sample and return the goals of all motors, as their sensors read them [rad].
@@ -294,32 +296,32 @@ class Routine:
         read = np.array([[sample.get(channel, nan) for channel in pair] for pair in pairs])
         self._rows.append([time, *read.ravel().tolist(), *self._sent.values()])
         believed = self._gate.read(time, read[:, 0], read[:, 1])
-        for name, place, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
-            is_read = isfinite(place) and isfinite(torque)
-            self._places[name] = place if isfinite(place) else self._places[name]
-            if not isfinite(self._goals[name]) and isfinite(place):
-                self._goals[name] = place
+        for name, position, torque in zip(self._motors, believed.tolist(), read[:, 1].tolist()):
+            is_read = isfinite(position) and isfinite(torque)
+            self._positions[name] = position if isfinite(position) else self._positions[name]
+            if not isfinite(self._goals[name]) and isfinite(position):
+                self._goals[name] = position
             self._silent[name] = 0.0 if is_read else self._silent[name] + dt
             if name in self.moving and name not in self._failed:
-                self._move(name, time, dt, place, torque)
+                self._move(name, time, dt, position, torque)
         if self._groups and all(self._ended(name) for name in self._groups[0]):
             self._groups = self._groups[1:]
         self._sent = self.goals
         return dict(self._sent)
 
-    def _move(self, name: str, time: float, dt: float, place: float, torque: float) -> None:
+    def _move(self, name: str, time: float, dt: float, position: float, torque: float) -> None:
         motor = self._motors[name]
         if self._silent[name] > SILENT:
             why = self._gate.note or "its angle or its current is missing"
             return self.fail(name, f"nothing to go by for {self._silent[name]:.1f} s ({why})")
-        if not (isfinite(place) and isfinite(torque)):
+        if not (isfinite(position) and isfinite(torque)):
             return None
         if abs(torque) > LARGEST * motor.limit:
             why = f"a torque of {abs(torque):.2f} N m; its limit is {motor.limit:.2f}"
             return self.fail(name, why)
-        if motor.done < self._options.sweeps and (why := motor.blind(dt, place, torque)):
+        if motor.done < self._options.sweeps and (why := motor.blind(dt, position, torque)):
             return self.fail(name, why)
-        motor.step(time, dt, place, torque, self._options)
+        motor.step(time, dt, position, torque, self._options)
         self._goals[name] = motor.goal
         if motor.done < self._options.sweeps and time - motor.started > self._options.longest:
             longest = self._options.longest

@@ -23,7 +23,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.rig import Capstan, Rig
 
-PLACES = 120
+POSITIONS = 120
 """Places along the travel at which both ways are compared."""
 
 TENSIONS = 300
@@ -83,17 +83,17 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
         return None
     motor = rig.drives[0]
     assert isinstance(motor, Capstan)
-    places, torques = _both_ways(log, rig, drive, sweeps)
-    if len(places) < PLACES // 2 or torques.max() <= 0.0:
+    positions, torques = _both_ways(log, rig, drive, sweeps)
+    if len(positions) < POSITIONS // 2 or torques.max() <= 0.0:
         return None
     paths = [*(f"joints.{i}.spring.stiffness" for i in crossed), f"tendons.{tendons[0]}.stiffness"]
     mechanism = Mechanism(rig, paths)
     position_sensor = sweep_channels_of(rig, drive)[0]
-    place = [sensor.name for sensor in rig.sensors].index(position_sensor)
+    position = [sensor.name for sensor in rig.sensors].index(position_sensor)
     at = [mechanism.parameters.names.index(path) for path in paths]
     curve = _curve(mechanism, tendons[0], crossed)
-    grown = np.gradient(torques, places)
-    stds = np.hypot(MISSED * torques.max(), grown * np.ptp(places) / PLACES)
+    grown = np.gradient(torques, positions)
+    stds = np.hypot(MISSED * torques.max(), grown * np.ptp(positions) / POSITIONS)
     guess = np.log(mechanism.parameters.values[at])
 
     def missed(z: Floats) -> Floats:
@@ -103,16 +103,16 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
         away = z[:-1] - guess
         apart = away[:-1] - away[:-1].mean()
         together = away[:-1].mean()
-        fits = (np.interp(places - z[-1], reached, pulls, left=0.0) - torques) / stds
+        fits = (np.interp(positions - z[-1], reached, pulls, left=0.0) - torques) / stds
         return np.concatenate([fits, apart / APART, [together / TOGETHER, away[-1] / TENDON]])
 
     largest = MOST * float(torques.max()) / motor.radius.value
     reached, pulls = (
         np.array(part).ravel() for part in curve(largest, mechanism.parameters.values)
     )
-    zero = float(places[-1] - reached[-1])  # all joints are at their stops
-    middle = slice(len(places) // 4, 3 * len(places) // 4)
-    expected = np.interp(places[middle] - zero, reached, pulls)
+    zero = float(positions[-1] - reached[-1])  # all joints are at their stops
+    middle = slice(len(positions) // 4, 3 * len(positions) // 4)
+    expected = np.interp(positions[middle] - zero, reached, pulls)
     together = float(np.log(max(np.median(torques[middle] / np.maximum(expected, 1e-9)), 0.1)))
 
     def search(springs: Floats, *others: float) -> OptimizeResult:
@@ -131,7 +131,7 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
         search(np.array(order) - reach, *best[len(crossed) :])
         for order in itertools.permutations(bends)
     ]
-    return _likeliest(ends, paths, f"sensors.{place}.bias")
+    return _likeliest(ends, paths, f"sensors.{position}.bias")
 
 
 def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) -> Springs:
@@ -141,8 +141,8 @@ def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) 
     costs = np.array([end.cost for end in ends])
     springs = np.array([end.x[:-2] for end in ends])
     best = ends[int(np.argmin(costs))].x
-    worth = np.exp(-(costs - costs.min()) / LIKELY)
-    spreads = np.maximum(np.sqrt(worth @ (springs - best[:-2]) ** 2 / worth.sum()), LEAST_SPREAD)
+    weight = np.exp(-(costs - costs.min()) / LIKELY)
+    spreads = np.maximum(np.sqrt(weight @ (springs - best[:-2]) ** 2 / weight.sum()), LEAST_SPREAD)
     values = dict(zip([*paths, zero], [*np.exp(best[:-1]).tolist(), float(best[-1])]))
     return Springs(
         values, {path: float(spread) * values[path] for path, spread in zip(paths, spreads)}
@@ -153,16 +153,16 @@ def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple
     """Return places along a motor's travel and the mean there of its torques on the way there and
     back.
     """
-    place, torque = (log.channels[name] for name in sweep_channels_of(rig, drive))
+    position, torque = (log.channels[name] for name in sweep_channels_of(rig, drive))
     full = sweeps[1:]
     rows = np.concatenate([np.arange(s.begin, s.end + 1) for s in full if s.way > 0])
-    edges = np.linspace(np.nanmin(place[rows]), np.nanmax(place[rows]), PLACES + 1)
+    edges = np.linspace(np.nanmin(position[rows]), np.nanmax(position[rows]), POSITIONS + 1)
     means = []
     for way in (1, -1):
         rows = np.concatenate([np.arange(s.begin, s.end + 1) for s in full if s.way == way])
-        rows = rows[np.isfinite(place[rows]) & np.isfinite(torque[rows])]
-        rows = rows[np.argsort(place[rows])]
-        parts = np.split(torque[rows], np.searchsorted(place[rows], edges))[1:-1]
+        rows = rows[np.isfinite(position[rows]) & np.isfinite(torque[rows])]
+        rows = rows[np.argsort(position[rows])]
+        parts = np.split(torque[rows], np.searchsorted(position[rows], edges))[1:-1]
         means.append([float(np.median(part)) if part.size else np.nan for part in parts])
     both = np.mean(means, axis=0)
     middles = (edges[1:] + edges[:-1]) / 2
@@ -195,8 +195,8 @@ def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Func
     at_zero, slope = ca.Function("force", [bodies, p], [force, ca.jacobian(force, bodies)[nj]])(
         q, p
     )
-    place = (tension - at_zero) / slope
-    point = ca.Function("point", [tension, p], [place, tension * jacobian[nj]])
+    position = (tension - at_zero) / slope
+    point = ca.Function("point", [tension, p], [position, tension * jacobian[nj]])
     tensions = largest * ca.DM(np.linspace(0.0, 1.0, TENSIONS)).T
     reached, pulls = point.map(TENSIONS)(tensions, ca.repmat(p, 1, TENSIONS))
     return ca.Function("curve", [largest, p], [reached, pulls])

@@ -69,16 +69,16 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
         LogError: its angle or torque is not in the log, or it does not sweep at least `FEWEST`
             times.
     """
-    place, torque = sweep_channels_of(rig, drive)
-    places = log.channels[place]
+    position, torque = sweep_channels_of(rig, drive)
+    positions = log.channels[position]
     torques = log.channels[torque]
-    known = np.isfinite(places) & np.isfinite(torques)
+    known = np.isfinite(positions) & np.isfinite(torques)
     if not known.any():
-        raise LogError(f"{log.source}: '{place}' and '{torque}' are never there together")
+        raise LogError(f"{log.source}: '{position}' and '{torque}' are never there together")
     rows = np.flatnonzero(known)
-    ends = [int(rows[k]) for k in _turning(places[rows])]
+    ends = [int(rows[k]) for k in _turning(positions[rows])]
     sweeps = [
-        _sweep(places[begin : end + 1], torques[begin : end + 1], begin)
+        _sweep(positions[begin : end + 1], torques[begin : end + 1], begin)
         for begin, end in itertools.pairwise(ends)
         if np.count_nonzero(known[begin : end + 1]) >= SHORTEST
     ]
@@ -86,7 +86,7 @@ def sweeps_of(log: Log, rig: Rig, drive: str) -> tuple[Sweep, ...]:
         last = sweeps[-1]
         reached = max(last.way * sweep.contact for sweep in sweeps if sweep.way == last.way)
         if last.way * last.contact < reached - TURNED * float(
-            np.nanmax(places) - np.nanmin(places)
+            np.nanmax(positions) - np.nanmin(positions)
         ):
             sweeps = sweeps[:-1]  # it went to rest
     if len(sweeps) < FEWEST and (len(sweeps) < 2 or any(sweep.resisted for sweep in sweeps)):
@@ -116,31 +116,31 @@ def sweep_channels_of(rig: Rig, drive: str) -> tuple[str, str]:
     return names[0], names[1]
 
 
-def _turning(places: Floats) -> list[int]:
+def _turning(positions: Floats) -> list[int]:
     """Return the first sample of a motor's motion, where it turns back, and the last sample of its
     motion.
     """
-    least = max(TURNED * float(np.ptp(places)), LEAST_TURNED)
-    moved = np.flatnonzero(np.abs(places - places[0]) > least)
+    least = max(TURNED * float(np.ptp(positions)), LEAST_TURNED)
+    moved = np.flatnonzero(np.abs(positions - positions[0]) > least)
     if not len(moved):
         return []
-    way = 1.0 if places[moved[0]] > places[0] else -1.0
-    ends = [int(np.argmin(way * places[: moved[0]]))]
+    way = 1.0 if positions[moved[0]] > positions[0] else -1.0
+    ends = [int(np.argmin(way * positions[: moved[0]]))]
     best = 0
-    for k, place in enumerate(places):
-        if way * (place - places[best]) > 0.0:
+    for k, position in enumerate(positions):
+        if way * (position - positions[best]) > 0.0:
             best = k
-        elif way * (places[best] - place) > least:
+        elif way * (positions[best] - position) > least:
             ends.append(best)
             way = -way
             best = k
     return [*ends, best]
 
 
-def _sweep(places: Floats, torques: Floats, begin: int) -> Sweep:
-    way = 1 if places[-1] > places[0] else -1
-    known = np.isfinite(places) & np.isfinite(torques)
-    going = way * places
+def _sweep(positions: Floats, torques: Floats, begin: int) -> Sweep:
+    way = 1 if positions[-1] > positions[0] else -1
+    known = np.isfinite(positions) & np.isfinite(torques)
+    going = way * positions
     pull = way * torques
     low = float(np.nanmin(going))
     high = float(np.nanmax(going))
@@ -164,7 +164,7 @@ def _sweep(places: Floats, torques: Floats, begin: int) -> Sweep:
     return Sweep(
         way,
         begin,
-        begin + len(places) - 1,
+        begin + len(positions) - 1,
         level,
         way * contact,
         max(slope, 0.0),

@@ -21,7 +21,7 @@ from distal.kernels import covariance_of, mean_of, variances_of
 from distal.logs import Log, frozen, true_torques
 from distal.regression import Samples, calibrate_window
 from distal.rig import Rig
-from distal.sensor_errors import place_offsets
+from distal.sensor_errors import position_offsets
 
 PASSES = 2
 """How often the window is filtered: each pass begins with the numbers of the last one, and with
@@ -35,22 +35,23 @@ numbers are not used.
 
 
 def plain_samples(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats
+    estimator: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats
 ) -> Samples:
     """Return the readings of a filter over a log, its own angles, and true minus own angles.
 
     It begins with the belief before the first sample and reads `samples`, (k, n_channels); `truths`
     are the true angles [rad], NaN where not known, (k, n_joints).
     """
-    carries = runner.advanced(start, log.time, samples).carries
+    kernel_states = estimator.advanced(start, log.time, samples).kernel_states
     nj = truths.shape[1]
     n = start.size
-    angles = mean_of(carries, n)[:, :nj].copy()
-    variances = variances_of(carries, n)[:, :nj].copy()
-    tracked = runner.discrepancy is None or runner.discrepancy.tracked
-    columns = zip(samples.T, runner.places)
+    angles = mean_of(kernel_states, n)[:, :nj].copy()
+    variances = variances_of(kernel_states, n)[:, :nj].copy()
+    tracked = estimator.discrepancy is None or estimator.discrepancy.tracked
+    columns = zip(samples.T, estimator.positions)
     readings = [
-        carries[:, at] if tracked and at is not None else held(column) for column, at in columns
+        kernel_states[:, at] if tracked and at is not None else held(column)
+        for column, at in columns
     ]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
     since = log.time - log.time[0]
@@ -109,26 +110,33 @@ def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
     numbers found, so that it linearises at them; their covariance is that after the last. The angle
     must then stay in its band without reference.
     """
-    runner = window.runner
+    estimator = window.estimator
     start = window.start
-    lasting = np.flatnonzero(runner.states.lasting)
+    lasting = np.flatnonzero(estimator.states.lasting)
     n = start.size
-    carry = start.carry.copy()
-    after = start.carry
+    kernel_state = start.kernel_state.copy()
+    after = start.kernel_state
     for _ in range(passes):
-        done = window.scan(carry, window.samples)
+        done = window.scan(kernel_state, window.samples)
         if done is None:
             return None
         after = done[0][-1]
-        carry = start.carry.copy()
-        carry[lasting] = after[lasting]
+        kernel_state = start.kernel_state.copy()
+        kernel_state[lasting] = after[lasting]
     square = np.ix_(lasting, lasting)
-    covariance_of(carry, n)[square] = covariance_of(after, n)[square]
-    return Belief(start.time, frozen(carry), n) if window.within(carry, ASTRAY) else None
+    covariance_of(kernel_state, n)[square] = covariance_of(after, n)[square]
+    return (
+        Belief(start.time, frozen(kernel_state), n) if window.within(kernel_state, ASTRAY) else None
+    )
 
 
 def calibrated(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+    estimator: AdaptiveFilter,
+    start: Belief,
+    log: Log,
+    samples: Floats,
+    truths: Floats,
+    homing: float,
 ) -> tuple[AdaptiveFilter, Belief, Floats, float]:
     """Return filter, first belief and samples of a run after its homing move, and how surprising
     the move was.
@@ -136,35 +144,35 @@ def calibrated(
     The run itself reads no reference: the discrepancy learns the errors of its angle over the
     window of `homing` s. The `truths` are as for `home`.
     """
-    assert runner.discrepancy is not None
-    begun = numbers_homed(Window.of(runner, start, log, samples, truths, homing))
+    assert estimator.discrepancy is not None
+    begun = numbers_homed(Window.of(estimator, start, log, samples, truths, homing))
     unaided = samples.copy()
-    unaided[:, len(runner.discrepancy.channels) :] = np.nan
+    unaided[:, len(estimator.discrepancy.channels) :] = np.nan
     early = log.time - log.time[0] < homing
-    plain = plain_samples(runner, begun, log, unaided, np.where(early[:, None], truths, np.nan))
-    discrepancy, surprise = calibrate_window(runner.discrepancy, plain, early)
-    return runner.with_map(discrepancy), begun, unaided, surprise
+    plain = plain_samples(estimator, begun, log, unaided, np.where(early[:, None], truths, np.nan))
+    discrepancy, surprise = calibrate_window(estimator.discrepancy, plain, early)
+    return estimator.with_map(discrepancy), begun, unaided, surprise
 
 
 def calibrate_contact(
-    runner: AdaptiveFilter, log: Log, samples: Floats, homing: float
+    estimator: AdaptiveFilter, log: Log, samples: Floats, homing: float
 ) -> AdaptiveFilter:
     """Return a filter with its contact map adapted to this run by the torque in the window, if the
     log has it.
 
     It reads `samples`, (k, n_channels); the window is the first `homing` s.
     """
-    learned = runner.contact
+    learned = estimator.contact
     assert learned is not None
-    torques = true_torques(log, [joint.name for joint in runner.rig.joints])
+    torques = true_torques(log, [joint.name for joint in estimator.rig.joints])
     if torques is None:
-        return runner
+        return estimator
     window = log.time - log.time[0] < homing
     channels = {name: samples[:, i] for i, name in enumerate(learned.channels)}
     contact, _ = calibrate_window(
-        learned, torque_samples(log, runner.rig, channels, torques), window
+        learned, torque_samples(log, estimator.rig, channels, torques), window
     )
-    return runner.with_map(contact)
+    return estimator.with_map(contact)
 
 
 def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: Floats) -> Samples:
@@ -176,7 +184,7 @@ def torque_samples(log: Log, rig: Rig, channels: Mapping[str, Floats], torques: 
     """
     readings = [
         held(values) - offset
-        for values, offset in zip(channels.values(), place_offsets(rig, list(channels)))
+        for values, offset in zip(channels.values(), position_offsets(rig, list(channels)))
     ]
     interval = float(np.median(np.diff(log.time))) if len(log) > 1 else 1.0
     none = np.zeros((len(log), 0))

@@ -29,7 +29,7 @@ class Homed:
     The notes say how the move was used.
     """
 
-    runner: AdaptiveFilter
+    estimator: AdaptiveFilter
     start: Belief
     samples: Floats
     notes: tuple[str, ...] = ()
@@ -37,7 +37,12 @@ class Homed:
 
 @one_blas_thread()
 def home(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+    estimator: AdaptiveFilter,
+    start: Belief,
+    log: Log,
+    samples: Floats,
+    truths: Floats,
+    homing: float,
 ) -> Homed:
     """Return filter, first belief and samples of a run, adapted by its homing move of `homing` s.
 
@@ -47,15 +52,15 @@ def home(
     not known, (k, n_joints).
     """
     notes = tuple[str, ...]()
-    if runner.discrepancy is not None:
-        runner, begun, samples, _ = calibrated(runner, start, log, samples, truths, homing)
+    if estimator.discrepancy is not None:
+        estimator, begun, samples, _ = calibrated(estimator, start, log, samples, truths, homing)
     else:
-        begun = homing_prior(Window.of(runner, start, log, samples, truths, homing))
-        errs = led_astray(runner, start, log, samples, truths, homing)
+        begun = homing_prior(Window.of(estimator, start, log, samples, truths, homing))
+        errs = led_astray(estimator, start, log, samples, truths, homing)
         if errs is not None:
-            runner, begun = with_straight_line(runner, begun, log, samples, homing)
+            estimator, begun = with_straight_line(estimator, begun, log, samples, homing)
             erred = ", ".join(f"{np.rad2deg(size):.1f}°" for size in errs if np.isfinite(size))
             notes = (ASTRAY_NOTE.format(f"by {erred}" if erred else "without bounds"),)
-    if runner.contact is not None:
-        runner = calibrate_contact(runner, log, samples, homing)
-    return Homed(runner, begun, samples, notes)
+    if estimator.contact is not None:
+        estimator = calibrate_contact(estimator, log, samples, homing)
+    return Homed(estimator, begun, samples, notes)

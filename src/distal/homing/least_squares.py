@@ -28,7 +28,7 @@ from distal.logs import Log, frozen
 from distal.regression import predict
 from distal.regression.random_effects import row_of
 from distal.rig import Affine, Rig
-from distal.sensor_errors import place_offsets
+from distal.sensor_errors import position_offsets
 
 SHIFTED = ("centre", "low", "high")
 """The fields of a map in the unit of the readings, with their offsets."""
@@ -46,7 +46,12 @@ STILL = np.deg2rad(0.5)
 
 
 def led_astray(
-    runner: AdaptiveFilter, start: Belief, log: Log, samples: Floats, truths: Floats, homing: float
+    estimator: AdaptiveFilter,
+    start: Belief,
+    log: Log,
+    samples: Floats,
+    truths: Floats,
+    homing: float,
 ) -> Floats | None:
     """Return the RMS error of the filter on the second half of a homing move [rad], (n_joints,), if
     it was led astray.
@@ -60,15 +65,15 @@ def led_astray(
     until = int(np.searchsorted(since, homing))
     late = since[:until] >= FIRST * homing
     half = samples[:until].copy()
-    half[late, len(runner.places) :] = np.nan
+    half[late, len(estimator.positions) :] = np.nan
     try:
-        line = _line(runner.rig, log, FIRST * homing)
-        straight = affine_samples(log, runner.rig)
+        line = _line(estimator.rig, log, FIRST * homing)
+        straight = affine_samples(log, estimator.rig)
     except EstimationError:
         return None  # too few samples, of a sensor or of a joint's truth, for a straight line
-    begun = homing_prior(Window.of(runner, start, log, half, truths, FIRST * homing))
-    window = Window(runner, begun, log.time[:until], half, truths[:until])
-    done = window.scan(begun.carry, half)
+    begun = homing_prior(Window.of(estimator, start, log, half, truths, FIRST * homing))
+    window = Window(estimator, begun, log.time[:until], half, truths[:until])
+    done = window.scan(begun.kernel_state, half)
     if done is None:
         return np.full(truths.shape[1], np.inf)
     errors, variances = window.errors(done[0])
@@ -97,25 +102,25 @@ def line_is_better(sizes: Floats, of_line: Floats, surprise: Floats) -> bool:
 
 
 def with_straight_line(
-    runner: AdaptiveFilter, begun: Belief, log: Log, samples: Floats, homing: float
+    estimator: AdaptiveFilter, begun: Belief, log: Log, samples: Floats, homing: float
 ) -> tuple[AdaptiveFilter, Belief]:
     """Return a filter that reports the angle by least squares on a homing move of `homing` s, and
     its first belief.
 
     It begins as after the move, with the values `samples` of its channels, (k, n_channels).
     """
-    line = _line(runner.rig, log, homing)
-    offsets = place_offsets(runner.rig, line.channels)  # which the filter takes off
+    line = _line(estimator.rig, log, homing)
+    offsets = position_offsets(estimator.rig, line.channels)  # which the filter takes off
     line = line.model_copy(
         update={name: row_of(np.array(getattr(line, name)) - offsets) for name in SHIFTED}
     )
-    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    references = [sensors[name] for name in runner.channels[len(runner.places) :]]
-    with_line = AdaptiveFilter(runner.rig, False, references=references, line=line)
-    size = adaptive_layout(runner.states).size
-    memory = with_line.initial(begun.time, first_values(samples)).carry[size:]  # of all maps
+    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
+    references = [sensors[name] for name in estimator.channels[len(estimator.positions) :]]
+    with_line = AdaptiveFilter(estimator.rig, False, references=references, line=line)
+    size = adaptive_layout(estimator.states).size
+    memory = with_line.initial(begun.time, first_values(samples)).kernel_state[size:]  # of all maps
     return with_line, Belief(
-        begun.time, frozen(np.concatenate([begun.carry[:size], memory])), begun.size
+        begun.time, frozen(np.concatenate([begun.kernel_state[:size], memory])), begun.size
     )
 
 

@@ -80,10 +80,10 @@ def most_likely_start(window: Window, independent: float = INDEPENDENT) -> Belie
         weights = search.weights(answer.x)
     slopes = search.slopes(z, weights)
     covariance = KEPT * np.linalg.inv(slopes.T @ slopes) * np.outer(search.stds, search.stds)
-    carry = search.carry(z)
+    kernel_state = search.kernel_state(z)
     n = window.start.size
-    covariance_of(carry, n)[np.ix_(search.at, search.at)] = covariance
-    return Belief(window.start.time, frozen(carry), n)
+    covariance_of(kernel_state, n)[np.ix_(search.at, search.at)] = covariance
+    return Belief(window.start.time, frozen(kernel_state), n)
 
 
 class _Search:
@@ -92,32 +92,32 @@ class _Search:
     def __init__(self, window: Window, independent: float) -> None:
         self._window = window
         self._unaided = window.unaided
-        runner = window.runner
+        estimator = window.estimator
         start = window.start
         n = window.start.size
-        spread = np.sqrt(variances_of(start.carry, n))
-        lasting = np.flatnonzero(runner.states.lasting)
+        spread = np.sqrt(variances_of(start.kernel_state, n))
+        lasting = np.flatnonzero(estimator.states.lasting)
         self.at = lasting[spread[lasting] > 0.0]
-        self.means = start.carry[self.at]
+        self.means = start.kernel_state[self.at]
         self.stds = spread[self.at]
-        self.low = np.minimum((runner.states.lowest[self.at] - self.means) / self.stds, -1e-6)
+        self.low = np.minimum((estimator.states.lowest[self.at] - self.means) / self.stds, -1e-6)
         # before the first sample numbers are certain, and the first angles those of the reference
-        self._begin = window.anchored(start.carry)
+        self._begin = window.anchored(start.kernel_state)
         covariance = covariance_of(self._begin, n)
         covariance[self.at, :] = covariance[:, self.at] = 0.0
-        references = {runner.channels[c] for c in window.references}
-        self._proximal = [i for i, name in enumerate(runner.measured) if name not in references]
+        references = {estimator.channels[c] for c in window.references}
+        self._proximal = [i for i, name in enumerate(estimator.measured) if name not in references]
         interval = float(np.median(np.diff(window.time))) if len(window.time) > 1 else independent
         self._least = max(1.0, independent / interval)
         self.first_weights = (UNEXPLAINED * self._least, self._least)
         self._bases: tuple[Floats, ...] = ()
         self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
 
-    def carry(self, z: Floats) -> Floats:
+    def kernel_state(self, z: Floats) -> Floats:
         """Return the carry before the first sample at some numbers."""
-        carry = self._begin.copy()
-        carry[self.at] = self.means + self.stds * z
-        return carry
+        kernel_state = self._begin.copy()
+        kernel_state[self.at] = self.means + self.stds * z
+        return kernel_state
 
     def _ratios(self, z: Floats) -> tuple[Floats, Floats]:
         """Return errors of the angles and innovations, each over its standard deviation at the
@@ -125,7 +125,7 @@ class _Search:
         """
         if self._last is not None and self._last[0] == z.tobytes():
             return self._last[1]
-        done = self._window.scan(self.carry(z), self._unaided)
+        done = self._window.scan(self.kernel_state(z), self._unaided)
         if done is None:
             ratios = tuple(np.full_like(base, LARGEST_RESIDUAL) for base in self._bases)
         else:
@@ -146,7 +146,7 @@ class _Search:
         """Return whether the filter has an answer at the prior's mean, and take its standard
         deviations from there.
         """
-        done = self._window.scan(self.carry(np.zeros(len(self.at))), self._unaided)
+        done = self._window.scan(self.kernel_state(np.zeros(len(self.at))), self._unaided)
         if done is None:
             return False
         errors, variances = self._window.errors(done[0])
@@ -158,7 +158,7 @@ class _Search:
 
     def _innovations(self, outputs: Floats) -> tuple[Floats, Floats]:
         """Return innovations and their variances of all but the references, (k, m) each."""
-        m = len(self._window.runner.measured)
+        m = len(self._window.estimator.measured)
         return outputs[:, :m][:, self._proximal], outputs[:, m : 2 * m][:, self._proximal]
 
     def residuals(self, z: Floats, weights: tuple[float, float]) -> Floats:

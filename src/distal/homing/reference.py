@@ -117,8 +117,8 @@ def at_known_angle(
     truth[column] = np.where(early, angle, truth.get(column, np.full(len(log), np.nan)))
     at = f"{np.rad2deg(angle):g}° ± {np.rad2deg(std):g}° at home"
     at = at if len(joints) == 1 else f"{which} {at}"
-    place = f"{log.truth_source.place}, {at}" if homed_before else at
-    return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, place)), described
+    position = f"{log.truth_source.position}, {at}" if homed_before else at
+    return replace(log, truth=truth, truth_source=TruthSource(TruthKind.HOME, position)), described
 
 
 def _with_home(rig: Rig, joint: str, std: float, rate: float) -> tuple[Rig, Sensor]:

@@ -26,7 +26,7 @@ class Window:
     n_joints).
     """
 
-    runner: AdaptiveFilter
+    estimator: AdaptiveFilter
     start: Belief
     time: Floats
     samples: Floats
@@ -34,7 +34,7 @@ class Window:
 
     @staticmethod
     def of(
-        runner: AdaptiveFilter,
+        estimator: AdaptiveFilter,
         start: Belief,
         log: Log,
         samples: Floats,
@@ -43,23 +43,26 @@ class Window:
     ) -> Window:
         """Return the first `homing` s of a log, with `samples` and `truths` of all of it."""
         until = int(np.searchsorted(log.time - log.time[0], homing))
-        return Window(runner, start, log.time[:until], samples[:until], truths[:until])
+        return Window(estimator, start, log.time[:until], samples[:until], truths[:until])
 
     @property
     def references(self) -> dict[int, int]:
         """Channel → joint of each reference, by index."""
-        joints = [joint.name for joint in self.runner.rig.joints]
+        joints = [joint.name for joint in self.estimator.rig.joints]
         sensors = {
-            sensor.name: joints.index(sensor.of) for sensor in self.runner.rig.sensors_of("angle")
+            sensor.name: joints.index(sensor.of)
+            for sensor in self.estimator.rig.sensors_of("angle")
         }
-        return {i: sensors[name] for i, name in enumerate(self.runner.channels) if name in sensors}
+        return {
+            i: sensors[name] for i, name in enumerate(self.estimator.channels) if name in sensors
+        }
 
     @property
     def _biases(self) -> dict[str, int]:
         """Channel → index of the state that is its offset."""
-        runner = self.runner
+        estimator = self.estimator
         return states_of(
-            StateKind.SENSOR_BIAS, runner.channels, runner.state_kinds, runner.state_parts
+            StateKind.SENSOR_BIAS, estimator.channels, estimator.state_kinds, estimator.state_parts
         )
 
     @property
@@ -69,64 +72,66 @@ class Window:
         samples[:, list(self.references)] = np.nan
         return samples
 
-    def scan(self, carry: Floats, samples: Floats) -> Advanced | None:
+    def scan(self, kernel_state: Floats, samples: Floats) -> Advanced | None:
         """Return carries and outputs after each of the `samples`, begun at a `carry`; None where
         the filter diverges.
         """
-        runner = self.runner
+        estimator = self.estimator
         size = self.start.size
-        run = runner.advanced(Belief(self.start.time, frozen(carry), size), self.time, samples)
+        run = estimator.advanced(
+            Belief(self.start.time, frozen(kernel_state), size), self.time, samples
+        )
         bounded = (
-            np.isfinite(mean_of(run.carries, size)).all()
-            and np.isfinite(covariance_of(run.carries, size)).all()
+            np.isfinite(mean_of(run.kernel_states, size)).all()
+            and np.isfinite(covariance_of(run.kernel_states, size)).all()
         )
         return run if bounded else None
 
-    def errors(self, carries: Floats) -> tuple[Floats, Floats]:
+    def errors(self, kernel_states: Floats) -> tuple[Floats, Floats]:
         """Return the errors of the angles, less their references' offsets, and the variances of
         these, (k, n_joints).
         """
         n = self.start.size
         nj = self.truths.shape[1]
         biases = self._biases
-        errors = self.truths - carries[:, :nj]
-        variances = variances_of(carries, n)[:, :nj].copy()
-        sensors = {sensor.name: sensor for sensor in self.runner.rig.sensors_of("angle")}
+        errors = self.truths - kernel_states[:, :nj]
+        variances = variances_of(kernel_states, n)[:, :nj].copy()
+        sensors = {sensor.name: sensor for sensor in self.estimator.rig.sensors_of("angle")}
         for channel, joint in self.references.items():
-            name = self.runner.channels[channel]
+            name = self.estimator.channels[channel]
             variances[:, joint] += variance(sensors[name])
             if name in biases:
-                errors[:, joint] -= carries[:, biases[name]]
+                errors[:, joint] -= kernel_states[:, biases[name]]
         return errors, variances
 
-    def anchored(self, carry: Floats) -> Floats:
+    def anchored(self, kernel_state: Floats) -> Floats:
         """Return a carry before the first sample whose first angles are those of the reference."""
         n = self.start.size
-        states = self.runner.states
-        names = self.runner.channels
+        states = self.estimator.states
+        names = self.estimator.channels
         biases = self._biases
         offsets = {
             j: float(states.stds[biases[names[c]]])
             for c, j in self.references.items()
             if names[c] in biases
         }
-        carry = carry.copy()
-        covariance = covariance_of(carry, n)
+        kernel_state = kernel_state.copy()
+        covariance = covariance_of(kernel_state, n)
         for joint, column in enumerate(self.truths.T):
             finite = column[np.isfinite(column)]
             if len(finite):
-                carry[joint] = finite[0]
+                kernel_state[joint] = finite[0]
                 covariance[joint, :] = covariance[:, joint] = 0.0
                 covariance[joint, joint] = START_STD**2 + offsets.get(joint, 0.0) ** 2
-        return carry
+        return kernel_state
 
-    def within(self, carry: Floats, times: float) -> bool:
+    def within(self, kernel_state: Floats, times: float) -> bool:
         """Return whether a run without reference keeps its angles in their bands: mean e²/P of each
         joint at most `times`.
 
         It begins at a `carry` before the first sample.
         """
-        done = self.scan(self.anchored(carry), self.unaided)
+        done = self.scan(self.anchored(kernel_state), self.unaided)
         if done is None:
             return False
         errors, variances = self.errors(done[0])

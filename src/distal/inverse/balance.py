@@ -86,14 +86,14 @@ class Balance:
         mechanism = self.mechanism
         return ca.mtimes(ca.SX(mechanism.spread), free) + (mechanism.offsets if offsets else 0)
 
-    def _levers(self, angles: Vector, places: Vector) -> Matrix:
-        return self.mechanism.length_jacobian(ca.vertcat(angles, places))
+    def _levers(self, angles: Vector, positions: Vector) -> Matrix:
+        return self.mechanism.length_jacobian(ca.vertcat(angles, positions))
 
-    def _shares(self, angles: Vector, places: Vector) -> Vector:
+    def _shares(self, angles: Vector, positions: Vector) -> Vector:
         """Return what each tendon adds to its drive's pull, (n_tendons,): its arms along those of
         the drive's first one.
         """
-        levers = self._levers(angles, places)[:, : self.nj]
+        levers = self._levers(angles, positions)[:, : self.nj]
         shares = ca.SX.ones(self.nt)
         for tendons in self.tendons_of:
             first = levers[tendons[0], :]
@@ -101,12 +101,12 @@ class Balance:
                 shares[i] = ca.dot(levers[i, :], first) / ca.dot(first, first)
         return shares
 
-    def arms(self, angles: Vector, places: Vector, p: Vector) -> Matrix:
+    def arms(self, angles: Vector, positions: Vector, p: Vector) -> Matrix:
         """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`, `places`
         and parameters `p`.
         """
         first = [tendons[0] for tendons in self.tendons_of]
-        levers = self._levers(angles, places)[first, : self.nj]
+        levers = self._levers(angles, positions)[first, : self.nj]
         arms = -ca.mtimes(levers, ca.SX(self.mechanism.spread)).T
         return ca.substitute(arms, self.mechanism.parameters.symbols, p)
 
@@ -117,16 +117,16 @@ class Balance:
         """
         mechanism = self.mechanism
         angles = ca.SX.sym("angles", self.nj)
-        places = ca.SX.sym("places", self.nd)
+        positions = ca.SX.sym("positions", self.nd)
         shares = ca.SX.sym("c", self.nt)
         tensions = mechanism.pulls(
-            ca.vertcat(angles, places), ca.SX.zeros(mechanism.n_bodies)
+            ca.vertcat(angles, positions), ca.SX.zeros(mechanism.n_bodies)
         ).joint
         pulls = ca.vertcat(
             *(sum((shares[i] * tensions[i] for i in own), ca.SX(0)) for own in self.tendons_of)
         )
-        slopes = ca.jtimes(pulls, places, ca.SX.ones(self.nd))
-        arguments = [angles, places, shares, mechanism.parameters.symbols]
+        slopes = ca.jtimes(pulls, positions, ca.SX.ones(self.nd))
+        arguments = [angles, positions, shares, mechanism.parameters.symbols]
         return ca.Function("pull", arguments, ca.cse([ca.densify(pulls), ca.densify(slopes)]))
 
     @cached_property
@@ -135,19 +135,19 @@ class Balance:
         (n_drives,).
         """
         angles = ca.SX.sym("angles", self.nj)
-        places = ca.SX.sym("places", self.nd)
+        positions = ca.SX.sym("positions", self.nd)
         p = self.mechanism.parameters.symbols
-        levers = self._levers(angles, places)
+        levers = self._levers(angles, positions)
         steepest = []
-        shares = self._shares(angles, places)
+        shares = self._shares(angles, positions)
         for d, tendons in enumerate(self.tendons_of):
             stiff = (
                 ca.fabs(shares[i] * levers[i, self.nj + d]) * self.mechanism.stiffest(i)
                 for i in tendons
             )
             steepest.append(sum(stiff, ca.SX(0)))
-        outputs = [ca.densify(self.arms(angles, places, p)), shares, ca.vertcat(*steepest)]
-        return ca.Function("geometry", [angles, places, p], outputs)
+        outputs = [ca.densify(self.arms(angles, positions, p)), shares, ca.vertcat(*steepest)]
+        return ca.Function("geometry", [angles, positions, p], outputs)
 
     @cached_property
     def needed(self) -> ca.Function:
@@ -159,9 +159,9 @@ class Balance:
         free, speeds, accelerations, turned = (
             ca.SX.sym(name, nf) for name in ("free", "omega", "alpha", "turned")
         )
-        places = ca.SX.sym("places", self.nd)
+        positions = ca.SX.sym("positions", self.nd)
         external = ca.SX.sym("tau", self.nj)
-        q = ca.vertcat(self.all_joints(free), places)
+        q = ca.vertcat(self.all_joints(free), positions)
         v = ca.vertcat(self.all_joints(speeds, False), ca.SX.zeros(self.nd))
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[: self.nj]
@@ -174,7 +174,7 @@ class Balance:
             free,
             speeds,
             accelerations,
-            places,
+            positions,
             turned,
             external,
             mechanism.parameters.symbols,
@@ -186,10 +186,10 @@ class Balance:
         """(θ, s, s in its range, ṡ, d_s, p) → force of each drive, and tensions at the drives."""
         mechanism = self.mechanism
         angles = ca.SX.sym("angles", self.nj)
-        places, within, rates, turned = (
+        positions, within, rates, turned = (
             ca.SX.sym(name, self.nd) for name in ("s", "within", "r", "d")
         )
-        q = ca.vertcat(angles, places)
+        q = ca.vertcat(angles, positions)
         v = ca.vertcat(ca.SX.zeros(self.nj), rates)
         pulls = mechanism.pulls(q, ca.SX.zeros(mechanism.n_bodies))
         limits = mechanism.friction_limits(q, v, pulls.joint, pulls.drive)[self.nj :]
@@ -201,7 +201,7 @@ class Balance:
         force = drag[self.nj :] - pulls.forces[self.nj :] + ca.vertcat(*friction)
         return ca.Function(
             "driven",
-            [angles, places, within, rates, turned, mechanism.parameters.symbols],
+            [angles, positions, within, rates, turned, mechanism.parameters.symbols],
             [force, pulls.drive],
         )
 
@@ -224,15 +224,16 @@ class Balance:
         p = self.mechanism.parameters.symbols
         free = ca.SX.sym("free", nf)
         pulls = ca.SX.sym("pulls", self.nd)
-        places = ca.SX.sym("places", self.nd)
+        positions = ca.SX.sym("positions", self.nd)
         turned = ca.SX.sym("turned", nf)
         external = ca.SX.sym("tau", self.nj)
         zeros = ca.SX.zeros(nf)
-        arms = self.arms(self.all_joints(free), places, p)
+        arms = self.arms(self.all_joints(free), positions, p)
         lacking = (
-            ca.mtimes(arms, pulls) - self.needed(free, zeros, zeros, places, turned, external, p)[0]
+            ca.mtimes(arms, pulls)
+            - self.needed(free, zeros, zeros, positions, turned, external, p)[0]
         )
-        arguments = [free, pulls, places, turned, external, p]
+        arguments = [free, pulls, positions, turned, external, p]
         return ca.Function(
             "tangent", arguments, ca.cse([lacking, ca.densify(ca.jacobian(lacking, free))])
         )

@@ -23,7 +23,7 @@ from distal.inverse.held import held_kernel, held_layout
 from distal.inverse.learned import LearnedShift
 from distal.inverse.least_tension import LEAST_TENSION, SLACKEST, TAUTEST, least_tension_of
 from distal.inverse.out_of_reach import TINY, beyond, not_reached, within_stops
-from distal.inverse.reached import place_variances, spread_kernel, stiffness_function
+from distal.inverse.reached import position_variances, spread_kernel, stiffness_function
 from distal.inverse.servo import followable, gives_way, sent
 from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Advanced, Feed, Kernel, advance, kernel_of, structure_of
@@ -103,8 +103,8 @@ class Inverse:
                 finite.
         """
         stamps = np.asarray(time, dtype=np.float64)
-        wanted = self._wanted(stamps, angles)
-        notes, held = within_stops(self.model, stamps, wanted)
+        desired = self._desired(stamps, angles)
+        notes, held = within_stops(self.model, stamps, desired)
         added = unsure = np.zeros((len(stamps), len(self.rig.joints)))
         run = self._run(stamps, held)
         if self._learned is not None:
@@ -117,52 +117,54 @@ class Inverse:
         mechanism = self.model.mechanism
         full = np.array(self.model.mechanism.spread)
         offsets = np.array(mechanism.offsets).ravel()
-        places = read["places"]
-        got = self._followed(stamps, places)
+        positions = read["positions"]
+        got = self._followed(stamps, positions)
         cut = self._cut(run, read, got)
         rows = np.flatnonzero(cut.any(axis=1))
         angles = self._held(run, read["angles"], got, rows)
         reached = angles + added[:, self.model.free]
         ahead = np.column_stack(
-            [sent(stamps, places[:, i], drive) for i, drive in enumerate(self.rig.drives)]
+            [sent(stamps, positions[:, i], drive) for i, drive in enumerate(self.rig.drives)]
         )
         soft, dead = gives_way(self.rig)
-        ahead += soft * read["forces"] + dead * self.model.carry.view(run.carries, "drives_turned")
-        stds = np.sqrt(self._variances(angles, got, run.carries, rows))
+        ahead += soft * read["forces"] + dead * self.model.kernel_state.view(
+            run.kernel_states, "drives_turned"
+        )
+        stds = np.sqrt(self._variances(angles, got, run.kernel_states, rows))
         notes += [
             *not_reached(self.model, stamps, held, reached, cut),
-            *beyond(self.model, stamps, read, run.carries, self.least_tension),
+            *beyond(self.model, stamps, read, run.kernel_states, self.least_tension),
         ]
         return Commands(
             self.rig,
             stamps,
-            wanted=wanted @ full.T + offsets,
+            desired=desired @ full.T + offsets,
             angles=reached @ full.T + offsets,
             stds=np.sqrt((stds @ np.abs(full).T) ** 2 + unsure),
-            places=places,
+            positions=positions,
             sent=readings(self.model, ahead),
-            speeds=np.gradient(places, stamps, axis=0),
+            speeds=np.gradient(positions, stamps, axis=0),
             forces=read["forces"],
             tensions=read["tensions"],
             notes=tuple(notes),
         )
 
-    def _followed(self, time: Floats, places: Floats) -> Floats:
+    def _followed(self, time: Floats, positions: Floats) -> Floats:
         """Return the places of drives no faster than these can go, (k, n_drives)."""
         servos = [drive.servo for drive in self.rig.drives]
         fastest = [inf if s is None or s.fastest is None else s.fastest for s in servos]
-        each = zip(places.T, fastest)
-        return np.column_stack([followable(time, place, most) for place, most in each])
+        each = zip(positions.T, fastest)
+        return np.column_stack([followable(time, position, most) for position, most in each])
 
     def _cut(self, run: Advanced, read: Mapping[str, Floats], got: Floats) -> Bools:
         """Return where drives are not at the places at which joints are as wanted, (k,
         n_drives).
         """
-        asked = self.model.carry.view(run.carries, "places")
+        asked = self.model.kernel_state.view(run.kernel_states, "positions")
         cut: Bools = (np.abs(asked - got) > TINY) | (np.abs(read["short"]) > TINY)
         return cut
 
-    def _held(self, run: Advanced, angles: Floats, places: Floats, cut: Indices) -> Floats:
+    def _held(self, run: Advanced, angles: Floats, positions: Floats, cut: Indices) -> Floats:
         """Return the angles of free joints, in the rows where drives were `cut` those at which they
         rest, (k, n_free) [rad].
         """
@@ -171,8 +173,8 @@ class Inverse:
         layout = held_layout(self.model)
         rows = np.zeros((len(angles), 1))
         rows[cut] = 1.0
-        inside = self.model.carry.view(run.carries, "inside")
-        parts = {"angles": angles, "places": places, "inside": inside, "cut": rows}
+        inside = self.model.kernel_state.view(run.kernel_states, "inside")
+        parts = {"angles": angles, "positions": positions, "inside": inside, "cut": rows}
         feed = np.column_stack([parts[name] for name in layout.names])
         kernel = self._kernel_of("held", held_kernel)
         begin = np.append(angles[0], 0.0)
@@ -191,7 +193,7 @@ class Inverse:
         """Return what sensors of drives and tendons would read in a run."""
         view = self.model.y.view
         rig = self.rig
-        at = readings(self.model, view(run.ys, "places"))
+        at = readings(self.model, view(run.ys, "positions"))
         of = {"position": at, "force": view(run.ys, "forces")}
         found = {
             kind: {drive.name: part[:, i] for i, drive in enumerate(rig.drives)}
@@ -221,17 +223,17 @@ class Inverse:
             if isinstance(angles, Mapping)
             else None
         )
-        wanted = self._wanted(
+        desired = self._desired(
             still,
             each if each is not None else np.tile(np.asarray(angles, dtype=np.float64), (2, 1)),
         )
-        row = self._rows(still, wanted)[0]
+        row = self._rows(still, desired)[0]
         row[self.model.x["lowest"]] = least_tension_of(tension, self.rig)
-        carry = self._begin(row)
-        places = carry[self.model.carry["places"]]
-        inside = carry[self.model.carry["inside"]]
+        kernel_state = self._begin(row)
+        positions = kernel_state[self.model.kernel_state["positions"]]
+        inside = kernel_state[self.model.kernel_state["inside"]]
         found: Floats = (
-            self._stiffness(wanted[0], places, np.concatenate([self._numbers, inside]))
+            self._stiffness(desired[0], positions, np.concatenate([self._numbers, inside]))
             .full()
             .ravel()
         )
@@ -269,7 +271,7 @@ class Inverse:
             )
         return float(brentq(lacks, SLACKEST, TAUTEST, xtol=1e-3))
 
-    def _wanted(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:
+    def _desired(self, time: Floats, angles: Floats | Mapping[str, Floats]) -> Floats:
         names = self.joints
         if isinstance(angles, Mapping):
             if set(angles) != set(names):
@@ -278,18 +280,18 @@ class Inverse:
                     f"{', '.join(angles)} came"
                 )
             angles = np.column_stack([np.asarray(angles[name], dtype=np.float64) for name in names])
-        wanted = (
+        desired = (
             np.asarray(angles, dtype=np.float64).reshape(len(time), -1)
             if len(time)
             else np.zeros((0, 0))
         )
-        if time.ndim != 1 or len(time) < 2 or wanted.shape != (len(time), len(names)):
+        if time.ndim != 1 or len(time) < 2 or desired.shape != (len(time), len(names)):
             raise CommandError(
                 f"wanted are {len(names)} angles ({', '.join(names)}) at each of two stamps or "
                 "more; "
-                f"{wanted.shape[-1]} at {len(time)} came"
+                f"{desired.shape[-1]} at {len(time)} came"
             )
-        unknown = np.argwhere(~np.isfinite(wanted))
+        unknown = np.argwhere(~np.isfinite(desired))
         if len(unknown) or not np.isfinite(time).all():
             where = (
                 f"{names[unknown[0][1]]} has none at {time[unknown[0][0]]:g} s"
@@ -297,16 +299,16 @@ class Inverse:
                 else "a stamp is none"
             )
             raise CommandError(f"wanted angles and their stamps are finite numbers; {where}")
-        far = np.argwhere(np.abs(wanted) > LARGEST_ANGLE)
+        far = np.argwhere(np.abs(desired) > LARGEST_ANGLE)
         if len(far):
             row, joint = far[0]
             raise CommandError(
-                f"{names[joint]} is wanted at {wanted[row, joint]:.3g} rad; no joint turns beyond "
+                f"{names[joint]} is wanted at {desired[row, joint]:.3g} rad; no joint turns beyond "
                 f"{LARGEST_ANGLE:g} rad"
             )
         if not np.all(np.diff(time) > 0.0):
             raise CommandError("stamps of wanted angles rise from one to the next")
-        return wanted
+        return desired
 
     def _rows(self, time: Floats, angles: Floats) -> Floats:
         speeds = np.gradient(angles, time, axis=0)
@@ -323,7 +325,7 @@ class Inverse:
     @property
     def _numbers(self) -> Floats:
         values = self.model.mechanism.parameters.values
-        inside = self.model.carry["inside"]
+        inside = self.model.kernel_state["inside"]
         return values[: len(values) - (inside.stop - inside.start)]
 
     def _begin(self, row: Floats) -> Floats:
@@ -331,31 +333,35 @@ class Inverse:
         rest for long.
         """
         model = self.model
-        carry = np.zeros(self.model.carry.size)
+        kernel_state = np.zeros(self.model.kernel_state.size)
         for _ in range(SETTLES):
-            first = advance(self._kernel, Feed(carry, row, self._numbers))
-            carry[model.carry["places"]] = model.y.view(first.ys[-1], "places")
-            carry[model.carry["pulls"]] = model.carry.view(first.carries[-1], "pulls")
-            if model.carry["inside"].stop > model.carry["inside"].start:
+            first = advance(self._kernel, Feed(kernel_state, row, self._numbers))
+            kernel_state[model.kernel_state["positions"]] = model.y.view(first.ys[-1], "positions")
+            kernel_state[model.kernel_state["pulls"]] = model.kernel_state.view(
+                first.kernel_states[-1], "pulls"
+            )
+            if model.kernel_state["inside"].stop > model.kernel_state["inside"].start:
                 joints = np.array(model.mechanism.spread) @ model.y.view(first.ys[-1], "angles")
                 q = np.concatenate(
                     [
                         joints + np.array(model.mechanism.offsets).ravel(),
-                        carry[model.carry["places"]],
+                        kernel_state[model.kernel_state["positions"]],
                     ]
                 )
                 of_rig = self._numbers[: len(self._numbers) - len(model.derived)]
                 inside = inside_function(model.mechanism)(q, of_rig)
-                carry[model.carry["inside"]] = np.array(inside).ravel()
-        return carry
+                kernel_state[model.kernel_state["inside"]] = np.array(inside).ravel()
+        return kernel_state
 
-    def _variances(self, angles: Floats, places: Floats, carries: Floats, cut: Indices) -> Floats:
+    def _variances(
+        self, angles: Floats, positions: Floats, kernel_states: Floats, cut: Indices
+    ) -> Floats:
         """Return variances of the free joints' angles; in rows where drives were `cut`, friction
         may be either way.
         """
-        view = self.model.carry.view
-        turned = view(carries, "turned").copy()
+        view = self.model.kernel_state.view
+        turned = view(kernel_states, "turned").copy()
         turned[cut] = 0.0
-        unsure = np.tile(place_variances(self.rig), (len(angles), 1))
-        rows = np.column_stack([angles, places, turned, unsure, view(carries, "inside")])
+        unsure = np.tile(position_variances(self.rig), (len(angles), 1))
+        rows = np.column_stack([angles, positions, turned, unsure, view(kernel_states, "inside")])
         return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys

@@ -39,10 +39,10 @@ class Commands:
 
     rig: Rig
     time: Floats
-    wanted: Floats
+    desired: Floats
     angles: Floats
     stds: Floats
-    places: Floats
+    positions: Floats
     sent: Floats
     speeds: Floats
     forces: Floats
@@ -111,8 +111,8 @@ class Commands:
         rows = len(names) + 1
         with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
             for j, (name, axis) in enumerate(zip(names, axes)):
-                wanted, angle, half = (
-                    np.rad2deg(part[:, j]) for part in (self.wanted, self.angles, BAND * self.stds)
+                desired, angle, half = (
+                    np.rad2deg(part[:, j]) for part in (self.desired, self.angles, BAND * self.stds)
                 )
                 axis.fill_between(
                     self.time, angle - half, angle + half, color=COLOURS[0], alpha=BAND_ALPHA, lw=0
@@ -125,7 +125,7 @@ class Commands:
                     label="reached by the commands, 95 % band",
                 )
                 axis.plot(
-                    self.time, wanted, color=COLOURS[1], lw=1.0, dashes=(4, 2), label="wanted"
+                    self.time, desired, color=COLOURS[1], lw=1.0, dashes=(4, 2), label="desired"
                 )
                 if truth is not None:
                     axis.plot(self.time, np.rad2deg(truth[name]), color=BLACK, lw=1.0, label="true")
@@ -138,8 +138,8 @@ class Commands:
                     "linestyle": DASHES[i % 6],
                     "label": f"{drive.name} [{unit}]",
                 }
-                axes[-1].plot(self.time, scale * self.places[:, i], **look)
-            axes[-1].set_ylabel("place")
+                axes[-1].plot(self.time, scale * self.positions[:, i], **look)
+            axes[-1].set_ylabel("position")
             axes[-1].set_xlabel("time [s]")
             legend_above(axes[-1])
         if path is not None:

@@ -16,27 +16,27 @@ def read_function(model: CommandModel, states: StateVector) -> ca.Function:
     """Return (places, state, p) → what the sensors of the drives' places read there."""
     state = ca.SX.sym("state", len(states))
     known = states.context.mechanism.parameters
-    places = ca.SX.sym("s", model.nd)
-    read = ca.SX(places)
+    positions = ca.SX.sym("s", model.nd)
+    read = ca.SX(positions)
     for d in range(model.nd):
         sensor = states.context.position_sensor(d)
         if sensor is not None:
             # what a reading errs by changes little over that error itself
             offset = states.context.number(f"{states.context.path(sensor)}.bias")
-            read[d] += places[d] - states.place(d, places[d], state) + offset
-    return ca.Function("read", [places, state, known.symbols], [read])
+            read[d] += positions[d] - states.position(d, positions[d], state) + offset
+    return ca.Function("read", [positions, state, known.symbols], [read])
 
 
-def readings(model: CommandModel, places: Floats) -> Floats:
+def readings(model: CommandModel, positions: Floats) -> Floats:
     """Return the same over time by what the rig file says, (k, n_drives); places themselves where
     no filter reads it.
     """
     try:
         states = state_vector(model.rig)
     except EstimationError:
-        return places
-    read = read_function(model, states).map(len(places))
+        return positions
+    read = read_function(model, states).map(len(positions))
     found: Floats = (
-        read(places.T, states.means, states.context.mechanism.parameters.values).full().T
+        read(positions.T, states.means, states.context.mechanism.parameters.values).full().T
     )
     return found

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from distal.arrays import Bools, Floats
 from distal.inverse.motor_readings import AGREES, ARRIVED, OLDEST, MotorReadings
 from distal.rig import Rig
-from distal.run.drive_range import motor_range, place_range
+from distal.run.drive_range import motor_range, position_range
 from distal.run.live_estimator import LATEST
 from distal.run.monitor import REWOUND
 
@@ -103,7 +103,7 @@ class GoalGate:
         other._motors = deepcopy(self._motors)
         return other
 
-    def read(self, time: float, places: Floats, torques: Floats | None = None) -> Floats:
+    def read(self, time: float, positions: Floats, torques: Floats | None = None) -> Floats:
         """Take in what motors read, NaN where lost, and return the places that can be believed.
 
         A stamp that does not rise tells nothing.
@@ -114,10 +114,10 @@ class GoalGate:
             torques: what the motors pull with [N, N m], (n_drives,).
         """
         if not self._rises(time):
-            return np.full(len(places), np.nan)
+            return np.full(len(positions), np.nan)
         self._time = max(self._time, time)
-        torques = np.full(len(places), np.nan) if torques is None else torques
-        return self._motors.read(time, places, torques, self._sent)
+        torques = np.full(len(positions), np.nan) if torques is None else torques
+        return self._motors.read(time, positions, torques, self._sent)
 
     def _rises(self, time: float) -> bool:
         """Return whether a stamp rises; where the clock was set back, readings begin anew."""
@@ -144,9 +144,9 @@ class GoalGate:
         at = columns_of(self._rig, channels, "position")
         forces = columns_of(self._rig, channels, "force")
         sample = np.array(sample, dtype=np.float64)
-        places = np.where(at >= 0, sample[at], np.nan)
+        positions = np.where(at >= 0, sample[at], np.nan)
         torques = np.where(forces >= 0, sample[forces], np.nan)
-        sample[at[at >= 0]] = self.read(time, places, torques)[at >= 0]
+        sample[at[at >= 0]] = self.read(time, positions, torques)[at >= 0]
         return sample
 
     def heated(self, hot: Sequence[str]) -> None:
@@ -156,12 +156,12 @@ class GoalGate:
     @property
     def unread(self) -> list[str]:
         """Motors that were never read, although a sensor is there."""
-        return self._named(self._motors.has_sensor & ~np.isfinite(self._motors.place))
+        return self._named(self._motors.has_sensor & ~np.isfinite(self._motors.position))
 
     @property
     def expected(self) -> Floats:
         """Where motors are by their last goal, or by their last reading, (n_drives,)."""
-        return np.where(np.isfinite(self._sent), self._sent, self._motors.place)
+        return np.where(np.isfinite(self._sent), self._sent, self._motors.position)
 
     @property
     def _lost(self) -> Bools:
@@ -236,28 +236,30 @@ class GoalGate:
         self._time = max(self._time, time)
         self._passed_at = time
         low, high = self._ends.T
-        wanted = np.where(np.isfinite(goals), goals, self._sent)
+        desired = np.where(np.isfinite(goals), goals, self._sent)
         before = self.expected
-        before = np.where(np.isfinite(before), before, wanted)
+        before = np.where(np.isfinite(before), before, desired)
         low = np.fmin(low, before)
         high = np.fmax(high, before)
-        wanted = np.clip(wanted, low, high)
+        desired = np.clip(desired, low, high)
         most = self._motors.fastest * since + AGREES * self._motors.scale
-        place = self._motors.place
+        position = self._motors.position
         # back to where a motor is, a goal may go at once
-        wanted = np.clip(wanted, np.fmin(before - most, place), np.fmax(before + most, place))
-        rests = place + self._ahead
-        near = np.clip(wanted, rests - AHEAD, rests + AHEAD)
-        wanted = np.where(self._motors.stands, near, wanted)
+        desired = np.clip(
+            desired, np.fmin(before - most, position), np.fmax(before + most, position)
+        )
+        rests = position + self._ahead
+        near = np.clip(desired, rests - AHEAD, rests + AHEAD)
+        desired = np.where(self._motors.stands, near, desired)
         stopped = self.stopped
-        sent = wanted
+        sent = desired
         if stopped.any():
-            sent = np.where(stopped, np.clip(self._eased(time, stopped), low, high), wanted)
+            sent = np.where(stopped, np.clip(self._eased(time, stopped), low, high), desired)
         else:
-            self._share = np.ones(len(wanted))
+            self._share = np.ones(len(desired))
         self._held = np.where(stopped, self._held, np.nan)
         self._before = self._sent
-        never_read = self._motors.has_sensor & ~np.isfinite(self._motors.place)
+        never_read = self._motors.has_sensor & ~np.isfinite(self._motors.position)
         self._sent = np.where(never_read, np.nan, sent)
         return np.where(self._motors.doubted, np.nan, self._sent)
 
@@ -282,13 +284,13 @@ class GoalGate:
         """Return the goals at which motors stop that have no reading any more."""
         motors = self._motors
         since = np.minimum(self._time - motors.at, motors.oldest)
-        coming = motors.place + motors.speed * (since + self._lag) + self._ahead
+        coming = motors.position + motors.speed * (since + self._lag) + self._ahead
         # a motor that overshoots comes back to its goal: either way is as likely
         near = AGREES * motors.scale + np.abs(motors.speed) * (since + 2.0 * self._lag)
-        agrees = np.abs(self._sent - motors.place - self._ahead) <= near
+        agrees = np.abs(self._sent - motors.position - self._ahead) <= near
         # how far it gives way is not known yet
         gives_way = ~np.isfinite(motors.ahead) & self._calibrated
-        gives_way &= ~motors.is_motor | (np.abs(self._sent - motors.place) <= near + ARRIVED)
+        gives_way &= ~motors.is_motor | (np.abs(self._sent - motors.position) <= near + ARRIVED)
         return np.where(np.isfinite(self._sent) & (agrees | gives_way), self._sent, coming)
 
     @property
@@ -322,7 +324,7 @@ def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:
     if sensor is None or not calibrated:
         return -inf, inf
     if drive.stops is not None:
-        return place_range(rig, sensor)
+        return position_range(rig, sensor)
     return motor_range(rig, sensor)
 
 

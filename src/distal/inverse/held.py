@@ -31,8 +31,8 @@ def held_layout(model: CommandModel) -> Layout:
     """Return the layout of a sample: the angles that were wanted, places, what is inside, and
     whether a drive is cut.
     """
-    inside = model.carry["inside"].stop - model.carry["inside"].start
-    return Layout(angles=model.nf, places=model.nd, inside=inside, cut=1)
+    inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
+    return Layout(angles=model.nf, positions=model.nd, inside=inside, cut=1)
 
 
 def held_kernel(model: CommandModel) -> ca.Function:
@@ -40,24 +40,24 @@ def held_kernel(model: CommandModel) -> ca.Function:
     [rad]; the carry is (θ_free, whether they were left behind).
     """
     layout = held_layout(model)
-    carry = ca.MX.sym("carry", model.nf + 1)
+    kernel_state = ca.MX.sym("kernel_state", model.nf + 1)
     x = ca.MX.sym("x", layout.size)
     inside = layout["inside"].stop - layout["inside"].start
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
     came = layout.parts(x)
-    behind = carry[model.nf]
+    behind = kernel_state[model.nf]
     numbers = ca.vertcat(p, came["inside"]) if inside else p
     step = _step(model)
-    angles = carry[: model.nf]
+    angles = kernel_state[: model.nf]
     for _ in range(ROUNDS):
-        angles = model.within_stops(angles + step(angles, came["places"], numbers), numbers)
+        angles = model.within_stops(angles + step(angles, came["positions"], numbers), numbers)
     away = ca.MX(0)
     for error in ca.vertsplit(ca.fabs(angles - came["angles"])):
         away = ca.logic_or(away, error > BACK)
     behind = ca.logic_or(came["cut"] > 0, ca.logic_and(behind > 0, away))
     angles = ca.if_else(behind, angles, came["angles"])
-    names = ["carry", "x", "p"], ["next", "y"]
-    return ca.Function("held", [carry, x, p], [ca.vertcat(angles, behind), angles], *names)
+    names = ["kernel_state", "x", "p"], ["next", "y"]
+    return ca.Function("held", [kernel_state, x, p], [ca.vertcat(angles, behind), angles], *names)
 
 
 def _step(model: CommandModel) -> ca.Function:
@@ -65,13 +65,13 @@ def _step(model: CommandModel) -> ca.Function:
     stays.
     """
     free = ca.SX.sym("free", model.nf)
-    places = ca.SX.sym("places", model.nd)
+    positions = ca.SX.sym("positions", model.nd)
     still = ca.SX.zeros(model.nf)
     none = ca.SX.zeros(model.nj)
-    lacks, friction = lacking(model, free, places, still, none)
+    lacks, friction = lacking(model, free, positions, still, none)
     slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(model.nf)
     beyond = lacks - ca.fmin(ca.fmax(lacks, -friction), friction)
     change: Vector = -solved(slopes, beyond)
     limited = ca.fmin(ca.fmax(change, -LARGEST), LARGEST)
-    arguments = [free, places, model.mechanism.parameters.symbols]
+    arguments = [free, positions, model.mechanism.parameters.symbols]
     return ca.Function("step", arguments, [ca.cse(ca.densify(limited))])

@@ -27,12 +27,12 @@ class LearnedShift:
     """
 
     def __init__(self, rig: Rig, compiled: bool = True) -> None:
-        self._runner = AdaptiveFilter(rig, compiled)
+        self._estimator = AdaptiveFilter(rig, compiled)
 
     @property
     def is_constant(self) -> bool:
         """Whether the map is the same everywhere."""
-        return self._runner.discrepancy is not None and self._runner.discrepancy.terms == (
+        return self._estimator.discrepancy is not None and self._estimator.discrepancy.terms == (
             CONSTANT,
         )
 
@@ -44,22 +44,22 @@ class LearnedShift:
         Args:
             readings: what a sensor measures → drive → values of that, (k,).
         """
-        runner = self._runner
-        rig = self._runner.rig
-        samples = np.full((len(time), len(runner.channels)), np.nan)
+        estimator = self._estimator
+        rig = self._estimator.rig
+        samples = np.full((len(time), len(estimator.channels)), np.nan)
         for sensor in rig.sensors:
             of = readings.get(sensor.measures, {})
-            if sensor.name in runner.channels and sensor.of in of:
+            if sensor.name in estimator.channels and sensor.of in of:
                 offset = sensor.bias.value if sensor.measures != "position" else 0.0
-                samples[:, runner.channels.index(sensor.name)] = (
+                samples[:, estimator.channels.index(sensor.name)] = (
                     gain_of(sensor).value * of[sensor.of] + offset
                 )
-        begin = runner.initial(time[0], first_values(samples))
-        carries, ys = runner.advanced(begin, time, samples)
+        begin = estimator.initial(time[0], first_values(samples))
+        kernel_states, ys = estimator.advanced(begin, time, samples)
         n = begin.size
         joints = len(rig.joints)
-        own = mean_of(carries, n)
-        spreads = variances_of(carries, n)
-        added = runner.report.means(own.copy(), ys) - own
-        variances = runner.report.variances_of(spreads.copy(), ys) - spreads
+        own = mean_of(kernel_states, n)
+        spreads = variances_of(kernel_states, n)
+        added = estimator.report.means(own.copy(), ys) - own
+        variances = estimator.report.variances_of(spreads.copy(), ys) - spreads
         return added[:, :joints], np.maximum(variances[:, :joints], 0.0)

@@ -85,7 +85,7 @@ class Command:
         note: what is not as it should be; may be empty.
     """
 
-    places: Floats
+    positions: Floats
     speeds: Floats
     forces: Floats
     reading: Reading
@@ -176,7 +176,7 @@ class LiveInverse:
         gate: GoalGate | None = None,
     ) -> None:
         self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        runner = AdaptiveFilter(self._rig, compiled)
+        estimator = AdaptiveFilter(self._rig, compiled)
         model = CommandModel(self._rig)
         self._setup: dict[str, Any] = {
             "least_tension": least_tension,
@@ -185,25 +185,31 @@ class LiveInverse:
             "compensates": compensates,
             "compiled": compiled,
         }
-        self._live = LiveEstimator(self._rig, runner)
+        self._live = LiveEstimator(self._rig, estimator)
         self._free = model.free
         self.joints = tuple(self._rig.joints[j].name for j in model.free)
-        self._layouts = layouts(model, runner.states)
-        structure = live_structure(model, runner.states)
-        self._kernel = kernel_of(structure, lambda: live_function(model, runner.states), compiled)
+        self._layouts = layouts(model, estimator.states)
+        structure = live_structure(model, estimator.states)
+        self._kernel = kernel_of(
+            structure, lambda: live_function(model, estimator.states), compiled
+        )
         lowest = least_tension_of(least_tension, self._rig)
         gains = gains_of(model, lowest, feedback, fastest, compensates)
         self._monitor = Monitor(self._live)
         self._loop = self._kernel.loop(
-            np.concatenate([gains, runner.numbers[: len(runner.parameter_names)], model.derived])
+            np.concatenate(
+                [gains, estimator.numbers[: len(estimator.parameter_names)], model.derived]
+            )
         )
-        self._has_map = bool(runner.report.states)
+        self._has_map = bool(estimator.report.states)
         self._gate = GoalGate(self._rig) if gate is None else gate
         self._is_believed = gate is not None
-        self._places = columns_of(self._rig, runner.channels, "position")
+        self._positions = columns_of(self._rig, estimator.channels, "position")
         self._moves = crossed_joints(self._rig) @ (np.array(model.mechanism.spread) != 0.0)
-        carry = self._layouts.carry
-        self._carry = {name: self._loop.carry[carry[name]] for name in carry.names}
+        kernel_state = self._layouts.kernel_state
+        self._kernel_state = {
+            name: self._loop.kernel_state[kernel_state[name]] for name in kernel_state.names
+        }
         self._x = {name: self._loop.x[self._layouts.x[name]] for name in self._layouts.x.names}
         self._y = {name: self._loop.y[self._layouts.y[name]] for name in self._layouts.y.names}
         self.reset()
@@ -211,7 +217,7 @@ class LiveInverse:
     def reset(self) -> None:
         """Forget everything: the next sample is the first."""
         self._monitor.reset()
-        self._loop.carry[:] = 0.0
+        self._loop.kernel_state[:] = 0.0
         if not self._is_believed:
             self._gate.reset()
         self._forces = np.full(len(self._rig.drives), nan)
@@ -224,7 +230,7 @@ class LiveInverse:
         other = LiveInverse(self._rig, **self._setup)
         other._live = self._live.clone()
         other._monitor = self._monitor.clone(other._live)
-        other._loop.carry[:], other._loop.y[:] = self._loop.carry, self._loop.y
+        other._loop.kernel_state[:], other._loop.y[:] = self._loop.kernel_state, self._loop.y
         other._gate = self._gate.clone()
         other._forces = self._forces.copy()
         other._time = self._time
@@ -248,7 +254,7 @@ class LiveInverse:
         return self._live
 
     def step(
-        self, time: float, wanted: Sequence[float] | Floats | Mapping[str, float], sample: Floats
+        self, time: float, desired: Sequence[float] | Floats | Mapping[str, float], sample: Floats
     ) -> Command:
         """Take in a sample and return the drives' next commands.
 
@@ -264,13 +270,13 @@ class LiveInverse:
         Raises:
             CommandError: an angle is missing, or there are more of them than joints.
         """
-        if isinstance(wanted, Mapping):
-            wanted = (
-                [wanted.get(name, nan) for name in self.joints]
-                if set(wanted) <= set(self.joints)
+        if isinstance(desired, Mapping):
+            desired = (
+                [desired.get(name, nan) for name in self.joints]
+                if set(desired) <= set(self.joints)
                 else []
             )
-        angles = np.atleast_1d(np.asarray(wanted, dtype=np.float64))
+        angles = np.atleast_1d(np.asarray(desired, dtype=np.float64))
         if angles.shape != (len(self.joints),):
             raise CommandError(
                 f"wanted are angles of {', '.join(self.joints)}; {len(angles)} came, or another "
@@ -295,7 +301,7 @@ class LiveInverse:
         if self._has_map:
             x["mapped"][:] = self._live.added_by_maps[self._free]
         # without a reading a drive counts as being where it was sent
-        read = np.where(self._places >= 0, sample[self._places], nan)
+        read = np.where(self._positions >= 0, sample[self._positions], nan)
         np.copyto(x["read"], np.where(np.isfinite(read), read, self._gate.expected))
         x["trusted"][0] = not unusable
         x["touched"][0] = self._live.touched
@@ -305,14 +311,14 @@ class LiveInverse:
             # it begins anew: joints did not go where their commands would have brought them
             begin = self._live.mean[self._free]
             self._asked = np.where(np.isfinite(self._asked), self._asked, begin)
-            self._loop.carry[:] = 0.0
-            x["wanted"][:] = begin
+            self._loop.kernel_state[:] = 0.0
+            x["desired"][:] = begin
             x["dt"][0] = 0.0
             for _ in range(FIRST):
                 self._loop.step()
         else:
             self._rest(stands | self._stood)
-            x["wanted"][:] = np.where(stands, self._carry["reference"], self._asked)
+            x["desired"][:] = np.where(stands, self._kernel_state["reference"], self._asked)
             # after a pause the reference goes on from where it was, and does not jump
             x["dt"][0] = min(max(time - self._time, SHORTEST), PAUSE * self._live.interval)
             self._loop.step()
@@ -331,12 +337,12 @@ class LiveInverse:
             return
         angles = self._live.mean[self._free]
         stds = self._live.angle_stds[self._free]
-        away = stands & (np.abs(self._carry["reference"] - angles) > CLEARLY * stds)
+        away = stands & (np.abs(self._kernel_state["reference"] - angles) > CLEARLY * stds)
         for name in ("reference", "wished"):
-            np.copyto(self._carry[name], angles, where=away)
+            np.copyto(self._kernel_state[name], angles, where=away)
         for name in ("rate", "speed", "acceleration"):
-            self._carry[name][stands] = 0.0
-        self._carry["at_end"][:] = 1.0
+            self._kernel_state[name][stands] = 0.0
+        self._kernel_state["at_end"][:] = 1.0
 
     def _command(self, reading: Reading, notes: list[str]) -> Command:
         """Return what passes the gate."""
@@ -348,12 +354,14 @@ class LiveInverse:
             note = "; ".join([*notes, "nothing is sent before the first readings"])
             return Command(nothing, nothing.copy(), nothing.copy(), reading, note)
         is_new = all(map(isfinite, reading.angles))
-        places = self._gate.passed(reading.time, y["places"] if is_new else np.full(count, nan))
+        positions = self._gate.passed(
+            reading.time, y["positions"] if is_new else np.full(count, nan)
+        )
         stands = self._gate.stopped
         self._forces = np.where(stands, self._forces, y["forces"])
         notes = [*notes, self._gate.note] if self._gate.note else notes
         speeds = np.where(stands, 0.0, y["speeds"])
-        return Command(places, speeds, self._forces.copy(), reading, "; ".join(notes))
+        return Command(positions, speeds, self._forces.copy(), reading, "; ".join(notes))
 
     @property
     def holding(self) -> Floats:

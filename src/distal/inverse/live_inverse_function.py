@@ -62,7 +62,7 @@ TOUCHED = 0.5
 class LiveLayouts:
     """Layouts of the carry, the sample, the gains and the output of `live_function`."""
 
-    carry: Layout
+    kernel_state: Layout
     x: Layout
     gains: Layout
     y: Layout
@@ -73,16 +73,16 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
     nf = model.nf
     nd = model.nd
     return LiveLayouts(
-        carry=Layout(
+        kernel_state=Layout(
             **dict.fromkeys((*GUIDED, "last"), nf),
             mapped=nf,
             at_end=1,
             started=1,
-            command=model.carry.size,
+            command=model.kernel_state.size,
         ),
-        x=Layout(dt=1, wanted=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1),
+        x=Layout(dt=1, desired=nf, state=len(states), mapped=nf, read=nd, trusted=1, touched=1),
         gains=Layout(**dict.fromkeys(GAINS, nf) | dict.fromkeys(OF_ALL, 1)),
-        y=Layout(angles=nf, places=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
+        y=Layout(angles=nf, positions=nd, speeds=nd, forces=nd, tensions=model.nt, at_end=nd),
     )
 
 
@@ -94,12 +94,12 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     Places are those that the drives' sensors would read; `read` is what they do.
     """
     layout = layouts(model, states)
-    carry = ca.MX.sym("carry", layout.carry.size)
+    kernel_state = ca.MX.sym("kernel_state", layout.kernel_state.size)
     x = ca.MX.sym("x", layout.x.size)
     n_gains = layout.gains.size
     n_filter = len(states.context.mechanism.parameters)
     p = ca.MX.sym("p", n_gains + n_filter + len(model.derived))
-    was = layout.carry.parts(carry)
+    was = layout.kernel_state.parts(kernel_state)
     came = layout.x.parts(x)
     gains = layout.gains.parts(p)
     own = p[n_gains : n_gains + n_filter]
@@ -112,7 +112,7 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     # nothing winds up against a stop, nor against the end of a drive's range
     inputs |= {
         "dt": came["dt"],
-        "wanted": model.within_stops(came["wanted"], numbers),
+        "desired": model.within_stops(came["desired"], numbers),
         "trusted": came["trusted"],
     }
     inputs["free"] = came["touched"] < TOUCHED
@@ -135,17 +135,19 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     command, y = model.function()(command, row, numbers)
     commanded = model.y.parts(y)
     commanded["at_end"] = (
-        ca.fabs(model.carry.part(command, "places") - commanded["places"]) > BEYOND
+        ca.fabs(model.kernel_state.part(command, "positions") - commanded["positions"]) > BEYOND
     )
-    commanded["places"] = read_function(model, states)(commanded["places"], came["state"], own)
+    commanded["positions"] = read_function(model, states)(
+        commanded["positions"], came["state"], own
+    )
     commanded["forces"] = _within_limits(model, commanded["forces"], numbers)
-    commanded["speeds"] += (commanded["places"] - came["read"]) / COMES_BACK
+    commanded["speeds"] += (commanded["positions"] - came["read"]) / COMES_BACK
     soft = model.of_drives(numbers, "soft")
     dead = model.of_drives(numbers, "dead")
-    turned = model.carry.part(command, "drives_turned")
-    commanded["places"] += soft * commanded["forces"] + dead * turned
+    turned = model.kernel_state.part(command, "drives_turned")
+    commanded["positions"] += soft * commanded["forces"] + dead * turned
     after = {name: guided[name] for name in GUIDED}
-    following = layout.carry.joined(
+    following = layout.kernel_state.joined(
         **after,
         last=came["state"][model.free],
         mapped=mapped,
@@ -155,7 +157,11 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     )
     y = layout.y.joined(**{name: commanded[name] for name in layout.y.names})
     return ca.Function(
-        "live_command", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+        "live_command",
+        [kernel_state, x, p],
+        [following, y],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 
@@ -169,7 +175,7 @@ def _guide(model: CommandModel) -> ca.Function:
     """Return the function of the reference and its motion, of the correction and of the torque that
     feedback adds.
     """
-    sizes = dict.fromkeys(("wanted", "angles"), model.nf) | {
+    sizes = dict.fromkeys(("desired", "angles"), model.nf) | {
         "dt": 1,
         "trusted": 1,
         "winds": 1,
@@ -186,7 +192,7 @@ def _guide(model: CommandModel) -> ca.Function:
     safe = ca.fmax(dt, SHORTEST)
     share = dt / (dt + SMOOTHED)
     # it begins where the joint is, if that is known
-    first = ca.if_else(trusted > 0, angles, v["wanted"])
+    first = ca.if_else(trusted > 0, angles, v["desired"])
     before, wished = (
         ca.if_else(started > 0, v[name], first) for name in ("reference_before", "wished_before")
     )
@@ -194,7 +200,7 @@ def _guide(model: CommandModel) -> ca.Function:
     behind = wished - before
     catching_up = _limited(behind / safe, ca.sqrt(2 * most * ca.fabs(behind)))
     rate = _limited(
-        _limited((v["wanted"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"]
+        _limited((v["desired"] - wished) / safe, v["fastest"]) + catching_up, v["fastest"]
     )
     rate = v["rate_before"] + _limited(rate - v["rate_before"], most * dt)
     reference = before + rate * dt
@@ -208,7 +214,7 @@ def _guide(model: CommandModel) -> ca.Function:
     asked = v["kp"] * counted + v["ki"] * v["effort_before"] + v["kd"] * trusted * (speed - turning)
     pushed = _limited(asked, v["torque_limit"])
     found = {
-        "wished": v["wanted"],
+        "wished": v["desired"],
         "reference": reference,
         "rate": rate,
         "speed": speed,
@@ -243,12 +249,12 @@ def _believed(model: CommandModel, states: StateVector) -> ca.Function:
     state = ca.SX.sym("state", len(states))
     known = states.context.mechanism.parameters
     learned = states.parameters(state)
-    wanted = model.mechanism.parameters
-    inside = model.carry["inside"].stop - model.carry["inside"].start
+    desired = model.mechanism.parameters
+    inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
     derived = ca.SX.sym("derived", len(model.derived))
     others = iter(ca.vertsplit(derived))
     at = {name: i for i, name in enumerate(known.names)}
-    names = wanted.names[: len(wanted) - inside]
+    names = desired.names[: len(desired) - inside]
     numbers = [next(others) if name.startswith(DERIVED) else learned[at[name]] for name in names]
     outputs = [ca.densify(ca.vertcat(*numbers)), ca.densify(states.torques(state))]
     return ca.Function("believed", [state, known.symbols, derived], outputs)

@@ -88,14 +88,14 @@ class MotorReadings:
     def reset(self) -> None:
         """Forget everything: the next reading of each motor is its first."""
         n = len(self.fastest)
-        self.place, self._raw, self.ahead = np.full((3, n), np.nan)
+        self.position, self._raw, self.ahead = np.full((3, n), np.nan)
         self.speed, self.torque, self._torque_near = np.zeros((3, n))
         self.at, self._raw_at = np.full((2, n), -inf)
         self._followed_at = np.full(n, inf)
         self.doubted, self.stands, self.deaf, self.stale = np.zeros((4, n), dtype=bool)
         self._before = np.full((REMEMBERED, 2, n), np.nan)
 
-    def read(self, time: float, places: Floats, torques: Floats, sent: Floats) -> Floats:
+    def read(self, time: float, positions: Floats, torques: Floats, sent: Floats) -> Floats:
         """Take in what motors read, NaN where lost, and return the places that can be believed.
 
         Args:
@@ -104,30 +104,30 @@ class MotorReadings:
             torques: what the motors pull with [N, N m].
             sent: their goals, NaN of one that has none [m, rad].
         """
-        self.stale = self._is_stale(places, torques, sent)
-        self._before = np.concatenate([self._before[1:], [[places, torques]]])
-        known = np.isfinite(places) & ~self.stale
+        self.stale = self._is_stale(positions, torques, sent)
+        self._before = np.concatenate([self._before[1:], [[positions, torques]]])
+        known = np.isfinite(positions) & ~self.stale
         first = known & ~np.isfinite(self._raw)
-        self.doubted = self._in_doubt(time, places, known & ~first, sent)
+        self.doubted = self._in_doubt(time, positions, known & ~first, sent)
         sound = known & ~self.doubted
         gap = time - self.at
         recent = sound & (gap > 0.0) & (gap <= self.oldest)
-        speed = np.divide(places - self.place, gap, out=np.zeros(len(gap)), where=recent)
+        speed = np.divide(positions - self.position, gap, out=np.zeros(len(gap)), where=recent)
         self.speed = np.where(recent, (self.speed + speed) / 2, np.where(sound, 0, self.speed))
-        self._raw = np.where(known, places, self._raw)
+        self._raw = np.where(known, positions, self._raw)
         self._raw_at = np.where(known, time, self._raw_at)
-        self.place = np.where(sound, places, self.place)
+        self.position = np.where(sound, positions, self.position)
         self.at = np.where(sound, time, self.at)
         slow = np.abs(self.speed) < STANDS * self.scale
         self.stands = slow & self.is_motor
-        near = ~(np.abs(sent - self.place) > ARRIVED)
+        near = ~(np.abs(sent - self.position) > ARRIVED)
         acts = self._acts(slow, near, torques)
         self._followed_at = np.where(near | acts, time, self._followed_at)
         self.deaf = (self.deaf | (time - self._followed_at > self.oldest)) & ~acts
         rests = sound & slow & (near | ~self.is_motor) & ~self.deaf
-        self.ahead = np.where(rests, sent - places, self.ahead)
+        self.ahead = np.where(rests, sent - positions, self.ahead)
         self.torque = np.where(np.isfinite(torques), torques, self.torque)
-        return np.where(sound, places, np.nan)
+        return np.where(sound, positions, np.nan)
 
     def lost(self, time: float) -> Bools:
         """Return which motors have no reading that is young enough, or stand away from their goals
@@ -137,13 +137,13 @@ class MotorReadings:
         lost: Bools = unread | (time - self._followed_at > self.oldest)
         return lost
 
-    def _in_doubt(self, time: float, places: Floats, known: Bools, sent: Floats) -> Bools:
+    def _in_doubt(self, time: float, positions: Floats, known: Bools, sent: Floats) -> Bools:
         """Return which places are in doubt."""
-        moved = np.abs(places - self._raw)
+        moved = np.abs(positions - self._raw)
         leaps = known & (moved > self.fastest * (time - self._raw_at) + JUMP)
         silent = np.minimum(time - self.at, self.oldest)
-        is_back = leaps & (np.abs(places - self.place) <= self.fastest * silent + JUMP)
-        arrived = known & (np.abs(places - sent) <= ARRIVED)
+        is_back = leaps & (np.abs(positions - self.position) <= self.fastest * silent + JUMP)
+        arrived = known & (np.abs(positions - sent) <= ARRIVED)
         doubted: Bools = (self.doubted | leaps) & ~(self.doubted & is_back) & ~arrived
         return doubted
 
@@ -157,15 +157,15 @@ class MotorReadings:
         acts: Bools = ~slow | pulls | ~tells
         return acts
 
-    def _is_stale(self, places: Floats, torques: Floats, sent: Floats) -> Bools:
+    def _is_stale(self, positions: Floats, torques: Floats, sent: Floats) -> Bools:
         """Return which readings are old ones again: nothing changes of a motor that has to move,
         until something does; or it is where it came from, with the very same torque.
         """
-        same = (places == self._raw) & (torques == self.torque) & (torques != 0.0)
+        same = (positions == self._raw) & (torques == self.torque) & (torques != 0.0)
         ahead = np.where(np.isfinite(self.ahead), self.ahead, 0.0)
         has_to_move = np.abs(sent - self._raw - ahead) > AGREES
         unmoved = same & (self.stale | has_to_move)
-        came_before = (self._before == [places, torques]).all(axis=1).any(axis=0)
-        again = came_before & (np.abs(places - self._raw) > AGREES / 2) & (torques != 0.0)
+        came_before = (self._before == [positions, torques]).all(axis=1).any(axis=0)
+        again = came_before & (np.abs(positions - self._raw) > AGREES / 2) & (torques != 0.0)
         stale: Bools = self.is_motor & (unmoved | again)
         return stale

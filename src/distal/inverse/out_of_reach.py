@@ -24,7 +24,7 @@ SHARE = 1.02
 """A limit counts as passed from this multiple of it on."""
 
 
-def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[list[str], Floats]:
+def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[list[str], Floats]:
     """Return what lies beyond stops in words, and the angles cut at them.
 
     Args:
@@ -32,13 +32,13 @@ def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[lis
         wanted: angles of free joints [rad], (k, n_free).
     """
     notes = list[str]()
-    held = wanted.copy()
+    held = desired.copy()
     for k, j in enumerate(model.free):
         joint = model.rig.joints[j]
         if joint.stops is None:
             continue
-        held[:, k] = np.clip(wanted[:, k], *joint.stops)
-        beyond = np.abs(held[:, k] - wanted[:, k])
+        held[:, k] = np.clip(desired[:, k], *joint.stops)
+        beyond = np.abs(held[:, k] - desired[:, k])
         if beyond.max() > NEAR:
             low, high = np.rad2deg(joint.stops)
             notes.append(
@@ -51,7 +51,7 @@ def within_stops(model: CommandModel, time: Floats, wanted: Floats) -> tuple[lis
 
 
 def not_reached(
-    model: CommandModel, time: Floats, wanted: Floats, reached: Floats, cut: Bools
+    model: CommandModel, time: Floats, desired: Floats, reached: Floats, cut: Bools
 ) -> list[str]:
     """Return which joints do not get where they are wanted, the farthest first, in words.
 
@@ -62,7 +62,7 @@ def not_reached(
         cut: where drives cannot do what is wanted, (k, n_drives).
     """
     joints = [model.rig.joints[j].name for j in model.free]
-    away = np.abs(reached - wanted)
+    away = np.abs(reached - desired)
     far = [k for k in np.argsort(-away.max(axis=0)) if away[:, k].max() > NEAR]
     if not far:
         return []
@@ -82,7 +82,11 @@ def not_reached(
 
 
 def beyond(
-    model: CommandModel, time: Floats, read: Mapping[str, Floats], carries: Floats, least: float
+    model: CommandModel,
+    time: Floats,
+    read: Mapping[str, Floats],
+    kernel_states: Floats,
+    least: float,
 ) -> list[str]:
     """Return which limits of drives are passed, and which tendons would go slack, in words.
 
@@ -93,7 +97,7 @@ def beyond(
         least: tension of the tendons [N].
     """
     notes = []
-    asked = model.carry.view(carries, "places")
+    asked = model.kernel_state.view(kernel_states, "positions")
     for i, drive in enumerate(model.rig.drives):
         unit = "N" if drive.kind == "slider" else "N m"
         needed = read["forces"][:, i] + radius_of(drive) * read["short"][:, i]
@@ -104,13 +108,13 @@ def beyond(
                 f"{drive.limit:.3g} {unit}"
             )
         servo = drive.servo
-        fastest = float(np.abs(np.gradient(read["places"][:, i], time)).max())
+        fastest = float(np.abs(np.gradient(read["positions"][:, i], time)).max())
         if servo is not None and servo.fastest is not None and fastest > SHARE * servo.fastest:
             notes.append(
                 f"{drive.name} would need a speed of {fastest:.3g}, it reaches "
                 f"{servo.fastest:.3g}: it is late there"
             )
-        cut = np.abs(asked[:, i] - read["places"][:, i]) > TINY
+        cut = np.abs(asked[:, i] - read["positions"][:, i]) > TINY
         if drive.stops is not None and cut.any():
             low, high = drive.stops
             notes.append(

@@ -29,16 +29,16 @@ def spread_function(model: CommandModel) -> ca.Function:
     nf = model.nf
     p = model.mechanism.parameters.symbols
     free = ca.SX.sym("free", nf)
-    places = ca.SX.sym("places", model.nd)
+    positions = ca.SX.sym("positions", model.nd)
     turned = ca.SX.sym("turned", nf)
-    place_variances = ca.SX.sym("place_variances", model.nd)
+    position_variances = ca.SX.sym("place_variances", model.nd)
     external = ca.SX.sym("tau", model.nj)
-    lacks, friction = lacking(model, free, places, turned, external)
+    lacks, friction = lacking(model, free, positions, turned, external)
     slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(nf)
     by_numbers = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
-    by_places = ca.mtimes(ca.jacobian(lacks, places), ca.diag(ca.sqrt(place_variances)))
+    by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(position_variances)))
     variances = ca.SX.zeros(nf)
-    for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_places))):
+    for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_positions))):
         variances += solved(slopes, column) ** 2
     # within the friction that has not turned over any place is alike likely: a third of its square
     left = friction**2 * ca.fmax(1 - turned**2, 0) / 3
@@ -48,13 +48,13 @@ def spread_function(model: CommandModel) -> ca.Function:
         variances += solved(slopes, unit) ** 2 * left[j]
     return ca.Function(
         "variances",
-        [free, places, turned, place_variances, external, p],
+        [free, positions, turned, position_variances, external, p],
         [ca.cse(ca.densify(variances))],
     )
 
 
 def lacking(
-    model: CommandModel, free: Vector, places: Vector, turned: Vector, external: Vector
+    model: CommandModel, free: Vector, positions: Vector, turned: Vector, external: Vector
 ) -> tuple[Vector, Vector]:
     """Return what joints at rest lack, (n_free,) [N m], and their friction limits.
 
@@ -68,10 +68,10 @@ def lacking(
     zeros = ca.SX.zeros(model.nf)
     joints = ca.mtimes(ca.SX(mechanism.spread), free) + mechanism.offsets
     needed, friction = model.needed(
-        free, zeros, zeros, places, turned, external, mechanism.parameters.symbols
+        free, zeros, zeros, positions, turned, external, mechanism.parameters.symbols
     )
     forces = mechanism.pulls(
-        ca.vertcat(joints, places), ca.SX.zeros(mechanism.n_bodies), settled=True
+        ca.vertcat(joints, positions), ca.SX.zeros(mechanism.n_bodies), settled=True
     ).forces
     return ca.mtimes(ca.SX(mechanism.spread).T, forces[: model.nj]) - needed, friction
 
@@ -81,9 +81,9 @@ def stiffness_function(model: CommandModel) -> ca.Function:
     m/rad].
     """
     free = ca.SX.sym("free", model.nf)
-    places = ca.SX.sym("places", model.nd)
-    lacks, _ = lacking(model, free, places, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
-    arguments = [free, places, model.mechanism.parameters.symbols]
+    positions = ca.SX.sym("positions", model.nd)
+    lacks, _ = lacking(model, free, positions, ca.SX.zeros(model.nf), ca.SX.zeros(model.nj))
+    arguments = [free, positions, model.mechanism.parameters.symbols]
     return ca.Function("stiffness", arguments, [-ca.diag(ca.jacobian(lacks, free))])
 
 
@@ -91,17 +91,21 @@ def spread_kernel(model: CommandModel) -> ca.Function:
     """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, σ_s²,
     what is inside).
     """
-    inside = model.carry["inside"].stop - model.carry["inside"].start
+    inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
     ends = np.cumsum([0, model.nf, model.nd, model.nf, model.nd, inside]).tolist()
-    carry = ca.MX.sym("carry", 1)
+    kernel_state = ca.MX.sym("kernel_state", 1)
     x = ca.MX.sym("x", ends[-1])
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
-    free, places, turned, place_variances, within = ca.vertsplit(x, ends)
+    free, positions, turned, position_variances, within = ca.vertsplit(x, ends)
     variances = spread_function(model)(
-        free, places, turned, place_variances, ca.DM.zeros(model.nj), ca.vertcat(p, within)
+        free, positions, turned, position_variances, ca.DM.zeros(model.nj), ca.vertcat(p, within)
     )
     return ca.Function(
-        "spread", [carry, x, p], [carry, variances], ["carry", "x", "p"], ["next", "y"]
+        "spread",
+        [kernel_state, x, p],
+        [kernel_state, variances],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 
@@ -123,7 +127,7 @@ def covariance_root(model: CommandModel) -> Matrix:
     return ca.horzcat(ca.SX(len(parameters), 0), *columns)
 
 
-def place_variances(rig: Rig) -> Floats:
+def position_variances(rig: Rig) -> Floats:
     """Return how unsure the places of drives are by their sensors, (n_drives,) [m², rad²]: zeros
     and linearity.
     """

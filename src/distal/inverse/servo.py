@@ -13,7 +13,7 @@ from distal.arrays import Floats
 from distal.rig import Capstan, Rig, Slider
 
 
-def followable(time: Floats, places: Floats, fastest: float) -> Floats:
+def followable(time: Floats, positions: Floats, fastest: float) -> Floats:
     """Return a drive's places over `time` [s], (k,), no faster than `fastest`, jumps spread to both
     sides of them.
 
@@ -22,19 +22,19 @@ def followable(time: Floats, places: Floats, fastest: float) -> Floats:
     turns.
     """
     if fastest == inf:
-        return places
-    forth = places.copy()
-    back = places.copy()
+        return positions
+    forth = positions.copy()
+    back = positions.copy()
     most = fastest * np.diff(time)
     for k in range(1, len(time)):
-        forth[k] = min(max(places[k], forth[k - 1] - most[k - 1]), forth[k - 1] + most[k - 1])
+        forth[k] = min(max(positions[k], forth[k - 1] - most[k - 1]), forth[k - 1] + most[k - 1])
         i = len(time) - 1 - k
-        back[i] = min(max(places[i], back[i + 1] - most[i]), back[i + 1] + most[i])
+        back[i] = min(max(positions[i], back[i + 1] - most[i]), back[i + 1] + most[i])
     middle: Floats = (forth + back) / 2
     return middle
 
 
-def sent(time: Floats, places: Floats, drive: Slider | Capstan) -> Floats:
+def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
     """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of place, (k,).
 
     It has the bandwidth f and the delay T; without a servo in the rig, places are sent as they are.
@@ -44,12 +44,12 @@ def sent(time: Floats, places: Floats, drive: Slider | Capstan) -> Floats:
     """
     servo = drive.servo
     if servo is None:
-        return places
-    wanted = followable(time, places, inf if servo.fastest is None else servo.fastest)
+        return positions
+    desired = followable(time, positions, inf if servo.fastest is None else servo.fastest)
     step = float(np.median(np.diff(time)))
     lag = 0.0 if servo.bandwidth is None else 1.0 / (2 * pi * servo.bandwidth)
     # a servo cannot make a corner: it is rounded over its own lag, so that the lead stays small
-    rounded = uniform_filter1d(wanted, max(1, 2 * round(lag / step / 2) + 1), mode="nearest")
+    rounded = uniform_filter1d(desired, max(1, 2 * round(lag / step / 2) + 1), mode="nearest")
     ahead = np.interp(time + servo.delay, time, rounded)
     speed = np.interp(time + servo.delay, time, np.gradient(rounded, time))
     command: Floats = ahead + lag * speed

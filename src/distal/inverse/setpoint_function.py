@@ -55,8 +55,8 @@ class CommandModel(Balance):
         self.prefer = prefer
         self.rubbing = [d for d, drive in enumerate(rig.drives) if drive.hysteresis is not None]
         inside = len(self.mechanism.plays) + len(self.mechanism.strains)
-        self.carry = Layout(
-            places=self.nd,
+        self.kernel_state = Layout(
+            positions=self.nd,
             pulls=self.nd,
             turned=self.nf,
             drives_turned=self.nd,
@@ -69,7 +69,7 @@ class CommandModel(Balance):
         )
         self.y = Layout(
             angles=self.nf,
-            places=self.nd,
+            positions=self.nd,
             speeds=self.nd,
             forces=self.nd,
             tensions=self.nt,
@@ -81,32 +81,38 @@ class CommandModel(Balance):
         """Return (carry, x, p) → (carry⁺, y): the next command; p are the rig's numbers without
         what moves inside.
         """
-        carry = ca.MX.sym("carry", self.carry.size)
+        kernel_state = ca.MX.sym("kernel_state", self.kernel_state.size)
         x = ca.MX.sym("x", self.x.size)
-        inside_count = self.carry["inside"].stop - self.carry["inside"].start
+        inside_count = self.kernel_state["inside"].stop - self.kernel_state["inside"].start
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel() - inside_count)
-        was = self.carry.parts(carry)
-        wanted = self.x.parts(x)
+        was = self.kernel_state.parts(kernel_state)
+        desired = self.x.parts(x)
         numbers = ca.vertcat(p, was["inside"]) if inside_count else p
         step = self._sample()
         out = step(
             *(was[name] for name in was if name != "inside"),
-            *(wanted[name] for name in wanted),
+            *(desired[name] for name in desired),
             numbers,
         )
         named = dict(zip(step.name_out(), out))
-        bodies = ca.vertcat(named.pop("joints"), named["places"])
-        inside = self.moved(bodies, wanted["dt"], numbers) if inside_count else ca.MX(0, 1)
-        after = self.carry.joined(
-            **{name: named[name] for name in self.carry.names if name not in ("inside", "begun")},
+        bodies = ca.vertcat(named.pop("joints"), named["positions"])
+        inside = self.moved(bodies, desired["dt"], numbers) if inside_count else ca.MX(0, 1)
+        after = self.kernel_state.joined(
+            **{
+                name: named[name]
+                for name in self.kernel_state.names
+                if name not in ("inside", "begun")
+            },
             inside=inside,
             begun=ca.MX(1),
         )
         # where a drive's range ends, it goes no further; what it would have to pull is still its
         # force
-        named["places"] = named.pop("within")
+        named["positions"] = named.pop("within")
         y = self.y.joined(**{name: named[name] for name in self.y.names})
-        return ca.Function("command", [carry, x, p], [after, y], ["carry", "x", "p"], ["next", "y"])
+        return ca.Function(
+            "command", [kernel_state, x, p], [after, y], ["kernel_state", "x", "p"], ["next", "y"]
+        )
 
     def _sample(self) -> ca.Function:
         """Return one sample as a function of the carry's parts, the wanted sample's, and all
@@ -114,8 +120,8 @@ class CommandModel(Balance):
         """
         nf = self.nf
         nd = self.nd
-        places, pulls, drives_turned, rubbed = (
-            ca.MX.sym(n, nd) for n in ("places", "pulls", "drives_turned", "rubbed")
+        positions, pulls, drives_turned, rubbed = (
+            ca.MX.sym(n, nd) for n in ("positions", "pulls", "drives_turned", "rubbed")
         )
         turned = ca.MX.sym("turned", nf)
         begun = ca.MX.sym("begun")
@@ -128,7 +134,7 @@ class CommandModel(Balance):
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel())
         turning = ca.fmin(ca.fmax(turned + speeds * dt / TURNS, -1), 1)
         held = angles
-        s = places
+        s = positions
         f = pulls
         most = self.of_drives(p, "most_pull")
         for _ in range(ROUNDS):
@@ -143,22 +149,22 @@ class CommandModel(Balance):
             rubbing = rubbed
             if self.rubbing:
                 sprung, rubbing = self._internal()(joints, s, f, pulls, rubbed, p)
-            s = self._places()(joints, s, sprung, shares, steepest, p)
-        rates = ca.if_else(begun > 0, (s - places) / ca.if_else(dt > 0, dt, 1), 0)
+            s = self._positions()(joints, s, sprung, shares, steepest, p)
+        rates = ca.if_else(begun > 0, (s - positions) / ca.if_else(dt > 0, dt, 1), 0)
         along = self.of_drives(p, "radius")
         drives_turning = ca.fmin(
-            ca.fmax(drives_turned + begun * along * (s - places) / DRIVE_TURNS, -1), 1
+            ca.fmax(drives_turned + begun * along * (s - positions) / DRIVE_TURNS, -1), 1
         )
         within = ca.fmin(ca.fmax(s, self.of_drives(p, "low")), self.of_drives(p, "high"))
         forces, tensions = self.driven(joints, s, within, rates, drives_turning, p)
-        names = ("places", "pulls", "drives_turned", "rubbed", "turned", "begun")
-        before = dict(zip(names, (places, pulls, drives_turned, rubbed, turned, begun)))
-        arguments = [before[name] for name in self.carry.names if name != "inside"]
+        names = ("positions", "pulls", "drives_turned", "rubbed", "turned", "begun")
+        before = dict(zip(names, (positions, pulls, drives_turned, rubbed, turned, begun)))
+        arguments = [before[name] for name in self.kernel_state.names if name != "inside"]
         arguments += [dt, angles, speeds, accelerations, external, lowest, p]
         outputs = {
             "joints": joints,
             "angles": held,
-            "places": s,
+            "positions": s,
             "within": within,
             "speeds": rates,
             "forces": forces,
@@ -215,17 +221,17 @@ class CommandModel(Balance):
         """
         nf = self.nf
         nd = self.nd
-        wanted, angles, turned = (ca.SX.sym(n, nf) for n in ("wanted", "angles", "turned"))
+        desired, angles, turned = (ca.SX.sym(n, nf) for n in ("desired", "angles", "turned"))
         pulls = ca.SX.sym("pulls", nd)
-        places = ca.SX.sym("places", nd)
+        positions = ca.SX.sym("positions", nd)
         external = ca.SX.sym("tau", self.nj)
         lowest = ca.SX.sym("lowest")
         p = self.mechanism.parameters.symbols
         held = ca.SX(angles)
         f = ca.SX(pulls)
         for _ in range(REACHES):
-            lacking, slopes = self.tangent(held, f, places, turned, external, p)
-            arms = self.arms(self.all_joints(held), places, p)
+            lacking, slopes = self.tangent(held, f, positions, turned, external, p)
+            arms = self.arms(self.all_joints(held), positions, p)
             for part in self.parts:
                 joints = list(part.joints)
                 drives = list(part.drives)
@@ -234,15 +240,15 @@ class CommandModel(Balance):
                 own = slopes[joints, joints]
                 rest = held[joints] - solved(own, lacking[joints])
                 moves = -ca.horzcat(*(solved(own, arms[joints, d]) for d in drives))
-                away = wanted[joints] - rest
+                away = desired[joints] - rest
                 change = solved(ca.mtimes(moves.T, moves), ca.mtimes(moves.T, away))
                 after = ca.fmax(f[drives] + change, lowest)
                 held[joints] = rest + ca.mtimes(moves, after - f[drives])
                 f[drives] = after
-        arguments = [wanted, angles, pulls, places, turned, external, lowest, p]
+        arguments = [desired, angles, pulls, positions, turned, external, lowest, p]
         return ca.Function("reached", arguments, ca.cse([ca.densify(held), ca.densify(f)]))
 
-    def _places(self) -> ca.Function:
+    def _positions(self) -> ca.Function:
         """Return (θ, s, f, shares, steepest, p) → places at which the drives pull f."""
         nd = self.nd
         angles = ca.MX.sym("angles", self.nj)
@@ -260,7 +266,7 @@ class CommandModel(Balance):
         for _ in range(NEWTON_STEPS):
             value, slope = self.pull(angles, s, shares, p)
             s, low, high = refine(s, low, high, rising * (value - pulls), rising * slope, steepest)
-        return ca.Function("places", [angles, before, pulls, shares, steepest, p], [s])
+        return ca.Function("positions", [angles, before, pulls, shares, steepest, p], [s])
 
     def _internal(self) -> ca.Function:
         """Return (θ, s, f, f before, e, p) → what is left for the springs, e⁺: friction in
@@ -269,12 +275,12 @@ class CommandModel(Balance):
         It is e h, with e in [−1, 1] that turns over as the pull changes by h: f_spring = f − e h.
         """
         angles = ca.SX.sym("angles", self.nj)
-        places = ca.SX.sym("places", self.nd)
+        positions = ca.SX.sym("positions", self.nd)
         pulls, before, rubbed = (ca.SX.sym(name, self.nd) for name in ("pulls", "before", "rubbed"))
         mechanism = self.mechanism
         sprung = ca.SX(pulls)
         after = ca.SX(rubbed)
-        q = ca.vertcat(angles, places)
+        q = ca.vertcat(angles, positions)
         tensions = mechanism.tensions(q, ca.SX.zeros(mechanism.n_bodies))
         for d in self.rubbing:
             radius = self.number(mechanism.parameters.symbols, [f"drives.{d}.radius"])
@@ -282,7 +288,7 @@ class CommandModel(Balance):
             turned = (pulls[d] - before[d]) / ca.fmax(limit, TINY_PULL)
             after[d] = ca.fmin(ca.fmax(rubbed[d] + turned, -1), 1)
             sprung[d] -= after[d] * limit
-        arguments = [angles, places, pulls, before, rubbed, mechanism.parameters.symbols]
+        arguments = [angles, positions, pulls, before, rubbed, mechanism.parameters.symbols]
         return ca.Function("internal", arguments, ca.cse([ca.densify(sprung), ca.densify(after)]))
 
     def _refine(self) -> ca.Function:

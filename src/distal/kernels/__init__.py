@@ -7,7 +7,7 @@ from distal.kernels.feed import Advanced, Feed
 from distal.kernels.indices import Indices, PlacedKernel, side_by_side
 from distal.kernels.kernel import Evaluation, Kernel
 from distal.kernels.lanes import LaneKernel, lanes_here
-from distal.kernels.layout import Layout, carry_layout, covariance_of, mean_of, variances_of
+from distal.kernels.layout import Layout, covariance_of, kernel_state_layout, mean_of, variances_of
 from distal.kernels.parallel import in_order
 from distal.kernels.probe import probe
 from distal.kernels.recipe import Recipe
@@ -30,13 +30,13 @@ __all__ = [
     "at_samples",
     "c_source",
     "cache_folder",
-    "carry_layout",
     "covariance_of",
     "find_compiler",
     "forget",
     "function_of",
     "in_order",
     "kernel_of",
+    "kernel_state_layout",
     "lanes_here",
     "mean_of",
     "probe",

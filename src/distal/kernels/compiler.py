@@ -110,9 +110,9 @@ def find_compiler() -> Compiler | str:
     """Return the C compiler ($CC, else cc, gcc, clang), or one line that says why there is none."""
     if os.environ.get("DISTAL_COMPILE", "1") == "0":
         return SWITCHED_OFF
-    wanted = os.environ.get("CC")
+    desired = os.environ.get("CC")
     try:
-        commands = [shlex.split(wanted)] if wanted else [["cc"], ["gcc"], ["clang"]]
+        commands = [shlex.split(desired)] if desired else [["cc"], ["gcc"], ["clang"]]
     except ValueError as problem:
         return f"CC is not a command ({problem})"
     for command in commands:

@@ -29,13 +29,14 @@ def advance_all(
     if lanes is None:
         runs = (advance(kernel, feed) for feed in feeds)
         return [
-            run if keep is None else Advanced(run.carries[:, list(keep)], run.ys) for run in runs
+            run if keep is None else Advanced(run.kernel_states[:, list(keep)], run.ys)
+            for run in runs
         ]
-    columns = range(kernel.n_carry) if keep is None else keep
+    columns = range(kernel.n_kernel_state) if keep is None else keep
     groups = (feeds[k : k + lanes.lanes] for k in range(0, len(feeds), lanes.lanes))
     return [run for group in groups for run in lanes.scan(group, columns)]
 
 
 def at_samples(run: Advanced, last: Indices) -> Advanced:
     """Return a run at the samples' own rows."""
-    return run if len(last) == len(run.ys) else Advanced(run.carries[last], run.ys[last])
+    return run if len(last) == len(run.ys) else Advanced(run.kernel_states[last], run.ys[last])

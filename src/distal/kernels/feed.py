@@ -16,7 +16,7 @@ class Feed(NamedTuple):
         p: the parameters, (n_p,).
     """
 
-    carry: Floats
+    kernel_state: Floats
     rows: Floats
     p: Floats
 
@@ -29,5 +29,5 @@ class Advanced(NamedTuple):
         ys: the outputs of each row, (k, n_y).
     """
 
-    carries: Floats
+    kernel_states: Floats
     ys: Floats

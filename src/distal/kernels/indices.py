@@ -19,9 +19,9 @@ def taken(vector: VectorNode, at: Indices) -> VectorNode:
     return vector[at.tolist()]
 
 
-def placed(parts: Sequence[MatrixNode], places: Sequence[Indices], size: int) -> VectorNode:
+def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
     """Return a vector with the numbers of parts at their places, zero elsewhere."""
-    order = np.concatenate(places)
+    order = np.concatenate(positions)
     sources = np.full(size, len(order))
     sources[order] = np.arange(len(order))
     joined: VectorNode = ca.vertcat(*parts, 0.0)
@@ -35,7 +35,7 @@ class PlacedKernel:
     """
 
     function: ca.Function
-    carry: Indices
+    kernel_state: Indices
     x: Indices
     p: Indices
     y: Indices
@@ -48,12 +48,18 @@ def side_by_side(
 
     What stands between parts in the carry stays as it is; in y it is zero.
     """
-    carry, x, p = (ca.MX.sym(symbol, size) for symbol, size in zip(("carry", "x", "p"), sizes))
-    following = ca.MX(carry)
+    kernel_state, x, p = (
+        ca.MX.sym(symbol, size) for symbol, size in zip(("kernel_state", "x", "p"), sizes)
+    )
+    following = ca.MX(kernel_state)
     outputs = list[VectorNode]()
     for part in parts:
-        after, y = part.function(taken(carry, part.carry), taken(x, part.x), taken(p, part.p))
-        following[part.carry.tolist()] = after
+        after, y = part.function(
+            taken(kernel_state, part.kernel_state), taken(x, part.x), taken(p, part.p)
+        )
+        following[part.kernel_state.tolist()] = after
         outputs.append(y)
     y = placed(outputs, [part.y for part in parts], sizes[3])
-    return ca.Function(name, [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"])
+    return ca.Function(
+        name, [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
+    )

@@ -90,7 +90,7 @@ class Kernel:
         return self._sizes or self._recipe.sizes
 
     @property
-    def n_carry(self) -> int:
+    def n_kernel_state(self) -> int:
         """Numbers of the carry."""
         return self.sizes[0]
 
@@ -109,7 +109,7 @@ class Kernel:
         """Number of outputs."""
         return self.sizes[3]
 
-    def scan(self, carry: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
+    def scan(self, kernel_state: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
         """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y).
 
         Args:
@@ -118,25 +118,26 @@ class Kernel:
             p: the parameters, (n_p,).
         """
         xs = np.ascontiguousarray(xs, dtype=np.float64).reshape(-1, self.n_x)
-        carries = np.empty((len(xs), self.n_carry))
+        kernel_states = np.empty((len(xs), self.n_kernel_state))
         ys = np.empty((len(xs), self.n_y))
-        start = np.ascontiguousarray(carry, dtype=np.float64).reshape(self.n_carry)
+        start = np.ascontiguousarray(kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
         parameters = np.ascontiguousarray(p, dtype=np.float64).reshape(self.n_p)
         if self._scan is not None:
             done = self._scan(
-                len(xs), *(array.ctypes.data for array in (start, xs, parameters, carries, ys))
+                len(xs),
+                *(array.ctypes.data for array in (start, xs, parameters, kernel_states, ys)),
             )
             if done != len(xs):
                 raise RuntimeError(f"kernel {self.function.name()} failed at sample {done}")
-            return carries, ys
+            return kernel_states, ys
         loop = self.loop(parameters)
-        loop.carry[:] = start
+        loop.kernel_state[:] = start
         for k, x in enumerate(xs):
             loop.x[:] = x
             loop.step()
-            carries[k] = loop.carry
+            kernel_states[k] = loop.kernel_state
             ys[k] = loop.y
-        return carries, ys
+        return kernel_states, ys
 
     def loop(self, p: Floats) -> Loop:
         """Return the kernel with a carry of its own, for one sample after the other."""
@@ -196,19 +197,19 @@ class Loop:
     """
 
     def __init__(self, call: ca.Function, p: Floats) -> None:
-        self.carry = np.zeros(call.numel_in(0))
+        self.kernel_state = np.zeros(call.numel_in(0))
         self.x = np.zeros(call.numel_in(1))
         self._p = p
         self._next = np.zeros(call.numel_out(0))
         self.y = np.zeros(call.numel_out(1))
         self._trigger, self._buffer = _attached(
-            call, (self.carry, self.x, self._p), (self._next, self.y)
+            call, (self.kernel_state, self.x, self._p), (self._next, self.y)
         )
 
     def step(self) -> None:
         """Advance the carry by one sample."""
         self._trigger()
-        self.carry[:] = self._next
+        self.kernel_state[:] = self._next
 
 
 def _attached(

@@ -86,7 +86,7 @@ class LaneKernel:
     def __init__(self, recipe: Recipe) -> None:
         self.lanes = lanes_here()
         library = library_of(recipe, f"{self.lanes} lanes", _source, OPTIMISED_LANES)
-        self.n_carry, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
+        self.n_kernel_state, self.n_x, self.n_p, self.n_y = library.sizes or recipe.sizes
         try:
             batch = getattr(ctypes.CDLL(str(library.path)), f"{library.name}_batch")
         except (OSError, AttributeError) as problem:
@@ -104,7 +104,7 @@ class LaneKernel:
             feeds: at most `lanes` runs, which may differ in length.
         """
         starts = [
-            np.ascontiguousarray(feed.carry, dtype=np.float64).reshape(self.n_carry)
+            np.ascontiguousarray(feed.kernel_state, dtype=np.float64).reshape(self.n_kernel_state)
             for feed in feeds
         ]
         rows = [

@@ -73,24 +73,26 @@ class Layout:
 
 
 @lru_cache(maxsize=64)
-def carry_layout(states: int, **memory: int) -> Layout:
+def kernel_state_layout(states: int, **memory: int) -> Layout:
     """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of
     its inputs.
     """
     return Layout(mean=states, covariance=(states, states), **memory)
 
 
-def mean_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
+def mean_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the mean, (…, n), of a carry or several, (…, size)."""
-    return carry_layout(states).view(carry, "mean")
+    return kernel_state_layout(states).view(kernel_state, "mean")
 
 
-def covariance_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
+def covariance_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the covariance, (…, n, n), of a carry or several, (…, size)."""
-    return carry_layout(states).view(carry, "covariance")
+    return kernel_state_layout(states).view(kernel_state, "covariance")
 
 
-def variances_of(carry: NDArray[Number], states: int) -> NDArray[Number]:
+def variances_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
     """Return the variances of the states, (…, n), of a carry or several, (…, size)."""
-    variances: NDArray[Number] = np.diagonal(covariance_of(carry, states), axis1=-2, axis2=-1)
+    variances: NDArray[Number] = np.diagonal(
+        covariance_of(kernel_state, states), axis1=-2, axis2=-1
+    )
     return variances

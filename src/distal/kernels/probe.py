@@ -14,18 +14,18 @@ def probe() -> tuple[Backend, str, float]:
     """Return the backend in use, why, and the largest difference between it and the interpreter on
     a small scan.
     """
-    carry = ca.MX.sym("carry", 2)
+    kernel_state = ca.MX.sym("kernel_state", 2)
     x = ca.MX.sym("x", 1)
     p = ca.MX.sym("p", 2)
     following = ca.vertcat(
-        carry[0] + 0.01 * carry[1],
-        carry[1] * ca.exp(-p[1] * 0.01) - 0.01 * p[0] * ca.sin(carry[0]) + x,
+        kernel_state[0] + 0.01 * kernel_state[1],
+        kernel_state[1] * ca.exp(-p[1] * 0.01) - 0.01 * p[0] * ca.sin(kernel_state[0]) + x,
     )
     function = ca.Function(
         "probe",
-        [carry, x, p],
+        [kernel_state, x, p],
         [following, ca.sum1(following**2)],
-        ["carry", "x", "p"],
+        ["kernel_state", "x", "p"],
         ["next", "y"],
     )
     with warnings.catch_warnings():

@@ -43,5 +43,5 @@ class Recipe:
     def sizes(self) -> tuple[int, int, int, int]:
         """How many numbers carry, x, p and y have."""
         function = self.function
-        carry, x, p = (int(function.numel_in(i)) for i in range(3))
-        return carry, x, p, int(function.numel_out(1))
+        kernel_state, x, p = (int(function.numel_in(i)) for i in range(3))
+        return kernel_state, x, p, int(function.numel_out(1))

@@ -123,10 +123,10 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     nj = mechanism.n_joints
     most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
-    runner = make_estimator(estimator, rig, compiled=False)
+    chosen = make_estimator(estimator, rig, compiled=False)
     names = [joint.name for joint in rig.joints]
     zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
-    touched = dict(zip((field for _, field in torque_fields(runner)), external_torques_of(runner)))
+    touched = dict(zip((field for _, field in torque_fields(chosen)), external_torques_of(chosen)))
     scales = [
         unit_factor(rig.log.time.unit, "s"),
         *(sensor.sign * log_factor(sensor) for sensor in sensors),
@@ -155,7 +155,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "start": plant.start.tolist(),
         "effort": resting_pull(mechanism).tolist(),
         "motion": _motion(rig),
-        "places": _places(rig, plant),
+        "places": _positions(rig, plant),
         "servo": _servo(plant),
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
@@ -190,7 +190,7 @@ def _motion(rig: Rig) -> list[dict[str, float]]:
     return rows
 
 
-def _places(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
+def _positions(rig: Rig, plant: ExportedPlant) -> list[dict[str, Any]]:
     """Return of each joint how far the drives stand from the start at some of its angles, with
     nominal pulls.
     """

@@ -62,8 +62,11 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
     except EstimationError:
         plain = None  # it needs the places of the drives
     command = c_command(rig, "command", "filter", Plain()) if estimator == "adaptive" else None
-    runner = make_estimator(estimator, rig, compiled=False)
-    pairs = [*angle_fields(rig), *((field, std_name(field)) for _, field in torque_fields(runner))]
+    chosen = make_estimator(estimator, rig, compiled=False)
+    pairs = [
+        *angle_fields(rig),
+        *((field, std_name(field)) for _, field in torque_fields(chosen)),
+    ]
     names = [*(field for pair in pairs for field in pair), "health"]
     fields = [f"out.{field}" for field in names[:-1]]
     if plain is not None:

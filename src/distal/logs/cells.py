@@ -91,7 +91,7 @@ def in_memory(
     """
     rows = len(next(iter(columns.values()), ()))
     return Cells(
-        lambda wanted: [[columns[name] for name in wanted]], path, first_row, tuple(names), rows
+        lambda desired: [[columns[name] for name in desired]], path, first_row, tuple(names), rows
     )
 
 

@@ -31,7 +31,7 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
 
 
 def units_of(
-    headers: Sequence[str], wanted: Collection[str], source: str
+    headers: Sequence[str], desired: Collection[str], source: str
 ) -> dict[str, tuple[str, str]]:
     """Return wanted name → its header and unit, for columns whose header is not the name alone;
     none may have two.
@@ -39,7 +39,7 @@ def units_of(
     units: dict[str, tuple[str, str]] = {}
     for text in headers:
         name, unit = name_and_unit(text)
-        if unit is None or name not in wanted or name in headers:
+        if unit is None or name not in desired or name in headers:
             continue
         if name in units:
             raise LogError(
@@ -58,16 +58,16 @@ def factor_of(sensor: Sensor, unit: str | None, source: str) -> float:
     """
     if unit is None:
         return log_factor(sensor)
-    place = f"{source}: column '{header(sensor.log_column, unit)}'"
+    position = f"{source}: column '{header(sensor.log_column, unit)}'"
     try:
         if (unit in COUNTS) != (sensor.unit in COUNTS):
             raise UnitError('counts need unit = "count" and counts_per_turn in the rig file')
         factor = log_factor(sensor.model_copy(update={"unit": unit}))
     except UnitError as problem:
-        raise LogError(f"{place}: {problem}") from None
+        raise LogError(f"{position}: {problem}") from None
     if sensor.unit is not None and abs(factor - log_factor(sensor)) > 1e-9 * factor:
         raise LogError(
-            f"{place}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct "
+            f"{position}: the rig file says unit = \"{sensor.unit}\" for '{sensor.name}'; correct "
             "one of them"
         )
     return factor
@@ -89,7 +89,7 @@ def time_factor(rig: Rig, unit: str | None, source: str) -> float:
     return header_factor
 
 
-def scale(unit: str | None, si: str, place: str) -> float:
+def scale(unit: str | None, si: str, position: str) -> float:
     """Return the factor from a header's unit to the SI unit of its dimension, 1 where the header
     has no unit.
     """
@@ -98,4 +98,4 @@ def scale(unit: str | None, si: str, place: str) -> float:
     try:
         return unit_factor(unit, si)
     except UnitError as problem:
-        raise LogError(f"{place}: {problem}") from None
+        raise LogError(f"{position}: {problem}") from None

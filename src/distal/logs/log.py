@@ -152,11 +152,11 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
     It names the stamp and its row, counted from `first_row` in the file; without it samples are
     counted from 0.
     """
-    place, offset = ("sample", 0) if first_row is None else ("row", first_row)
+    position, offset = ("sample", 0) if first_row is None else ("row", first_row)
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
         raise LogError(
-            f"{source}: {place} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is "
+            f"{source}: {position} {bad[0] + offset}: time is {time[bad[0]]}; a finite number is "
             "needed"
         )
     back = np.flatnonzero(np.diff(time) <= 0)
@@ -168,6 +168,6 @@ def check_stamps(time: Floats, source: str, first_row: int | None = None) -> Non
             fault = "repeats"
             remedy = "--repeated last keeps the last of them (estimate, fit)"
         raise LogError(
-            f"{source}: {place} {i + offset}: time {fault} ({time[i]:.15g} s after "
+            f"{source}: {position} {i + offset}: time {fault} ({time[i]:.15g} s after "
             f"{time[i - 1]:.15g} s); {remedy}"
         )

@@ -46,7 +46,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
             log.
     """
     needed = [sensor for sensor in rig.sensors if sensor.measures not in REFERENCES]
-    wanted = [sensor.log_column for sensor in needed]
+    desired = [sensor.log_column for sensor in needed]
     references = [
         sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)
     ]
@@ -57,7 +57,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
         *(f"true_{name}" for name in (*angle_names(joints), *torque_names(joints))),
     ]
     time_column = rig.log.time.column
-    asked = [time_column, *wanted, *optional, *([] if truth is None else [str(truth)])]
+    asked = [time_column, *desired, *optional, *([] if truth is None else [str(truth)])]
     recorded = None
     if is_recording(path):
         cells, recorded = recording_by_process(
@@ -70,7 +70,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     clock = clock_of(
         cells, time_column, time_factor(rig, cells.units.get(time_column), str(cells.path))
     )
-    table = table_of(cells, wanted, [*optional, *([column] if column else [])])
+    table = table_of(cells, desired, [*optional, *([column] if column else [])])
     time = clock.time
     stamps = clock.stamps if recorded is None else np.asarray(recorded)
     if rig.log.time.repeated != "refused":
@@ -253,13 +253,13 @@ def _goal_columns(rig: Rig) -> dict[str, str]:
 
 def _goals(rig: Rig, table: Table) -> dict[str, Floats]:
     """Return drive → where it was sent, in SI, as far as the table has it."""
-    places = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    positions = {sensor.of: sensor for sensor in rig.sensors_of("position")}
     goals = {}
     for name, column in _goal_columns(rig).items():
         if column in table.columns:
-            place = places[name]
-            factor = factor_of(place, table.units.get(place.log_column), table.source)
-            goals[name] = place.sign * factor * table.columns[column]
+            position = positions[name]
+            factor = factor_of(position, table.units.get(position.log_column), table.source)
+            goals[name] = position.sign * factor * table.columns[column]
     return goals
 
 
@@ -343,11 +343,11 @@ def write_log(log: Log, rig: Rig, path: str | Path) -> None:
             columns[sensor.log_column] = (
                 sensor.sign * log.channels[sensor.name] / log_factor(sensor)
             )
-    places = {sensor.of: sensor for sensor in rig.sensors_of("position")}
+    positions = {sensor.of: sensor for sensor in rig.sensors_of("position")}
     for name, column in _goal_columns(rig).items():
         if name in log.goals:
-            place = places[name]
-            columns[column] = place.sign * log.goals[name] / log_factor(place)
+            position = positions[name]
+            columns[column] = position.sign * log.goals[name] / log_factor(position)
     columns.update({f"true_{name}": values for name, values in log.truth.items()})
     write_columns(columns, path)
 

@@ -45,8 +45,10 @@ class MujocoRecorder:
             raise LogError(
                 f"the model has no joint {', '.join(missing)}; its joints are {', '.join(joints)}"
             )
-        places = [int(model.jnt_qposadr[joints[name]]) for name in names]
-        self._angles = {name: _entry(now, place) for name, place in zip(angle_names(names), places)}
+        positions = [int(model.jnt_qposadr[joints[name]]) for name in names]
+        self._angles = {
+            name: _entry(now, position) for name, position in zip(angle_names(names), positions)
+        }
         of_joints = dict(zip(names, self._angles.values()))
         self._readers = {
             sensor.name: _own_sensor(model, now, sensor, length_unit)
@@ -157,8 +159,8 @@ def mujoco_recorder(
     return MujocoRecorder(model, data, rig, length_unit)
 
 
-def _entry(data: mujoco.MjData, place: int) -> Reader:
-    return lambda: float(data.qpos[place])
+def _entry(data: mujoco.MjData, position: int) -> Reader:
+    return lambda: float(data.qpos[position])
 
 
 def _own_sensor(

@@ -63,7 +63,7 @@ def check_outputs(
         _check_name(output.path)
     _check_apart(outputs, _held(inputs, streams))
     for output in outputs:
-        _check_place(output)
+        _check_position(output)
     _try(outputs)
 
 
@@ -115,9 +115,9 @@ def _held(
 ) -> dict[Key, str]:
     """Return the files that no output may replace, each with what it is."""
     held: dict[Key, str] = {}
-    for label, place in inputs:
-        name = label if isinstance(place, int) else f"{label} {shown(place)}"
-        key = file_key(place)
+    for label, position in inputs:
+        name = label if isinstance(position, int) else f"{label} {shown(position)}"
+        key = file_key(position)
         if key is not None:
             held.setdefault(key, f"an input of this command ({name})")
     printed: dict[Key, str] = {}
@@ -165,13 +165,15 @@ def _twice(path: Path, first: str, second: str) -> OutputError:
     )
 
 
-def _check_place(output: Output) -> None:
+def _check_position(output: Output) -> None:
     """Refuse a place where a file cannot stand."""
     path = output.path
     folder = output.folder
     if folder is not None:
         above = next(
-            place for place in (folder, *folder.absolute().parents) if os.path.lexists(place)
+            position
+            for position in (folder, *folder.absolute().parents)
+            if os.path.lexists(position)
         )
         if not os.path.isdir(above):
             fault = (
@@ -216,7 +218,9 @@ def _try(outputs: list[Output]) -> None:
         ):
             longest[real.parent] = real.name, output.path
     for folder, (name, path) in longest.items():
-        nearest = next(place for place in (folder, *folder.parents) if os.path.isdir(place))
+        nearest = next(
+            position for position in (folder, *folder.parents) if os.path.isdir(position)
+        )
         try:
             handle, temporary = tempfile.mkstemp(dir=nearest, prefix=f".{name}.")
             os.close(handle)

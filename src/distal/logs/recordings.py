@@ -60,12 +60,12 @@ def open_recording(
         LogError: it cannot be read, a package for that is missing, or none of the columns is there.
     """
     path = Path(path)
-    wanted = [(column, *_named(column)) for column in columns if column != time]
-    readings: dict[str, list[Reading]] = {column: [] for column, _, _ in wanted}
+    desired = [(column, *_named(column)) for column in columns if column != time]
+    readings: dict[str, list[Reading]] = {column: [] for column, _, _ in desired}
     topics: set[str] = set()
     for message in _messages(path, topics):
         stamp = _json_stamp(path, message, time, unit) if message.json else message.stamp
-        for column, topic, field in wanted:
+        for column, topic, field in desired:
             cell = (
                 element(message.read, field)
                 if topic in ("", message.topic) and (topic or message.json)
@@ -95,7 +95,7 @@ def open_recording(
         )
     stamped = _stamped(path, {column: samples for column, samples in readings.items() if samples})
     stamped = _in_cycles(
-        stamped, {column: topic for column, topic, field in wanted if field[:1] == "["}
+        stamped, {column: topic for column, topic, field in desired if field[:1] == "["}
     )
     rows = _merged([[stamp for stamp, _ in samples] for samples in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}

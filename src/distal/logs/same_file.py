@@ -17,14 +17,14 @@ names below it.
 """
 
 
-def file_key(place: str | Path | int) -> Key | None:
+def file_key(position: str | Path | int) -> Key | None:
     """Return what all names of a path or file descriptor have in common, also before it is there;
     None for a device.
     """
     try:
-        status = os.stat(place)
+        status = os.stat(position)
     except (OSError, ValueError):
-        return None if isinstance(place, int) else _key_to_be(place)
+        return None if isinstance(position, int) else _key_to_be(position)
     return None if stat.S_ISCHR(status.st_mode) else (status.st_dev, status.st_ino)
 
 
@@ -52,13 +52,13 @@ def _ignores_case(folder: Path) -> bool:
     """Return whether a folder takes names that differ by case for the same, seen from what is in it
     or above it.
     """
-    for place in _near(folder):
-        swapped = place.with_name(place.name.swapcase())
-        if swapped != place:
+    for position in _near(folder):
+        swapped = position.with_name(position.name.swapcase())
+        if swapped != position:
             return (
                 os.path.exists(swapped)
-                and os.path.exists(place)
-                and os.path.samefile(place, swapped)
+                and os.path.exists(position)
+                and os.path.samefile(position, swapped)
             )
     return False
 
@@ -66,4 +66,4 @@ def _ignores_case(folder: Path) -> bool:
 def _near(folder: Path) -> Iterator[Path]:
     with suppress(OSError), os.scandir(folder) as entries:
         yield from (Path(entry.path) for entry in entries)
-    yield from (place for place in (folder, *folder.parents) if place.name)
+    yield from (position for position in (folder, *folder.parents) if position.name)

@@ -44,7 +44,7 @@ class Table:
         )
 
 
-def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
+def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
     """Read columns of a CSV or Parquet file as numbers.
 
     Args:
@@ -56,7 +56,7 @@ def read_table(path: str | Path, wanted: Sequence[str] | None = None) -> Table:
         LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row
             is short or long, or there is no row.
     """
-    return table_of(open_table(path, wanted), wanted)
+    return table_of(open_table(path, desired), desired)
 
 
 def open_table(
@@ -128,14 +128,14 @@ def _column(column: Any) -> Column:
     return values
 
 
-def table_of(cells: Cells, wanted: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
+def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
     """Return the `wanted` columns of an open table as numbers, and those `optional` ones that it
     has; see `read_table`.
     """
     names = (
         list(cells.names)
-        if wanted is None
-        else [*wanted, *(c for c in optional if c in cells.names)]
+        if desired is None
+        else [*desired, *(c for c in optional if c in cells.names)]
     )
     cells.check(names)
     return Table(

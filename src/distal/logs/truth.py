@@ -42,11 +42,11 @@ class TruthSource:
     """Where a log's truth comes from; its `place` is for people: which column, file or mark."""
 
     kind: TruthKind = TruthKind.UNKNOWN
-    place: str = ""
+    position: str = ""
 
     def __str__(self) -> str:
         """Return it in words."""
-        parts = (self.place, "the reference sensor" if self.kind.by_sensor else "")
+        parts = (self.position, "the reference sensor" if self.kind.by_sensor else "")
         return ", ".join(part for part in parts if part)
 
 
@@ -59,4 +59,4 @@ FROM_SENSOR = TruthSource(TruthKind.SENSOR)
 
 def truth_source_of(source: TruthSource | str) -> TruthSource:
     """Return where a truth comes from; of a text alone the kind is not known."""
-    return TruthSource(place=source) if isinstance(source, str) else source
+    return TruthSource(position=source) if isinstance(source, str) else source

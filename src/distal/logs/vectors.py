@@ -38,8 +38,8 @@ def component_names_in(path: Path, column: str) -> list[str] | None:
     )
     if folder is None:
         return None
-    told = dataset_info(folder)
-    features = told.get("features")
+    identified = dataset_info(folder)
+    features = identified.get("features")
     feature = features.get(column) if isinstance(features, dict) else None
     names = feature.get("names") if isinstance(feature, dict) else None
     if isinstance(names, dict):  # by group: {"motors": [...]}
@@ -58,11 +58,11 @@ def dataset_info(folder: Path) -> dict[str, object]:
         LogError: it is no JSON object.
     """
     try:
-        told = json.loads((folder / INFO).read_text(encoding="utf-8"))
+        identified = json.loads((folder / INFO).read_text(encoding="utf-8"))
     except (OSError, ValueError) as problem:
         raise LogError(
             f"{folder / INFO}: cannot be read ({str(problem)[:120]}); is the dataset half written?"
         ) from None
-    if not isinstance(told, dict):
+    if not isinstance(identified, dict):
         raise LogError(f"{folder / INFO}: does not describe a dataset")
-    return told
+    return identified

@@ -52,7 +52,7 @@ class Contacts:
 
     stiffness: Vector
     damping: Vector
-    place: Vector
+    position: Vector
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def residual(
     free = mechanism.free
     needed = ca.mtimes(spread.T, needed)
     needed += h * slip.friction(ca.mtimes(share, loads.up), ca.mtimes(share, loads.down))
-    return needed + contacts.stiffness * (q[free] - contacts.place) + contacts.damping * after
+    return needed + contacts.stiffness * (q[free] - contacts.position) + contacts.damping * after
 
 
 def chain_kick(
@@ -194,10 +194,10 @@ def chain_kick(
         if last:
             # a stop only pushes: one that would pull lets go
             *_, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
-            inside = at - contacts.place
+            inside = at - contacts.position
             pushes = (contacts.stiffness * inside + contacts.damping * kicked) * inside > 0
             contacts = Contacts(
-                contacts.stiffness * pushes, contacts.damping * pushes, contacts.place
+                contacts.stiffness * pushes, contacts.damping * pushes, contacts.position
             )
         matrix, load, slip, kicked = _pressed(contacts, at, alone, matrix, load, up=up, down=down)
     moved = at + drift * kicked
@@ -267,7 +267,7 @@ def _pressed(
 ) -> tuple[Matrix, Vector, Slip, Vector]:
     """Return A and r with the stops in them, which free joints slip then, and their speeds."""
     pressed = matrix + ca.diag(contacts.damping)
-    pressing = load - contacts.stiffness * (at - contacts.place)
+    pressing = load - contacts.stiffness * (at - contacts.position)
     slip = slipping(pressed, pressing, up, down, start=alone, events=matrix.size1())
     return pressed, pressing, slip, solver(pressed, slip.moving)(pressing - slip.friction(up, down))
 
@@ -296,11 +296,11 @@ def _bounced(
         unresolved = stiffness * drift * drift / inertias[k] > 1
         rebound = ca.if_else(unresolved, restitution(stiffness, damping, inertias[k]), 0)
         touching = contacts.damping[k] > 0
-        at_high = contacts.place[k] == high
+        at_high = contacts.position[k] == high
         flight = Flight(alone[k], at[k], before[k], length, drift)
-        flies, after, place = bounce(rebound, at_high, contacts.place[k], flight)
-        rows.append((ca.logic_and(touching, flies), after, place))
-    bounces, speeds, places = zip(*rows)
+        flies, after, position = bounce(rebound, at_high, contacts.position[k], flight)
+        rows.append((ca.logic_and(touching, flies), after, position))
+    bounces, speeds, positions = zip(*rows)
     bouncing = ca.vertcat(*bounces)
     imposed = bouncing * ca.vertcat(*speeds)
     moving = slip.moving * (1 - bouncing)
@@ -310,7 +310,7 @@ def _bounced(
         ca.if_else(ca.sum1(bouncing) > 0, answered[k], kicked[k]) for k in range(len(bounces))
     ]
     angles = [
-        ca.if_else(bounces[k], places[k], at[k] + drift * velocities[k])
+        ca.if_else(bounces[k], positions[k], at[k] + drift * velocities[k])
         for k in range(len(bounces))
     ]
     return ca.vertcat(*velocities), ca.vertcat(*angles)

@@ -35,7 +35,7 @@ class Moment:
         """Return the torque on a joint from outside [N m]."""
         return self.efforts[joint]
 
-    def place(self, drive: int) -> Scalar:
+    def position(self, drive: int) -> Scalar:
         """Return a drive's place [m, rad]."""
         return self.q[self.mechanism.n_joints + drive]
 

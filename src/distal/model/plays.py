@@ -53,31 +53,31 @@ class Bounds:
         """Return the place halfway: where it is taken to be if nobody remembers."""
         return (self.low + self.high) / 2
 
-    def hold(self, place: Scalar) -> Scalar:
+    def hold(self, position: Scalar) -> Scalar:
         """Return clip(p, a, b) of the place p before."""
-        return ca.fmin(ca.fmax(place, self.low), self.high)
+        return ca.fmin(ca.fmax(position, self.low), self.high)
 
 
-def gap(place: Scalar, width: Scalar) -> Bounds:
+def gap(position: Scalar, width: Scalar) -> Bounds:
     """Return the bounds of a backlash: half its width to both sides of the place of the near side
     [m, rad].
     """
-    return Bounds(place - width / 2, place + width / 2)
+    return Bounds(position - width / 2, position + width / 2)
 
 
-def balanced(place: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) -> Scalar:
+def balanced(position: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0) -> Scalar:
     """Return where the far side of a backlash comes to rest: where its tendons pull no more than
     friction holds.
 
     Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) from its `place` before, for a pull g that
     grows with p and friction F.
     """
-    place = bounds.hold(place)
+    position = bounds.hold(position)
     for _ in range(NEWTON_STEPS):
-        force, slope = pull(place)
+        force, slope = pull(position)
         left = ca.fmax(force - friction, 0) + ca.fmin(force + friction, 0)
-        place = bounds.hold(place - left / (slope + SOFTEST))
-    return place
+        position = bounds.hold(position - left / (slope + SOFTEST))
+    return position
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class _Stretch:
 
 
 def _step(
-    place: Scalar,
+    position: Scalar,
     before: Scalar,
     after: Scalar,
     near: Scalar,
@@ -235,8 +235,8 @@ def _step(
         stiffness, stiffening, pretension: of the whole cable.
     """
     cable = (stiffness, stiffening, pretension)
-    first = _Stretch.of(before - place, share, *cable)
-    last = _Stretch.of(place - after, next_share, *cable)
+    first = _Stretch.of(before - position, share, *cable)
+    last = _Stretch.of(position - after, next_share, *cable)
     lacking = near * first.tension - far * last.tension
     slopes = near * first.slope + far * last.slope + SOFTEST
     if halley:
@@ -264,8 +264,8 @@ def _equal_tensions() -> tuple[ca.Function, ca.Function]:
     of C. The search has no derivative; the last step has the place's by all inputs.
     """
     names = ("m", "l", "r", "a", "b", "share_1", "share_2", "stiffness", "stiffening", "pretension")
-    place, *inputs = symbols = [ca.SX.sym(name) for name in names]
-    last = place + _step(place, *inputs, halley=False)
+    position, *inputs = symbols = [ca.SX.sym(name) for name in names]
+    last = position + _step(position, *inputs, halley=False)
     found = begin = _linear_balance(*inputs[:6])
     for _ in range(STIFFENING_STEPS):
         found = found + _step(found, *inputs)

@@ -92,7 +92,12 @@ class Stop:
     implicitness: Scalar
 
     def pressed(
-        self, push: Push, position: Scalar, stop_position: Scalar, drift: Scalar, contact: Scalar = True
+        self,
+        push: Push,
+        position: Scalar,
+        stop_position: Scalar,
+        drift: Scalar,
+        contact: Scalar = True,
     ) -> Scalar:
         """Return the velocity of a body that presses against a stop, exact with friction, implicit
         in the spring.

@@ -262,8 +262,8 @@ class Tendons:
         symbols = [at, self.parameters.symbols, held]
         function = ca.Function("pull", symbols, [pull, ca.jacobian(pull, at)[body]])
 
-        def along(place: Scalar) -> tuple[Scalar, Scalar]:
-            moved = [place if i == body else q[i] for i in range(self.n_bodies)]
+        def along(position: Scalar) -> tuple[Scalar, Scalar]:
+            moved = [position if i == body else q[i] for i in range(self.n_bodies)]
             force, slope = function(
                 ca.vertcat(*moved), self.parameters.symbols, ca.vertcat(*(points or ()))
             )
@@ -301,14 +301,14 @@ class Tendons:
         p = self.parameters
         part = self.rig.tendons[tendon]
         total = ca.SX(0)
-        places = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
-        places += [
+        positions = [] if part.path is None else [("path", self.joints_of[tendon][-1])]
+        positions += [
             (f"{m.path}.guide", self._joint[m.joints[0]])
             for m in part.meetings
             if m.guide is not None
         ]
-        for place, joint in places:
-            name = f"tendons.{tendon}.{place}"
+        for position, joint in positions:
+            name = f"tendons.{tendon}.{position}"
             total += p[f"{name}.friction"] * ca.fmax(
                 p[f"{name}.wrap"] + p[f"{name}.wrap_slope"] * q[joint], 0
             )

@@ -43,7 +43,7 @@ def draw_map(search: Search) -> Figure:
     across = 1
     up = 2
     with figure(4, 3, (7.2, 8.4), sharex=True, sharey=True) as (drawing, axes):
-        for i, (place, statement) in enumerate(zip(axes, statements())):
+        for i, (position, statement) in enumerate(zip(axes, statements())):
             for reading, name in enumerate(READINGS):
                 read_so = search.readings == reading
                 marker = "os"[reading]
@@ -52,7 +52,7 @@ def draw_map(search: Search) -> Figure:
                     x = search.values[shown, across]
                     y = search.values[shown, up]
                     label = f"holds, read by {name}" if holds else None
-                    place.scatter(
+                    position.scatter(
                         x,
                         y,
                         s=size,
@@ -62,7 +62,7 @@ def draw_map(search: Search) -> Figure:
                         alpha=0.7,
                         label=label,
                     )
-            place.plot(
+            position.plot(
                 *search.values[best, [across, up]],
                 marker="*",
                 color=BLACK,
@@ -70,11 +70,11 @@ def draw_map(search: Search) -> Figure:
                 linestyle="none",
             )
             title = f"{statement.key}: {int(search.held[:, i].sum())} of {len(search.values)}"
-            place.set_title(title, fontsize=9, loc="left")
-        for place in axes[9:]:
-            place.set_xlabel(UNKNOWNS[across].name, fontsize=8)
-        for place in axes[::3]:
-            place.set_ylabel(UNKNOWNS[up].name, fontsize=8)
+            position.set_title(title, fontsize=9, loc="left")
+        for position in axes[9:]:
+            position.set_xlabel(UNKNOWNS[across].name, fontsize=8)
+        for position in axes[::3]:
+            position.set_ylabel(UNKNOWNS[up].name, fontsize=8)
         axes[0].plot(
             [],
             [],

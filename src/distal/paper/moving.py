@@ -31,16 +31,16 @@ def moving_link(run: SeriesRun) -> list[str]:
     def course(values: np.ndarray) -> list[float]:
         return [round(float(value), 4) for value in np.interp(frames, time, values)]
 
-    places = [sensor.name for sensor in run.rig.sensors_of("position")]
+    positions = [sensor.name for sensor in run.rig.sensors_of("position")]
     data = {
         "step": STEP,
         "truth": course(run.log.truth["theta"]),
         "naive": course(naive.theta),
         "estimate": course(estimate.theta),
         "half": course(BAND * estimate.theta_std),
-        "places": [
+        "positions": [
             [round(x - found[0], 5) for x in found]
-            for found in (course(run.log.channels[n]) for n in places)
+            for found in (course(run.log.channels[n]) for n in positions)
         ],
     }
     errors = {

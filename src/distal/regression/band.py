@@ -22,7 +22,7 @@ OWNS = (1.0, 0.5, 0.25)
 twice.
 """
 
-WORTH = 0.9
+WEIGHT = 0.9
 """A smaller share is used if its band is narrower than this share of the wider band."""
 
 BELOW_NOISE = 0.3
@@ -99,7 +99,7 @@ def sized(learned: LearnedMap, errors: Sequence[Sequence[Errors]], enough: bool)
             if len(u)
         ]
         width = float(np.mean(sizes))
-        if width < WORTH * narrowest:
+        if width < WEIGHT * narrowest:
             best = inflate_band(learned.model_copy(update={"own": share}), factors)
             narrowest = width
     return best

@@ -44,8 +44,8 @@ def discrepancy_kind(
         if not (a == b and a in efforts)
     )
     magnitudes = tuple(f"{name}*abs({name})" for name in efforts)
-    places = tuple(name for name in moving if name not in efforts)
-    turns = tuple(f"slip({name})" for name in places)
+    positions = tuple(name for name in moving if name not in efforts)
+    turns = tuple(f"slip({name})" for name in positions)
     sets = [
         NO_CORRECTION,
         Terms("a constant", (CONSTANT,)),
@@ -66,7 +66,7 @@ def discrepancy_kind(
         ),
     ]
     lines = (*linear, *(f"play({name})" for name in moving))
-    mixed = tuple(f"{place}*play({effort})" for place in places for effort in efforts)
+    mixed = tuple(f"{position}*play({effort})" for position in positions for effort in efforts)
     curves = (*linear, *(f"play({name})" for name in efforts), *squares, *magnitudes, *mixed)
     shapes = [("linear", lines), *([("curves", curves)] if efforts else [])]
     for width in PLAYS:

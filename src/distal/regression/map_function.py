@@ -99,7 +99,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     n = len(learned.centre)
     memory = ca.SX.sym("memory", memory_size(learned))
     x = ca.SX.sym("x", 1 + 2 * width)
-    places = ca.SX.sym("places", m)
+    positions = ca.SX.sym("positions", m)
     angles = ca.SX.sym("angles", nj)
     sizes = [len(part) for part in _parameters(learned)]
     numbers = ca.SX.sym("numbers", sum(sizes))
@@ -109,7 +109,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
     aged = [ca.if_else(is_present[i], 0, ages[i] + x[0]) for i in range(m)]
     readings = [
-        places[i] if placed[i] else ca.if_else(is_present[i], x[1 + i], held[i]) for i in range(m)
+        positions[i] if placed[i] else ca.if_else(is_present[i], x[1 + i], held[i])
+        for i in range(m)
     ]
     symbols = ca.SX.sym("symbols", n)
     half = ca.fmax((high - low) / 2, SMALLEST_HALF)
@@ -162,7 +163,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     outputs = ca.substitute(outputs, [share_in], [inner])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function(
-        "map", [memory, x, places, angles, numbers], ca.cse([ca.densify(y) for y in outputs])
+        "map", [memory, x, positions, angles, numbers], ca.cse([ca.densify(y) for y in outputs])
     )
 
 
@@ -184,7 +185,7 @@ def reporting_function(
     inner: ca.Function,
     maps: Sequence[tuple[LearnedMap, Sequence[int], bool]],
     width: int,
-    places: Sequence[int | None],
+    positions: Sequence[int | None],
     joints: int,
     touched: Sequence[int] = (),
 ) -> ca.Function:
@@ -209,26 +210,26 @@ def reporting_function(
         touched: where in the carry the share stands that a touch has of each joint that may be
             touched.
     """
-    n_carry = inner.size1_in(0)
+    n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)
     sizes = [memory_size(learned) + carried_size(learned, touched) for learned, *_ in maps]
     counts = [len(map_coefficients_of(learned)) for learned, *_ in maps]
-    carry = ca.MX.sym("carry", n_carry + sum(sizes))
+    kernel_state = ca.MX.sym("kernel_state", n_kernel_state + sum(sizes))
     x = ca.MX.sym("x", inner.size1_in(1))
     p = ca.MX.sym("p", n_parameters + sum(counts))
-    following, y = inner(carry[:n_carry], x, p[:n_parameters])
-    read = ca.vertcat(*(0 if place is None else following[place] for place in places))
+    following, y = inner(kernel_state[:n_kernel_state], x, p[:n_parameters])
+    read = ca.vertcat(*(0 if position is None else following[position] for position in positions))
     memories = []
     reports = []
-    at = n_carry
+    at = n_kernel_state
     number = n_parameters
     share = reduce(ca.fmax, (following[at] for at in touched), ca.MX(0))
     left = share * ca.exp(-x[0] / CARRIED_TIME)
     for (learned, states, corrects), size, count in zip(maps, sizes, counts):
         function = map_function(
-            learned, width, [place is not None and learned.tracked for place in places]
+            learned, width, [position is not None and learned.tracked for position in positions]
         )
-        memory = carry[at : at + size]
+        memory = kernel_state[at : at + size]
         numbers = p[number : number + count]
         angles = following[list(states)]
         carried = carried_size(learned, touched)
@@ -248,10 +249,10 @@ def reporting_function(
         memories.append(after)
         at = at + size
         number = number + count
-    names = ["carry", "x", "p"], ["next", "y"]
+    names = ["kernel_state", "x", "p"], ["next", "y"]
     return ca.Function(
         "reporting",
-        [carry, x, p],
+        [kernel_state, x, p],
         [ca.vertcat(following, *memories), ca.vertcat(y, *reports)],
         *names,
     )

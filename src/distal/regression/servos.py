@@ -60,25 +60,25 @@ def _rows(log: Log, rig: Rig, drive: Capstan | Slider) -> tuple[Floats, Floats, 
     sensors = {s.measures: s for s in rig.sensors if s.of == drive.name}
     if drive.name not in log.goals or not {"position", "force"} <= set(sensors):
         return None
-    place, force = (log.channels.get(sensors[kind].name) for kind in ("position", "force"))
-    if place is None or force is None:
+    position, force = (log.channels.get(sensors[kind].name) for kind in ("position", "force"))
+    if position is None or force is None:
         return None
     goal = log.goals[drive.name]
-    way = _way(place, TURNS * sensors["position"].noise)
-    matrix = np.column_stack([force, way, np.gradient(place, log.time)])
-    left = goal - place
+    way = _way(position, TURNS * sensors["position"].noise)
+    matrix = np.column_stack([force, way, np.gradient(position, log.time)])
+    left = goal - position
     known = np.isfinite(matrix).all(axis=1) & np.isfinite(left)
     return matrix[known], left[known], float(np.ptp(log.time)) * float(known.mean())
 
 
-def _way(places: Floats, half: float) -> Floats:
+def _way(positions: Floats, half: float) -> Floats:
     """Return which way a drive last moved, −1 to 1, by a play of some half-width."""
-    ways = np.zeros(len(places))
+    ways = np.zeros(len(positions))
     held = np.nan
     half = max(half, 1e-9)
-    for k, place in enumerate(places.tolist()):
-        held = place if np.isnan(held) else min(max(held, place - half), place + half)
-        ways[k] = (place - held) / half
+    for k, position in enumerate(positions.tolist()):
+        held = position if np.isnan(held) else min(max(held, position - half), position + half)
+        ways[k] = (position - held) / half
     return ways
 
 

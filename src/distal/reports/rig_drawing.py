@@ -227,15 +227,15 @@ def _write_joints(
     """Write of each joint above all of them, side by side, with a thin line down to it."""
     centres = [stand.centre for stand in placed]
     foot = max(centre[1] + a for centre, a in zip(centres, around)) + 0.36
-    places: dict[int, float] = {}
+    positions: dict[int, float] = {}
     free = left
     for j in sorted(range(len(placed)), key=lambda j: centres[j]):
-        places[j] = max(centres[j][0] - 0.1, free)
-        free = places[j] + max(line.width for line in lines[j]) + 0.16
-    shift = float(np.mean([place - (centres[j][0] - 0.1) for j, place in places.items()]))
-    shift = min(shift, min(places.values()) - left)
-    for j, place in places.items():
-        x = place - shift
+        positions[j] = max(centres[j][0] - 0.1, free)
+        free = positions[j] + max(line.width for line in lines[j]) + 0.16
+    shift = float(np.mean([position - (centres[j][0] - 0.1) for j, position in positions.items()]))
+    shift = min(shift, min(positions.values()) - left)
+    for j, position in positions.items():
+        x = position - shift
         top = foot + (len(lines[j]) - 0.5) * PITCH
         sheet.line([(x - 0.05, top), (x - 0.05, foot - 0.1), centres[j]], SOFT, 0.5, zorder=0.5)
         sheet.block((x, foot + (len(lines[j]) - 1) * PITCH), lines[j])

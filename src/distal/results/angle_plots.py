@@ -114,10 +114,10 @@ def plot_estimates(
                 column[rows - 1].set_xlabel(time_label(first.time))
                 column[rows - 1].tick_params(labelbottom=True)
         for row, panel in enumerate(panels, start=rows):
-            place = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
-            _draw_panel(place, panel, first, log, rig, health)
+            position = axes[row * joints] if joints == 1 else _across(drawing, axes, row, joints)
+            _draw_panel(position, panel, first, log, rig, health)
             if row == len(heights) - 1:
-                place.set_xlabel(time_label(first.time))
+                position.set_xlabel(time_label(first.time))
         drawing.align_ylabels()
         title_above(drawing, title or first.rig)
     if path is not None:
@@ -256,8 +256,8 @@ def _limit_errors(axes: Axes, errors: Sequence[tuple[str, Floats, Floats]], half
         return
     # the first estimate is what the plot is about; the others may take the axis as far as eight
     # times its errors
-    wanted = [_usual(size) for size in sizes if len(size)]
-    shown = min(max(wanted), 8.0 * wanted[0])
+    desired = [_usual(size) for size in sizes if len(size)]
+    shown = min(max(desired), 8.0 * desired[0])
     band = 1.1 * float(np.quantile(half, 0.9))
     limit = max(shown, min(band, 4.0 * shown))
     axes.set_ylim(-limit, limit)

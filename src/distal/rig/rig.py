@@ -105,7 +105,7 @@ class Rig(Description):
                 f"{len(joints)} joints came; chains of up to {MOST_JOINTS} are supported"
             )
         for i, joint in enumerate(joints):
-            _check_place(i, joint, [before.name for before in joints[:i]])
+            _check_position(i, joint, [before.name for before in joints[:i]])
             _check_coupling(i, joint, joints[:i])
         return joints
 
@@ -117,12 +117,12 @@ class Rig(Description):
         if joints is None or drives is None:
             return tendons
         for i, tendon in enumerate(tendons):
-            for role, parts, wanted in (
+            for role, parts, desired in (
                 ("joint", joints, tendon.joints),
                 ("drive", drives, (tendon.drive,)),
             ):
                 names = [part.name for part in parts]
-                for name in wanted:
+                for name in desired:
                     if name not in names:
                         raise ValueError(
                             f"{i}.{role}: no {role} is called '{name}'{did_you_mean(name, names)}"
@@ -317,7 +317,7 @@ class Rig(Description):
         return validated(Rig, raw, self.name, RigError)
 
 
-def _check_place(index: int, joint: Joint, before: Sequence[str]) -> None:
+def _check_position(index: int, joint: Joint, before: Sequence[str]) -> None:
     """Raise an error for a joint without its parent, or with keys that its place does not allow."""
     if joint.name == BASE:
         raise ValueError(f"{index}.name: '{BASE}' is what the first joint sits on; choose another")

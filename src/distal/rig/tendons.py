@@ -202,11 +202,11 @@ class Tendon(Description):
         At zero, or where they are largest at the ends of a polynomial's range: arms may be zero at
         zero.
         """
-        places: list[dict[str, float]] = [{}]
+        positions: list[dict[str, float]] = [{}]
         for meeting in self.meetings:
             if isinstance(meeting.shape, Polynomial):
-                places += [dict(zip(meeting.joints, ends)) for ends in zip(*meeting.shape.range)]
-        totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in places]
+                positions += [dict(zip(meeting.joints, ends)) for ends in zip(*meeting.shape.range)]
+        totals = [sum(abs(arm) for arm in self.arms(at).values()) for at in positions]
         return totals[0] or max(totals)
 
     def shapes(self) -> Iterator[tuple[str, Pinned | Pulley | Linkage]]:

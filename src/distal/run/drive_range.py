@@ -23,7 +23,7 @@ FAR = 10.0
 """
 
 
-def place_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
+def position_range(rig: Rig, sensor: Sensor) -> tuple[float, float]:
     """Return the limits of a position sensor's values, infinite for other sensors."""
     if sensor.measures != "position":
         return -1e300, 1e300
@@ -54,7 +54,7 @@ class RangeEnd:
     """
 
     motor: str
-    place: int
+    position: int
     torque: int
     way: int
     contact: float
@@ -80,7 +80,9 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
         if not isinstance(drive, Capstan) or not {"position", "force"} <= set(sensors):
             continue
         position_sensor = sensors["position"]
-        place, torque = (list(channels).index(sensors[kind].name) for kind in ("position", "force"))
+        position, torque = (
+            list(channels).index(sensors[kind].name) for kind in ("position", "force")
+        )
         reached = _reached(rig, position_sensor)
         for tendon in (tendon for tendon in rig.tendons if tendon.drive == drive.name):
             way = tendon.winding
@@ -97,7 +99,7 @@ def range_ends(rig: Rig, channels: Sequence[str]) -> tuple[RangeEnd, ...]:
             found.append(
                 RangeEnd(
                     motor=drive.name,
-                    place=place,
+                    position=position,
                     torque=torque,
                     way=way,
                     contact=end + loose / drive.radius.value,

@@ -22,7 +22,7 @@ from distal.logs import Episode, Log, Source, read_log
 from distal.logs.log import sealed
 from distal.results import Estimate
 from distal.rig import Rig, load_rig
-from distal.run.offline import Run, check_bounds, finished, prepared, runner_for
+from distal.run.offline import Run, check_bounds, estimator_for, finished, prepared
 from distal.threads import one_blas_thread
 
 PER_TASK = 32
@@ -93,7 +93,7 @@ def estimate_batch(
                 report(next(done))
                 refuse(source, problem)
                 continue
-            runner = runner_for(first, rig, estimator, compiled, homing)
+            chosen = estimator_for(first, rig, estimator, compiled, homing)
             break
         else:
             return
@@ -101,14 +101,14 @@ def estimate_batch(
         @one_blas_thread()
         def work(sources: Sequence[Log | Source]) -> list[Estimate | DistalError]:
             runs = [
-                _attempt(lambda source: prepared(load(source), runner, homing), source)
+                _attempt(lambda source: prepared(load(source), chosen, homing), source)
                 for source in sources
             ]
             answers = iter(run_all([run for run in runs if isinstance(run, Run)]))
             return [run if isinstance(run, DistalError) else next(answers) for run in runs]
 
         for source, outcome in in_order(
-            chain([first], sources), _side_by_side(runner), work, workers
+            chain([first], sources), _side_by_side(chosen), work, workers
         ):
             report(next(done))
             if isinstance(outcome, Estimate):
@@ -177,11 +177,11 @@ def _chunk(
     ]
 
 
-def _side_by_side(runner: Estimator) -> int:
+def _side_by_side(chosen: Estimator) -> int:
     """Return how many runs of an estimator go side by side."""
     return (
-        runner.kernel.side_by_side
-        if isinstance(runner, KernelEstimator) and runner.has_kernel
+        chosen.kernel.side_by_side
+        if isinstance(chosen, KernelEstimator) and chosen.has_kernel
         else 1
     )
 
@@ -213,20 +213,20 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     """
     if not runs:
         return []
-    runner = runs[0].runner
-    runners = [run.runner for run in runs if isinstance(run.runner, KernelEstimator)]
-    kernels = {id(runner.kernel) for runner in runners if runner.has_kernel}
+    chosen = runs[0].estimator
+    runners = [run.estimator for run in runs if isinstance(run.estimator, KernelEstimator)]
+    kernels = {id(chosen.kernel) for chosen in runners if chosen.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
     if (
         len(runs) == 1
         or len(kernels) > 1
-        or not isinstance(runner, KernelEstimator)
-        or _side_by_side(runner) == 1
+        or not isinstance(chosen, KernelEstimator)
+        or _side_by_side(chosen) == 1
     ):
         return [_attempt(_alone, run) for run in runs]
     try:
         # a homing move gives each run parameters of its own
-        found = runner.scan_all(
+        found = chosen.scan_all(
             [run.start for run in runs],
             [run.log.time for run in runs],
             [run.samples for run in runs],
@@ -239,20 +239,20 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
 
 def _judged(run: Run, found: tuple[Floats, Floats, Floats]) -> Estimate:
     means, variances, ys = found
-    runner = run.runner
-    assert isinstance(runner, KernelEstimator)
+    chosen = run.estimator
+    assert isinstance(chosen, KernelEstimator)
     means, variances = (
         sealed(part)
-        for part in (runner.report.means(means, ys), runner.report.variances_of(variances, ys))
+        for part in (chosen.report.means(means, ys), chosen.report.variances_of(variances, ys))
     )
     check_bounds(run, means, variances)
     return finished(
-        run, means, variances, *(sealed(part) for part in runner.innovations_of(ys, run.samples))
+        run, means, variances, *(sealed(part) for part in chosen.innovations_of(ys, run.samples))
     )
 
 
 def _alone(run: Run) -> Estimate:
-    means, covariances, innovations, variances = run.runner.scan(
+    means, covariances, innovations, variances = run.estimator.scan(
         run.start, run.log.time, run.samples
     )
     spreads = np.diagonal(covariances, axis1=1, axis2=2)

@@ -23,7 +23,7 @@ from distal.expressions import Scalar, Vector
 from distal.kernels import Layout
 from distal.results import LARGE_PRIOR, SMALL
 from distal.rig import Role, measurand_of, step_of
-from distal.run.drive_range import FAR, RangeEnd, place_range, range_ends
+from distal.run.drive_range import FAR, RangeEnd, position_range, range_ends
 from distal.run.offline import priors_of
 
 Health = Literal[
@@ -137,20 +137,20 @@ def word_code(word: Health) -> int:
     return list(HEALTH).index(word)
 
 
-def watch_of(runner: KernelEstimator) -> Watch:
+def watch_of(estimator: KernelEstimator) -> Watch:
     """Return what is watched of an estimator."""
-    sensors = {sensor.name: sensor for sensor in runner.rig.sensors}
-    chosen = [sensors[name] for name in runner.channels]
-    interval = runner.interval
-    no_prior = np.full(len(runner.state_names), np.nan)
-    means, stds = (no_prior if prior is None else prior for prior in priors_of(runner))
+    sensors = {sensor.name: sensor for sensor in estimator.rig.sensors}
+    chosen = [sensors[name] for name in estimator.channels]
+    interval = estimator.interval
+    no_prior = np.full(len(estimator.state_names), np.nan)
+    means, stds = (no_prior if prior is None else prior for prior in priors_of(estimator))
     watched = tuple(np.flatnonzero(np.isfinite(means) & (stds > 0.0)).tolist())
     roles = [measurand_of(sensor).role for sensor in chosen]
-    placed = tuple(i for i, role in enumerate(roles) if role is Role.PLACE)
-    ends = range_ends(runner.rig, runner.channels)
+    placed = tuple(i for i, role in enumerate(roles) if role is Role.POSITION)
+    ends = range_ends(estimator.rig, estimator.channels)
     n = len(chosen)
-    m = len(runner.measured)
-    j = len(runner.rig.joints)
+    m = len(estimator.measured)
+    j = len(estimator.rig.joints)
     k = len(watched)
     p = len(placed)
     memory = Layout(
@@ -212,19 +212,19 @@ def watch_of(runner: KernelEstimator) -> Watch:
     stuck = noisy * mask * (same >= silence - ROUNDING)
     missing = ca.logic_and(age > overdue, ca.logic_not(dead))
     low, high = (
-        _column([place_range(runner.rig, chosen[i])[end] for i in placed]) for end in (0, 1)
+        _column([position_range(estimator.rig, chosen[i])[end] for i in placed]) for end in (0, 1)
     )
-    place = came["values"][list(placed)]
+    position = came["values"][list(placed)]
     read = mask[list(placed)]
     outside = was["outside"] + share * (
-        read * ca.logic_or(place < low, place > high) - was["outside"]
+        read * ca.logic_or(position < low, position > high) - was["outside"]
     )
-    far = read * (ca.fabs(place - (low + high) / 2) > FAR * (high - low))
+    far = read * (ca.fabs(position - (low + high) / 2) > FAR * (high - low))
     wrong = ca.logic_or(outside > 0.5, far)
     # of a rig that was fitted, large is what is large beside its own free motion, and a touch,
     # which the filter follows, is no disagreement
-    free = runner.rig.free_motion
-    usual = [1.0] * m if free is None else [square for square, _ in free.usual(runner.measured)]
+    free = estimator.rig.free_motion
+    usual = [1.0] * m if free is None else [square for square, _ in free.usual(estimator.measured)]
     square = ca.fmin(came["innovations"] ** 2 / (came["variances"] * _column(usual)), CAPPED)
     square = ca.if_else(came["touched"] > TOUCHED, ca.fmin(square, 1), square)
     ratio = was["ratio"] + ca.if_else(came["compared"], share * (square - was["ratio"]), 0)
@@ -287,8 +287,8 @@ def _at_end(
     What its torque stretches is taken off. Only on the way there: on the way back friction hides
     the tendon's tension.
     """
-    read = mask[end.place] * mask[end.torque]
-    reading = end.way * values[end.place]
+    read = mask[end.position] * mask[end.torque]
+    reading = end.way * values[end.position]
     before = degrees(end.joint) * (reading - end.contact)
     further = ca.logic_and(read, ca.logic_and(before > -NEAR, reading > furthest + end.same))
     over = before - degrees(end.joint * end.give) * ca.fabs(values[end.torque])

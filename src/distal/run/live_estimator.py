@@ -81,37 +81,37 @@ class LiveEstimator:
         compiled: bool = True,
     ) -> None:
         rig = rig if isinstance(rig, Rig) else load_rig(rig)
-        runner = (
+        chosen = (
             make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
         )
-        if not runner.has_kernel:
+        if not chosen.has_kernel:
             raise EstimationError(
-                f"{runner.name} is for logs; live, use adaptive or another one with a kernel"
+                f"{chosen.name} is for logs; live, use adaptive or another one with a kernel"
             )
         self._made_of = rig, estimator, compiled
-        self._runner = runner
-        self._n = len(runner.state_names)
-        self._m = len(runner.measured)
-        self._loop = runner.kernel.loop(runner.numbers)
-        self._carry = self._loop.carry
+        self._estimator = chosen
+        self._n = len(chosen.state_names)
+        self._m = len(chosen.measured)
+        self._loop = chosen.kernel.loop(chosen.numbers)
+        self._kernel_state = self._loop.kernel_state
         self._x = self._loop.x
         self._y = self._loop.y
-        self._finite = np.ones(len(self._carry), dtype=bool)
-        self._width = len(runner.channels)
-        self._angles = runner.angles
+        self._finite = np.ones(len(self._kernel_state), dtype=bool)
+        self._width = len(chosen.channels)
+        self._angles = chosen.angles
         self._row = memoryview(self._x.data).cast("B").cast("d")
         # where the masks of what is compared stand in a row
-        self._read = [1 + self._width + runner.channels.index(name) for name in runner.measured]
+        self._read = [1 + self._width + chosen.channels.index(name) for name in chosen.measured]
         self._innovations = np.full(self._m, np.nan)
         self._begin: tuple[Floats | None, float] = (None, 0.0)
         self._time = nan
         self._samples = 0
-        self._interval = runner.interval
-        mean = mean_of(self._carry, self._n)
-        covariance = covariance_of(self._carry, self._n)
+        self._interval = chosen.interval
+        mean = mean_of(self._kernel_state, self._n)
+        covariance = covariance_of(self._kernel_state, self._n)
         # what is reported is the filter's own state, or, where a map speaks of some of it, another
         # one beside it
-        has_map = bool(runner.report.states)
+        has_map = bool(chosen.report.states)
         self._state, self._spread = (
             (mean.copy(), covariance.copy()) if has_map else (mean, covariance)
         )
@@ -119,12 +119,12 @@ class LiveEstimator:
         self._mean = _view(self._state)
         self._covariance = _view(self._spread)
         # a strided view of the covariance's diagonal, which can be written
-        self._diagonal = self._carry[self._n : self._n * (self._n + 1) : self._n + 1]
-        self._shares = list(runner.touched)
-        self._contacts = runner.contacts
-        self._touchable = list(external_torques_of(runner))
-        self._torques = list(external_torques_of(runner).values())
-        self._torque_names = tuple(runner.state_names[i] for i in self._torques)
+        self._diagonal = self._kernel_state[self._n : self._n * (self._n + 1) : self._n + 1]
+        self._shares = list(chosen.touched)
+        self._contacts = chosen.contacts
+        self._touchable = list(external_torques_of(chosen))
+        self._torques = list(external_torques_of(chosen).values())
+        self._torque_names = tuple(chosen.state_names[i] for i in self._torques)
         self._warm()
 
     def _warm(self) -> None:
@@ -134,7 +134,7 @@ class LiveEstimator:
         with suppress(EstimationError):
             for time in (0.0, self._interval):
                 self.step(time, np.zeros(self._width))
-        for array in (self._carry, self._x, self._y):
+        for array in (self._kernel_state, self._x, self._y):
             array[:] = 0.0
         self.reset()
 
@@ -150,8 +150,8 @@ class LiveEstimator:
                 sample has a wrong shape or a wild value; the state is then unchanged. Or the filter
                 diverged: call `reset`.
         """
-        name = self._runner.name
-        problem = sample_problem(sample, self._runner.channels)
+        name = self._estimator.name
+        problem = sample_problem(sample, self._estimator.channels)
         if problem is not None:
             raise EstimationError(f"{name}: {problem}")
         if type(time) is not float:
@@ -191,11 +191,11 @@ class LiveEstimator:
         self._samples = self._samples + 1
         for i, mask in enumerate(self._read):
             self._innovations[i] = self._y[i] if x[mask] else nan
-        if self._runner.report.states:
+        if self._estimator.report.states:
             self._report()
         angles = self._joints.tolist()
         # a sum would warn of infinite terms; bytes are searched faster than an array is reduced
-        bounded = b"\0" not in np.isfinite(self._carry, out=self._finite).tobytes()
+        bounded = b"\0" not in np.isfinite(self._kernel_state, out=self._finite).tobytes()
         for angle in angles:
             bounded = bounded and abs(angle) <= LARGEST_ANGLE
         if not bounded:
@@ -211,24 +211,26 @@ class LiveEstimator:
         sample = values.copy()
         is_read = mask == READ
         for rows_after in range(parts - 1, 0, -1):
-            fill(values, mask, sample, is_read, rows_after, self._runner.bridged)
+            fill(values, mask, sample, is_read, rows_after, self._estimator.bridged)
             self._loop.step()
         fill(values, mask, sample, is_read)
 
     def _report(self) -> None:
         """Put what the maps say in the places of the filter's own."""
-        report = self._runner.report
+        report = self._estimator.report
         y = self._y[None]
         n = self._n
-        self._state[:] = report.means(self._carry[None, :n], y)[0]
-        self._spread[:] = report.covariances(self._carry[n : n * (n + 1)].reshape(1, n, n), y)[0]
+        self._state[:] = report.means(self._kernel_state[None, :n], y)[0]
+        self._spread[:] = report.covariances(
+            self._kernel_state[n : n * (n + 1)].reshape(1, n, n), y
+        )[0]
 
     def _start(self, time: float, sample: Floats) -> None:
         """Begin with the prior, at the angles and with the std that `reset` was given."""
-        self._carry[:] = self._runner.initial(time, sample).carry
+        self._kernel_state[:] = self._estimator.initial(time, sample).kernel_state
         angles, std = self._begin
         if angles is not None:
-            self._carry[self._angles] = angles
+            self._kernel_state[self._angles] = angles
         joints = np.arange(self._angles.stop)
         self._diagonal[joints] = np.maximum(self._diagonal[joints], std * std)
 
@@ -258,7 +260,7 @@ class LiveEstimator:
         """Return another one at the same belief, with arrays of its own: each goes on alone, in its
         own thread too.
         """
-        return _at(LiveEstimator(self.rig, self._runner), self._belief())
+        return _at(LiveEstimator(self.rig, self._estimator), self._belief())
 
     def __copy__(self) -> LiveEstimator:
         """Return a clone: buffers are never shared."""
@@ -275,38 +277,38 @@ class LiveEstimator:
         return _made_again, (*self._made_of, self._belief())
 
     def _belief(self) -> tuple[object, ...]:
-        arrays = (self._carry, self._state, self._spread, self._innovations)
+        arrays = (self._kernel_state, self._state, self._spread, self._innovations)
         return *(array.copy() for array in arrays), self._begin, self._time, self._samples
 
     @property
-    def runner(self) -> KernelEstimator:
+    def estimator(self) -> KernelEstimator:
         """The estimator."""
-        return self._runner
+        return self._estimator
 
     @property
     def rig(self) -> Rig:
         """The description."""
-        return self._runner.rig
+        return self._estimator.rig
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the sensors in a sample."""
-        return self._runner.channels
+        return self._estimator.channels
 
     @property
     def measured(self) -> tuple[str, ...]:
         """Names of those that have an innovation."""
-        return self._runner.measured
+        return self._estimator.measured
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the states."""
-        return self._runner.state_names
+        return self._estimator.state_names
 
     @property
     def interval(self) -> float:
         """Nominal time between samples [s]."""
-        return self._runner.interval
+        return self._estimator.interval
 
     @property
     def time(self) -> float:
@@ -350,7 +352,7 @@ class LiveEstimator:
     @property
     def added_by_maps(self) -> Floats:
         """What learned maps add to the filter's own angles [rad], (n_joints,)."""
-        added: Floats = self._joints - self._carry[self._angles]
+        added: Floats = self._joints - self._kernel_state[self._angles]
         return added
 
     @property
@@ -369,7 +371,7 @@ class LiveEstimator:
         torques = self.external_torques
         stds = self.external_torque_stds
         for joint, at in self._contacts.items():
-            probability, since = self._carry[at].tolist()
+            probability, since = self._kernel_state[at].tolist()
             k = self._touchable.index(joint)
             torque = float(torques[k])
             std = float(stds[k])
@@ -379,7 +381,7 @@ class LiveEstimator:
     @property
     def touched(self) -> float:
         """The largest share that a touch has of a joint, 0 (free) to 1."""
-        return float(self._carry[self._shares].max(initial=0.0))
+        return float(self._kernel_state[self._shares].max(initial=0.0))
 
     @property
     def external_torques(self) -> Floats:
@@ -430,14 +432,14 @@ class LiveEstimator:
             EstimationError: there was no sample yet.
         """
         if self._samples == 0:
-            raise EstimationError(f"{self._runner.name}: no sample was taken in yet")
+            raise EstimationError(f"{self._estimator.name}: no sample was taken in yet")
         return Belief(
             self._time,
-            frozen(self._carry),
+            frozen(self._kernel_state),
             self._n,
             self._samples,
             self._y.copy(),
-            self._runner.report,
+            self._estimator.report,
         )
 
 
@@ -459,7 +461,7 @@ def _view(array: Floats) -> Floats:
 
 def _at(live: LiveEstimator, belief: tuple[Any, ...]) -> LiveEstimator:
     """Return a live estimator, put to a belief."""
-    arrays = (live._carry, live._state, live._spread, live._innovations)
+    arrays = (live._kernel_state, live._state, live._spread, live._innovations)
     for array, values in zip(arrays, belief):
         array[:] = values
     live._begin, live._time, live._samples = belief[len(arrays) :]

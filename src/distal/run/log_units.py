@@ -224,20 +224,20 @@ class LogUnits:
             )
         return np.array([_number(name, value) for name, value in zip(self.columns, values)])
 
-    def _unwrapped(self, i: int, time: float, place: float, doubts: list[str]) -> float:
+    def _unwrapped(self, i: int, time: float, position: float, doubts: list[str]) -> float:
         """Return a place [rad, m] in the turn in which it is."""
         turn = float(self._turns[i])
         last = float(self._last[i])
         gap = time - float(self._seen[i])
-        near = place + turn * round((last - place) / turn) if isfinite(last) else nan
+        near = position + turn * round((last - position) / turn) if isfinite(last) else nan
         if not isfinite(last) or self._fastest[i] * gap >= turn / 2:
-            turns = self._possible(i, place, place)
+            turns = self._possible(i, position, position)
             if len(turns) == 1:
-                near = place + turn * turns[0]
+                near = position + turn * turns[0]
                 self._guessed.pop(i, None)
             else:
                 if not isfinite(last):
-                    near = place if not turns else place + turn * turns[len(turns) // 2]
+                    near = position if not turns else position + turn * turns[len(turns) // 2]
                     since = "its turn is not known: it counts within one only"
                 else:
                     since = f"may have turned without a value for {gap:.2g} s"
@@ -248,7 +248,7 @@ class LogUnits:
             near += self._settled(i, near)
         self._last[i] = near
         self._seen[i] = time
-        self._ahead[i] = near - place
+        self._ahead[i] = near - position
         return near
 
     def _possible(self, i: int, least: float, most: float) -> range:
@@ -259,11 +259,11 @@ class LogUnits:
             return range(0)
         return range(ceil((low - least) / turn), floor((high - most) / turn) + 1)
 
-    def _settled(self, i: int, place: float) -> float:
+    def _settled(self, i: int, position: float) -> float:
         """Return by how much a guessed turn is off where only one is possible, else 0."""
         least, most = self._guessed[i]
-        least = min(least, place)
-        most = max(most, place)
+        least = min(least, position)
+        most = max(most, position)
         self._guessed[i] = least, most
         turns = self._possible(i, least, most)
         if len(turns) != 1:
@@ -271,23 +271,23 @@ class LogUnits:
         del self._guessed[i]
         return float(self._turns[i]) * turns[0]
 
-    def _counted_anew(self, i: int, time: float, place: float) -> float:
+    def _counted_anew(self, i: int, time: float, position: float) -> float:
         """Return a place [rad] of a motor that counts its turns: after a restart it may count from
         another one.
 
         A place that is out of range without a jump is one where a tendon broke or a spool slipped.
         """
-        if not isfinite(place):
-            return place
+        if not isfinite(position):
+            return position
         low, high = self._ranges[i]
-        at = place + float(self._ahead[i])
+        at = position + float(self._ahead[i])
         jumped = not abs(at - float(self._last[i])) < TURN / 2
         was_silent = not time - float(self._seen[i]) < BOOTS
         if jumped and was_silent and not low <= at <= high:
-            ahead = TURN * round(((low + high) / 2 - place) / TURN)
-            if low <= place + ahead <= high:
+            ahead = TURN * round(((low + high) / 2 - position) / TURN)
+            if low <= position + ahead <= high:
                 self._ahead[i] = ahead
-        self._last[i] = place + float(self._ahead[i])
+        self._last[i] = position + float(self._ahead[i])
         self._seen[i] = time
         return float(self._last[i])
 

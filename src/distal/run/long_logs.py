@@ -45,7 +45,7 @@ def estimate_pieces(
     Raises:
         EstimationError: the estimator cannot run on this rig, or does not take known angles.
     """
-    runner, references = _runner(rig, estimator, known_std)
+    chosen, references = _estimator(rig, estimator, known_std)
     belief: Belief | None = None
     for piece in pieces:
         log = piece.log
@@ -53,21 +53,21 @@ def estimate_pieces(
         columns = dict(log.channels) | {
             name: piece.known[:, j] for j, name in enumerate(references)
         }
-        samples = np.column_stack([columns[name] for name in runner.channels])
+        samples = np.column_stack([columns[name] for name in chosen.channels])
         if belief is None:
-            belief = runner.initial(log.time[0], samples[0])
-        (carries, ys), size = runner.advanced(belief, log.time, samples), belief.size
-        means = runner.report.means(mean_of(carries, size).copy(), ys)[:, :n]
-        covariances = runner.report.covariances(covariance_of(carries, size).copy(), ys)
+            belief = chosen.initial(log.time[0], samples[0])
+        (kernel_states, ys), size = chosen.advanced(belief, log.time, samples), belief.size
+        means = chosen.report.means(mean_of(kernel_states, size).copy(), ys)[:, :n]
+        covariances = chosen.report.covariances(covariance_of(kernel_states, size).copy(), ys)
         variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :n]
         samples_before = belief.samples + len(samples)
         belief = Belief(
             float(log.time[-1]),
-            frozen(carries[-1].copy()),
+            frozen(kernel_states[-1].copy()),
             size,
             samples_before,
             ys[-1],
-            runner.report,
+            chosen.report,
         )
         truths = np.column_stack(
             [log.truth[name] for name in angle_names([joint.name for joint in rig.joints])]
@@ -75,17 +75,19 @@ def estimate_pieces(
         yield PieceEstimate(log, means, np.sqrt(np.maximum(variances, 0.0)), truths)
 
 
-def _runner(rig: Rig, estimator: str, known_std: float | None) -> tuple[KernelEstimator, list[str]]:
+def _estimator(
+    rig: Rig, estimator: str, known_std: float | None
+) -> tuple[KernelEstimator, list[str]]:
     """Return the estimator, and the names of the references that it reads, one for each joint or
     none.
     """
     if known_std is None:
-        runner = make_estimator(estimator, rig)
-        if not isinstance(runner, KernelEstimator) or not runner.has_kernel:
+        chosen = make_estimator(estimator, rig)
+        if not isinstance(chosen, KernelEstimator) or not chosen.has_kernel:
             raise EstimationError(
                 f"{estimator} reads whole logs; pieces need one with a kernel, as {DEFAULT}"
             )
-        return runner, []
+        return chosen, []
     if estimator != DEFAULT:
         raise EstimationError(f"{estimator} does not take known angles; {DEFAULT} does")
     references = []

@@ -100,7 +100,7 @@ class Monitor:
 
     def __init__(self, live: LiveEstimator) -> None:
         self._live = live
-        self._watch = watch = watch_of(live.runner)
+        self._watch = watch = watch_of(live.estimator)
         self._check = Evaluation(watch.function)
         self._sample = np.zeros(watch.sample.size)
         self._came = {name: self._sample[watch.sample[name]] for name in watch.sample.names}
@@ -145,7 +145,7 @@ class Monitor:
     @property
     def contact_names(self) -> tuple[str, ...]:
         """Names of the probabilities of a touch: ``contact``, or ``contact_JOINT``."""
-        joints = self._live.runner.contacts
+        joints = self._live.estimator.contacts
         if len(self.rig.joints) == 1:
             return ("contact",) * len(joints)
         return tuple(f"contact_{joint}" for joint in joints)
@@ -259,7 +259,9 @@ class Monitor:
         watch = self._watch
         interval = self._live.interval
         age, ratio = (self._memory[watch.memory[name]] for name in ("age", "ratio"))
-        places = [live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong]
+        positions = [
+            live.channels[i] for i, is_wrong in zip(watch.placed, flags["wrong"]) if is_wrong
+        ]
         dead = f"{self._names(flags['dead'])} for {age.max():.3g} s" if flags["dead"].any() else ""
         stuck = f"{self._names(flags['stuck'])} does not change"
         large = (
@@ -272,7 +274,8 @@ class Monitor:
             "nothing": "all sensors",
             "gap": f"{dt:.3g} s; the rig says every {interval:.3g} s",
             "hurried": f"samples {dt:.3g} s apart, the rig says {interval:.3g} s: unit of time?",
-            "wrong": f"{', '.join(places)} is where its drive cannot be: wrong unit, zero or side?",
+            "wrong": f"{', '.join(positions)} is where its drive cannot be: wrong unit, "
+            "zero or side?",
             "large": ", ".join(large),
             "left": f"{', '.join(left)}: further from the rig's value than its std allows",
             "unknown": "the angle is not known",

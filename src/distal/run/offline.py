@@ -118,18 +118,20 @@ def estimate(
             "truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))"
         )
     log = log if isinstance(log, Log) else read_log(log, rig, truth)
-    runner = runner_for(log, rig, estimator, compiled, homing)
+    chosen = estimator_for(log, rig, estimator, compiled, homing)
     if not isinstance(passes, int) or passes < 1:
         raise EstimationError(f"passes must be at least 1, {passes!r} came")
-    if passes > 1 and not isinstance(runner, FullStateFilter):
+    if passes > 1 and not isinstance(chosen, FullStateFilter):
         raise EstimationError(
-            f"{runner.name} takes one pass; --passes is for the filters of the paper's kind "
+            f"{chosen.name} takes one pass; --passes is for the filters of the paper's kind "
             "(ekf-2008, ekf)"
         )
-    run = prepared(log, runner, homing)
+    run = prepared(log, chosen, homing)
     belief = run.start
     for _ in range(passes):
-        means, covariances, innovations, variances = run.runner.scan(belief, log.time, run.samples)
+        means, covariances, innovations, variances = run.estimator.scan(
+            belief, log.time, run.samples
+        )
         spreads = np.diagonal(covariances, axis1=1, axis2=2)
         check_bounds(run, means, spreads)
         if passes > 1:
@@ -148,23 +150,23 @@ class Run:
     """
 
     log: Log
-    runner: Estimator
+    estimator: Estimator
     samples: Floats
     start: Belief
     homing: float | None
     notes: tuple[str, ...] = ()
 
 
-def references_of(runner: Estimator) -> dict[str, int]:
+def references_of(chosen: Estimator) -> dict[str, int]:
     """Return channel → index of the joint, for each sensor of a joint's angle that an estimator
     reads.
     """
-    joints = [joint.name for joint in runner.rig.joints]
-    sensors = {sensor.name: joints.index(sensor.of) for sensor in runner.rig.sensors_of("angle")}
-    return {channel: sensors[channel] for channel in runner.channels if channel in sensors}
+    joints = [joint.name for joint in chosen.rig.joints]
+    sensors = {sensor.name: joints.index(sensor.of) for sensor in chosen.rig.sensors_of("angle")}
+    return {channel: sensors[channel] for channel in chosen.channels if channel in sensors}
 
 
-def runner_for(
+def estimator_for(
     log: Log,
     rig: Rig,
     estimator: str | Estimator,
@@ -201,7 +203,7 @@ def known_early(log: Log, homing: float) -> Log:
     return replace(log, truth=truths) if truths else log
 
 
-def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
+def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
     """Return a log, ready for an estimator, whose truth is used during `homing` [s].
 
     Raises:
@@ -209,18 +211,18 @@ def prepared(log: Log, runner: Estimator, homing: float | None = None) -> Run:
     """
     read = log
     if homing is not None:
-        if isinstance(runner, AffineEstimator):
-            runner = runner.after_homing(log, homing)
-        truths = check_homing(homing, log, [joint.name for joint in runner.rig.joints])
+        if isinstance(chosen, AffineEstimator):
+            chosen = chosen.after_homing(log, homing)
+        truths = check_homing(homing, log, [joint.name for joint in chosen.rig.joints])
         early = log.time - log.time[0] < homing
-        for channel, joint in references_of(runner).items():
+        for channel, joint in references_of(chosen).items():
             read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
-    samples = samples_of(read, runner.channels, runner.name)
-    start = runner.initial(log.time[0], first_values(samples))
-    if homing is not None and isinstance(runner, AdaptiveFilter) and references_of(runner):
-        adapted = home(runner, start, log, samples, truths, homing)
-        return Run(log, adapted.runner, adapted.samples, adapted.start, homing, adapted.notes)
-    return Run(log, runner, samples, start, homing)
+    samples = samples_of(read, chosen.channels, chosen.name)
+    start = chosen.initial(log.time[0], first_values(samples))
+    if homing is not None and isinstance(chosen, AdaptiveFilter) and references_of(chosen):
+        adapted = home(chosen, start, log, samples, truths, homing)
+        return Run(log, adapted.estimator, adapted.samples, adapted.start, homing, adapted.notes)
+    return Run(log, chosen, samples, start, homing)
 
 
 def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
@@ -229,11 +231,11 @@ def check_bounds(run: Run, means: Floats, spreads: Floats) -> None:
     Raises:
         EstimationError: it diverged; the message says when.
     """
-    bad = out_of_bounds(means, spreads, len(run.runner.rig.joints))
+    bad = out_of_bounds(means, spreads, len(run.estimator.rig.joints))
     if len(bad):
         row = int(bad[0])
         raise DivergedError(
-            f"{run.log.source}: {run.runner.name} left all bounds at {run.log.time[row]:g} s; "
+            f"{run.log.source}: {run.estimator.name} left all bounds at {run.log.time[row]:g} s; "
             "check the units of the log "
             "and the rig's stiffness and masses, or shorten stepping.largest_step"
         )
@@ -255,32 +257,32 @@ def finished(
         covariances: (k, n, n), or None where they are not kept.
     """
     log = run.log
-    runner = run.runner
-    joints = tuple(joint.name for joint in runner.rig.joints)
+    chosen = run.estimator
+    joints = tuple(joint.name for joint in chosen.rig.joints)
     truths = true_angles(log, joints)
     torques = true_torques(log, joints)
-    references = references_of(runner)
+    references = references_of(chosen)
     if run.homing is not None and truths is not None:
         early = log.time - log.time[0] < run.homing
-        if not (references or isinstance(runner, AffineEstimator)):
+        if not (references or isinstance(chosen, AffineEstimator)):
             means = means.copy()
             means[:, : len(joints)] = homed(means[:, : len(joints)], truths, early)
         truths = frozen(np.where(early[:, None], np.nan, truths))
         torques = None if torques is None else frozen(np.where(early[:, None], np.nan, torques))
     # a reference is no sensor of the estimate: what it said is in the states
-    columns = [i for i, name in enumerate(runner.measured) if name not in references]
+    columns = [i for i, name in enumerate(chosen.measured) if name not in references]
     if references:
         innovations = innovations[:, columns]
         variances = variances[:, columns]
-    prior_means, prior_stds = priors_of(runner)
-    measured = tuple(runner.measured[i] for i in columns)
-    free = runner.rig.free_motion
-    state_kinds, state_parts = kinds_of(runner)
+    prior_means, prior_stds = priors_of(chosen)
+    measured = tuple(chosen.measured[i] for i in columns)
+    free = chosen.rig.free_motion
+    state_kinds, state_parts = kinds_of(chosen)
     return Estimate(
-        runner.name,
-        runner.rig.name,
+        chosen.name,
+        chosen.rig.name,
         log.time,
-        runner.state_names,
+        chosen.state_names,
         frozen(means),
         frozen(spreads),
         measured,
@@ -292,26 +294,26 @@ def finished(
         joint_names=joints,
         notes=(
             *run.notes,
-            *(runner.notes_of(means, run.samples) if isinstance(runner, KernelEstimator) else ()),
+            *(chosen.notes_of(means, run.samples) if isinstance(chosen, KernelEstimator) else ()),
         ),
         prior_means=prior_means,
         prior_stds=prior_stds,
         stamps=log.stamps,
         torque_truths=torques,
-        unseen=runner.unseen if isinstance(runner, AdaptiveFilter) else None,
+        unseen=chosen.unseen if isinstance(chosen, AdaptiveFilter) else None,
         state_kinds=state_kinds,
         state_parts=state_parts,
-        state_units=runner.state_units
-        if isinstance(runner, KernelEstimator)
-        else state_units(runner),
+        state_units=chosen.state_units
+        if isinstance(chosen, KernelEstimator)
+        else state_units(chosen),
     )
 
 
-def priors_of(runner: Estimator) -> tuple[Floats | None, Floats | None]:
+def priors_of(chosen: Estimator) -> tuple[Floats | None, Floats | None]:
     """Return prior means and stds of the states that are constants of the rig, NaN for the others;
     else None.
     """
-    return runner.priors if isinstance(runner, AdaptiveFilter) else (None, None)
+    return chosen.priors if isinstance(chosen, AdaptiveFilter) else (None, None)
 
 
 def with_channel(log: Log, name: str, values: Floats) -> Log:
@@ -341,6 +343,6 @@ def out_of_bounds(means: Floats, spreads: Floats, n_joints: int = 1) -> NDArray[
 
 def with_covariance(belief: Belief, covariance: Floats) -> Belief:
     """Return the belief with another covariance, (n, n)."""
-    carry = np.array(belief.carry)
-    covariance_of(carry, belief.size)[:] = covariance
-    return Belief(belief.time, frozen(carry), belief.size, belief.samples)
+    kernel_state = np.array(belief.kernel_state)
+    covariance_of(kernel_state, belief.size)[:] = covariance
+    return Belief(belief.time, frozen(kernel_state), belief.size, belief.samples)

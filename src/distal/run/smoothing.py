@@ -31,19 +31,23 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     Raises:
         EstimationError: the log lacks a sensor, or the sensors do not suffice.
     """
-    runner = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
-    samples = samples_of(log, runner.channels, runner.name)
-    belief = runner.initial(log.time[0], first_values(samples))
-    rows, last = runner.checked_rows(belief, log.time, samples)
-    carries, ys = advance(runner.kernel, Feed(belief.carry, rows, runner.numbers))
+    estimator = AdaptiveFilter(rig, compiled, trace=True, name="adaptive, smoothed")
+    samples = samples_of(log, estimator.channels, estimator.name)
+    belief = estimator.initial(log.time[0], first_values(samples))
+    rows, last = estimator.checked_rows(belief, log.time, samples)
+    kernel_states, ys = advance(
+        estimator.kernel, Feed(belief.kernel_state, rows, estimator.numbers)
+    )
     n = belief.size
-    m = len(runner.measured)
-    if len(out_of_bounds(mean_of(carries, n), variances_of(carries, n), len(rig.joints))):
+    m = len(estimator.measured)
+    if len(
+        out_of_bounds(mean_of(kernel_states, n), variances_of(kernel_states, n), len(rig.joints))
+    ):
         raise EstimationError(
             f"{log.source}: the filter left all bounds; check the units of the log and the rig"
         )
-    means = mean_of(carries, n).copy()
-    covariances = covariance_of(carries, n).copy()
+    means = mean_of(kernel_states, n).copy()
+    covariances = covariance_of(kernel_states, n).copy()
     predicted = ys[:, 2 * m : 2 * m + n]
     matrices = ys[:, 2 * m + n :].reshape(-1, 2, n, n)
     # CasADi's matrices lie column by column: a covariance is symmetric, a transition has to be
@@ -51,10 +55,10 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     predicted_covariances = matrices[:, 0]
     transitions = np.swapaxes(matrices[:, 1], 1, 2)
     # each state in its own prior std, so that the inverse is well scaled
-    scale = np.maximum(runner.states.stds, 1e-12)
+    scale = np.maximum(estimator.states.stds, 1e-12)
     # with a share of the gain its equations do not hold: such states stay as the filter had them
-    slow = list(runner.states.slow)
-    unsmoothed = [*runner.states.unsmoothed, *slow]
+    slow = list(estimator.states.slow)
+    unsmoothed = [*estimator.states.unsmoothed, *slow]
     quick = np.setdiff1d(np.arange(n), slow)
     for k in range(len(rows) - 2, -1, -1):
         transition = transitions[k + 1]
@@ -73,8 +77,8 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     if rig.discrepancy is not None:
         correct(means, covariances, log, rig, compiled, last)
     spreads = np.einsum("kii->ki", covariances)
-    run = Run(log, runner, samples, belief, None)
-    innovations = runner.innovations_of(ys[last], samples)
+    run = Run(log, estimator, samples, belief, None)
+    innovations = estimator.innovations_of(ys[last], samples)
     return finished(run, means[last], spreads[last], *innovations, covariances[last])
 
 
@@ -84,11 +88,11 @@ def correct(
     """Add the rig's discrepancy, which depends on the readings alone, to the means and covariances
     of the rows `last`.
     """
-    runner = AdaptiveFilter(rig, compiled)
-    samples = samples_of(log, runner.channels, runner.name)
-    belief = runner.initial(log.time[0], first_values(samples))
-    carries, ys = runner.advanced(belief, log.time, samples)
-    states = carries[:, : means.shape[1]]
-    report = runner.report.only(range(len(rig.joints)))
+    estimator = AdaptiveFilter(rig, compiled)
+    samples = samples_of(log, estimator.channels, estimator.name)
+    belief = estimator.initial(log.time[0], first_values(samples))
+    kernel_states, ys = estimator.advanced(belief, log.time, samples)
+    states = kernel_states[:, : means.shape[1]]
+    report = estimator.report.only(range(len(rig.joints)))
     means[last] += report.means(states, ys) - states
     covariances[last] = report.covariances(covariances[last], ys)

@@ -70,7 +70,7 @@ def simulate_pieces(
     rezero = scenario.rezero
     rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
     kernel = plant_kernel(plant, prepared.count)
-    carry, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
+    kernel_state, y = at_rest(plant, prepared.inputs, prepared.start, kernel)
     walks = np.zeros(len(scheduled))
     rng = np.random.default_rng([seed, 1])
     errors = errors_by_rate(plant.rig, seed)
@@ -85,9 +85,9 @@ def simulate_pieces(
         inputs = body_inputs(scenario, plant, grid[:-1])
         if rezero is not None:
             _replace(inputs, body_inputs(rezeroing, plant, grid[:-1]), rezero, plant, grid[:-1])
-        carries, ys = advance(kernel, Feed(carry, rows_of(inputs, dt), p))
+        kernel_states, ys = advance(kernel, Feed(kernel_state, rows_of(inputs, dt), p))
         motion = PlantMotion(plant, np.vstack([y, ys]))
-        carry = carries[-1]
+        kernel_state = kernel_states[-1]
         y = ys[-1:]
         motion.check()
         yield _read(motion, readings.at(motion.y).T, grid, errors, scenario)

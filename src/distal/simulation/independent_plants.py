@@ -41,12 +41,12 @@ def plants_apart(
         )
         bodies = np.concatenate([part.indices["joints"], nj + drives]).astype(np.intp)
         frictions = np.array([rubbing.index(d) for d in drives if d in rubbing], dtype=np.intp)
-        carry = np.concatenate([bodies, n + bodies, 2 * n + frictions])
+        kernel_state = np.concatenate([bodies, n + bodies, 2 * n + frictions])
         x = np.concatenate([*(k * n + bodies for k in range(5)), [5 * n]])
         p = np.array(
             [names.index(part.whole_path(name)) for name in equations.parameters.names],
             dtype=np.intp,
         )
         y = np.concatenate([bodies, n + bodies, 2 * n + tendons, 2 * n + nt + bodies])
-        kernels.append(PlacedKernel(plant(equations), carry, x, p, y))
+        kernels.append(PlacedKernel(plant(equations), kernel_state, x, p, y))
     return side_by_side("plant", kernels, (2 * n + len(rubbing), 5 * n + 1, len(names), 3 * n + nt))

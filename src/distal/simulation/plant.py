@@ -36,20 +36,20 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     tensions = ca.Function(
         "tensions", [q, v, mechanism.parameters.symbols], [mechanism.tensions(q, v)]
     )
-    carry = ca.MX.sym("carry", 2 * n + len(rubbing) + nx)
+    kernel_state = ca.MX.sym("kernel_state", 2 * n + len(rubbing) + nx)
     x = ca.MX.sym("x", 5 * n + 1)
     numbers = ca.MX.sym("p", len(mechanism.parameters))
-    frictions = carry[2 * n : 2 * n + len(rubbing)]
-    inside = carry[2 * n + len(rubbing) :]
+    frictions = kernel_state[2 * n : 2 * n + len(rubbing)]
+    inside = kernel_state[2 * n + len(rubbing) :]
     p = ca.vertcat(numbers[: numbers.numel() - nx], inside) if nx else numbers
-    before = carry[n : 2 * n]
+    before = kernel_state[n : 2 * n]
     dt = x[5 * n]
     effort = x[:n]
     added = x[n : 2 * n]
     servo = ca.reshape(x[2 * n : 5 * n], n, 3)
     force, follow = internal_friction(mechanism, rubbing)
-    acting = effort + force(carry[:n], frictions, p) if rubbing else effort
-    q_next, v_next = step(carry[:n], before, acting, added, servo, dt, p)
+    acting = effort + force(kernel_state[:n], frictions, p) if rubbing else effort
+    q_next, v_next = step(kernel_state[:n], before, acting, added, servo, dt, p)
     acceleration = (v_next - before) / dt
     pull = (
         effort - added * acceleration + servo[:, 0] * (servo[:, 1] - q_next) - servo[:, 2] * v_next
@@ -58,10 +58,14 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
         inside = settled_function(mechanism)(q_next, dt, p)
         p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
-    frictions = follow(carry[:n], q_next, v_next, frictions, p) if rubbing else frictions
+    frictions = follow(kernel_state[:n], q_next, v_next, frictions, p) if rubbing else frictions
     following = ca.vertcat(q_next, v_next, frictions, inside)
     return ca.Function(
-        "plant", [carry, x, numbers], [following, y], ["carry", "x", "p"], ["next", "y"]
+        "plant",
+        [kernel_state, x, numbers],
+        [following, y],
+        ["kernel_state", "x", "p"],
+        ["next", "y"],
     )
 
 
@@ -115,7 +119,9 @@ def _inside_function(mechanism: Mechanism) -> ca.Function:
     for i, name in _creeping(mechanism):
         stretch = (pulls.joint[i] + pulls.drive[i]) / 2 / p[f"tendons.{i}.stiffness"]
         strains.append(_settled(mechanism, i, name) * p[f"{name}.share"] * stretch)
-    return ca.Function("inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)])
+    return ca.Function(
+        "inside", [at, p.symbols], [ca.vertcat(*still.internal_state(at).inside, *strains)]
+    )
 
 
 def hysteretic(mechanism: Mechanism) -> list[int]:
@@ -256,16 +262,16 @@ def at_rest(
     inside = np.array(
         inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
     ).ravel()
-    carry = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
+    kernel_state = np.concatenate([start, np.zeros(n + len(hysteretic(mechanism))), inside])
     # a tiny interval gives the tensions there
-    y = advance(kernel, Feed(carry, rows_of(inputs, 1e-12)[:1], p)).ys
+    y = advance(kernel, Feed(kernel_state, rows_of(inputs, 1e-12)[:1], p)).ys
     y[:, :n] = start
     y[:, n : 2 * n] = 0.0
     servo = inputs.servo[:1]
     y[:, 2 * n + mechanism.n_tendons :] = inputs.effort[:1] + servo[:, :, 0] * (
         servo[:, :, 1] - start
     )
-    return carry, y
+    return kernel_state, y
 
 
 def run_plant(
@@ -298,7 +304,7 @@ def run_plants(
     ps = [mechanism.parameters.values] * len(runs) if numbers is None else list(numbers)
     rows = [rows_of(inputs, dt) for inputs, _ in runs]
     begun = [at_rest(mechanism, inputs, start, kernel, p) for (inputs, start), p in zip(runs, ps)]
-    feeds = [Feed(carry, xs, p) for (carry, _), xs, p in zip(begun, rows, ps)]
+    feeds = [Feed(kernel_state, xs, p) for (kernel_state, _), xs, p in zip(begun, rows, ps)]
     moved = advance_all(kernel, feeds, keep=())
     motions = [
         PlantMotion(mechanism, np.vstack([first, run.ys])) for (_, first), run in zip(begun, moved)
@@ -344,7 +350,9 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
         def net(position: float, body: int = i) -> float:
             coordinates[body] = position
             spring = servo[body, 0] * (servo[body, 1] - position)
-            return float(force(coordinates, p)[body]) + float(inputs.effort[0, body]) + float(spring)
+            return (
+                float(force(coordinates, p)[body]) + float(inputs.effort[0, body]) + float(spring)
+            )
 
         reach = 1e-3
         while not (net(-reach) > 0.0 > net(reach)):
@@ -356,5 +364,5 @@ def equilibrium(mechanism: Mechanism, angles: Floats, inputs: BodyInputs) -> Flo
                 )
         coordinates[i] = float(brentq(net, -reach, reach, xtol=1e-12))
         if drive.stops is not None:
-            coordinates[i] = float(np.clip(place[i], *drive.stops))
+            coordinates[i] = float(np.clip(coordinates[i], *drive.stops))
     return coordinates

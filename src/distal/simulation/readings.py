@@ -37,9 +37,9 @@ class Readings:
             for sensor in (plant.rig.sensors if sensors is None else sensors)
         ]
         # most sensors read one of the plant's outputs: those are taken as they are
-        places = {y[i].element_hash(): i for i in range(y.numel())}
+        positions = {y[i].element_hash(): i for i in range(y.numel())}
         self._columns = np.array(
-            [places.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp
+            [positions.get(reading.element_hash(), -1) for reading in readings], dtype=np.intp
         )
         self._computed = np.flatnonzero(self._columns < 0)
         computed = ca.vertcat(*(readings[k] for k in self._computed))

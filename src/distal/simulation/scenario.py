@@ -22,14 +22,14 @@ from distal.rig import (
     set_value,
     validated,
 )
-from distal.simulation.signals import PLACES, Signal, SignalIn
+from distal.simulation.signals import POSITIONS, Signal, SignalIn
 from distal.suggestions import did_you_mean
 
 
 class SliderLoop(Description):
     """A position loop on a slider: F = stiffness · (position − x) − damping · ẋ + force."""
 
-    position: Annotated[Signal, SignalIn("m", PLACES)] = Field(
+    position: Annotated[Signal, SignalIn("m", POSITIONS)] = Field(
         description="where the slider should be"
     )
     stiffness: Annotated[float, In("N/m", "positive")] = Field(5e3, description="gain of the loop")
@@ -41,7 +41,7 @@ class SliderLoop(Description):
 class CapstanServo(Description):
     """A position loop on a motor: torque = stiffness · (angle − φ) − damping · φ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
+    angle: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(
         description="where the capstan should be"
     )
     stiffness: Annotated[float, In("N m/rad", "positive")] = Field(
@@ -70,7 +70,7 @@ class DriveInput(Description):
 class TurningHand(Description):
     """A hand that turns the joint: torque = stiffness · (angle − θ) − damping · θ̇."""
 
-    angle: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
+    angle: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(
         description="where the hand wants the joint"
     )
     stiffness: Annotated[float, In("N m/rad", "positive")] = Field(
@@ -91,7 +91,7 @@ class JointInput(Description):
 class JointControl(Description):
     """Reference and gains of a joint's PID controller: τ = k_p e + k_i ∫ e dt − k_d ω."""
 
-    reference: Annotated[Signal, SignalIn("rad", PLACES)] = Field(
+    reference: Annotated[Signal, SignalIn("rad", POSITIONS)] = Field(
         description="the angle that is wanted"
     )
     proportional: Annotated[float, In("N m/rad", "positive")] = Field(description="k_p")

@@ -17,7 +17,7 @@ from distal.suggestions import did_you_mean
 from distal.units import to_si
 
 Interpolation = Literal["hold", "linear"]
-PLACES: Interpolation = "linear"
+POSITIONS: Interpolation = "linear"
 """How the points of places and angles are joined where a scenario does not say it; efforts and
 loads are held.
 """

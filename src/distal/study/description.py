@@ -173,10 +173,10 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
     """
     study = validated(Study, raw, source, StudyError)
 
-    def place(name: str) -> str | Path:
+    def position(name: str) -> str | Path:
         return beside / name if beside is not None and name.endswith(".toml") else name
 
-    rig = load_rig(place(study.rig))
+    rig = load_rig(position(study.rig))
     rig = rig.with_values(study.set) if study.set else rig
     joints = [joint.name for joint in rig.joints]
     if study.requirement.joint not in joints:
@@ -185,7 +185,7 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
             f"{source}: requirement.joint: the rig has no joint "
             f"'{name}'{did_you_mean(name, joints)}"
         )
-    scenarios = [load_scenario(place(name)) for name in study.scenarios]
+    scenarios = [load_scenario(position(name)) for name in study.scenarios]
     if study.duration is not None:
         scenarios = [
             scenario.model_copy(update={"duration": study.duration}) for scenario in scenarios

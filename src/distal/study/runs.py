@@ -24,7 +24,7 @@ from distal.model import Mechanism
 from distal.results import Estimate
 from distal.rig import Rig, named
 from distal.run.estimate_batch import run_all
-from distal.run.offline import Run, prepared, runner_for
+from distal.run.offline import Run, estimator_for, prepared
 from distal.simulation import Scenario
 from distal.simulation.plant import PlantMotion, equilibrium, plant_kernel, run_plants
 from distal.simulation.signal_inputs import BodyInputs, body_inputs, initial_angles
@@ -182,21 +182,21 @@ def run_tasks(plan: Plan, tasks: Sequence[Task], homing: float | None = None) ->
         try:
             if isinstance(log, DistalError):
                 raise log
-            runner = setup.runner
+            estimator = setup.estimator
             if homing is not None:
-                runner = homed.get(id(setup)) or runner_for(
-                    log, setup.rig, runner.name, True, homing
+                estimator = homed.get(id(setup)) or estimator_for(
+                    log, setup.rig, estimator.name, True, homing
                 )
-                homed[id(setup)] = runner
-            run = prepared(log, runner, homing)
+                homed[id(setup)] = estimator
+            run = prepared(log, estimator, homing)
         except DistalError as problem:
             outcomes[k] = problem
         else:
-            runner = run.runner
+            estimator = run.estimator
             shared = (
-                runner.kernel
-                if isinstance(runner, KernelEstimator) and runner.has_kernel
-                else runner
+                estimator.kernel
+                if isinstance(estimator, KernelEstimator) and estimator.has_kernel
+                else estimator
             )
             runs.setdefault(id(shared), []).append((k, run))
     for alike in runs.values():
@@ -246,7 +246,7 @@ class _Setup:
     kernel: Kernel
     inputs: BodyInputs
     timing: tuple[float, int]
-    runner: Estimator
+    estimator: Estimator
 
     def drawn(self, seed: tuple[int, ...]) -> dict[str, float]:
         """Return path → value of one rig as built."""
@@ -278,13 +278,13 @@ def _setup_of(plan: Plan, scenario_rig: Rig, task: Task) -> _Setup | DistalError
         inputs = body_inputs(scenario, plant, dt * np.arange(steps, dtype=np.float64))
         name = str(task.design.get(ESTIMATOR, plan.study.estimator))
         if name != DEFAULT:
-            runner: Estimator = make_estimator(name, rig, compiled=False)
+            estimator: Estimator = make_estimator(name, rig, compiled=False)
         else:
-            runner = AdaptiveFilter(rig)
+            estimator = AdaptiveFilter(rig)
     except DistalError as problem:
         return problem
     kernel = plant_kernel(plant, count)
-    return _Setup(scenario, rig, draws, fixed, plant, kernel, inputs, (dt, count), runner)
+    return _Setup(scenario, rig, draws, fixed, plant, kernel, inputs, (dt, count), estimator)
 
 
 def _logs(

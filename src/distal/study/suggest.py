@@ -98,11 +98,11 @@ def suggestions(
         base.band if abs(change.band - base.band) < SAME * base.band else change.band
         for change in changes
     ]
-    tau = kendalltau(bands, [_told(base, change) for change in changes]).statistic
+    tau = kendalltau(bands, [_identified(base, change) for change in changes]).statistic
     return base, sorted(changes, key=lambda change: change.band), float(tau)
 
 
-def _told(base: Suggestion, change: Suggestion) -> float:
+def _identified(base: Suggestion, change: Suggestion) -> float:
     """Return the error of an option as far as its plants tell it from the rig as it is."""
     differences = change.squares - base.squares
     differences = differences[np.isfinite(differences)]

@@ -120,12 +120,12 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
     """c = settled · γ T/k with the first reading of the load cell or of the drive's force."""
     own = part("creep")
     rig = rig_of(own).with_values({"tendons.0.creep.settled": {"value": 0.5, "std": 0.1}})
-    runner, log = AdaptiveFilter(rig, False), plant("creep")
-    first = np.array([log.channels[name][0] for name in runner.channels])
-    belief = runner.initial(0.0, first)
-    at = runner.state_names.index("creep_left")
+    estimator, log = AdaptiveFilter(rig, False), plant("creep")
+    first = np.array([log.channels[name][0] for name in estimator.channels])
+    belief = estimator.initial(0.0, first)
+    at = estimator.state_names.index("creep_left")
     tension = max(log.channels["u1"][0], 1.0)
-    assert belief.carry[at] == pytest.approx(0.5 * 0.3 * tension / 2000.0, rel=1e-9)
+    assert belief.kernel_state[at] == pytest.approx(0.5 * 0.3 * tension / 2000.0, rel=1e-9)
     cell = {
         "name": "cell",
         "measures": "tension",
@@ -139,7 +139,7 @@ def test_where_a_rope_begins_is_read_from_its_tension() -> None:
     read = AdaptiveFilter(Rig.model_validate(raw), False)
     values = np.array([7.0 if name == "cell" else 0.0 for name in read.channels])
     other = read.initial(0.0, values)
-    assert other.carry[read.state_names.index("creep_left")] == pytest.approx(
+    assert other.kernel_state[read.state_names.index("creep_left")] == pytest.approx(
         0.5 * 0.3 * 7.0 / 2000.0, rel=1e-9
     )
 

@@ -49,7 +49,7 @@ def step_of(
     found = ca.Function(
         "one",
         [at, speed, torque, p.symbols],
-        [made.q[:nj], made.v[:nj], made.by_place, made.by_torque],
+        [made.q[:nj], made.v[:nj], made.by_position, made.by_torque],
     )
     angles, speeds, *slopes = (np.array(part.full()) for part in found(q, v, [0.0] * nj, p.values))
     np.testing.assert_allclose(angles[:, 0], np.array(q[:nj]) + h * speeds[:, 0], rtol=1e-12)
@@ -148,12 +148,12 @@ def test_slower_samples_tell_less_but_nothing_diverges() -> None:
 def test_a_motion_that_begins_between_slow_samples_is_no_wild_reading() -> None:
     """After a rest the mean speed tells nothing of 0.4 s: the drive is where its sensor says."""
     rig, log = build_rig(described("stop and go", 0)[0], "slow"), log_of("stop and go", 0, FITTED)
-    runner = AdaptiveFilter(rig, False)
-    samples = np.column_stack([log.channels[name] for name in runner.channels])
-    belief = runner.initial(log.time[0], samples[0])
-    rows, last = runner.checked_rows(belief, log.time, samples)
-    carries = runner.kernel.scan(belief.carry, rows, runner.numbers)[0][last]
+    estimator = AdaptiveFilter(rig, False)
+    samples = np.column_stack([log.channels[name] for name in estimator.channels])
+    belief = estimator.initial(log.time[0], samples[0])
+    rows, last = estimator.checked_rows(belief, log.time, samples)
+    kernel_states = estimator.kernel.scan(belief.kernel_state, rows, estimator.numbers)[0][last]
     still = np.diff(samples, axis=0, prepend=samples[:1])
     begins = np.abs(still[1:]) > 50 * np.abs(still[:-1]) + 0.05
     assert begins.sum() > 10
-    np.testing.assert_allclose(carries[:, list(runner.places)], samples, atol=1e-6)
+    np.testing.assert_allclose(kernel_states[:, list(estimator.positions)], samples, atol=1e-6)

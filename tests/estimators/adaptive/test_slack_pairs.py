@@ -19,7 +19,7 @@ from distal.rig.hand_tables import Row, hand_of
 from distal.sensor_errors import variance
 
 SPOOL, ARM, SLACK, STIFFNESS, SOFTER, NOISE, FRICTION = 8e-3, 10e-3, 1e-3, 2e4, 1e4, 0.02, 0.03
-PLACE = 0.4
+POSITION = 0.4
 """Of the motor [rad]."""
 
 
@@ -51,39 +51,39 @@ def rig() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def runner() -> AdaptiveFilter:
+def estimator() -> AdaptiveFilter:
     return AdaptiveFilter(rig(), compiled=False)
 
 
 def asked(
-    runner: AdaptiveFilter, angle: float, torque: float, there: float = 1.0, lost: float = 0.0
+    estimator: AdaptiveFilter, angle: float, torque: float, there: float = 1.0, lost: float = 0.0
 ) -> list[Any]:
     """Return state, tracks, sample and parameters with the joint and the motor somewhere."""
-    names, state = runner.states.context.channels.names, np.array(runner.states.means)
+    names, state = estimator.states.context.channels.names, np.array(estimator.states.means)
     state[0] = angle
     tracks = np.zeros(Tracks.size(1))
-    tracks[0], tracks[REMEMBERED.index("lost")] = PLACE, lost
-    x = np.zeros(runner.states.context.width)
+    tracks[0], tracks[REMEMBERED.index("lost")] = POSITION, lost
+    x = np.zeros(estimator.states.context.width)
     x[0] = 0.01
     at = names.index("one_current")
     x[1 + at], x[1 + len(names) :] = torque, 1.0
     x[1 + len(names) + at] = there
-    return [state, tracks, x, runner.numbers]
+    return [state, tracks, x, estimator.numbers]
 
 
 @pytest.mark.parametrize("torque", [0.0, 0.05, -0.05])
 @pytest.mark.parametrize("angle", [0.3, 0.35])
 def test_a_play_is_as_wide_as_slack_and_the_most_stretch(
-    runner: AdaptiveFilter, torque: float, angle: float
+    estimator: AdaptiveFilter, torque: float, angle: float
 ) -> None:
-    [(drive, *pair)] = slack_pairs(runner.states.context)
-    given = asked(runner, angle, torque)
-    residual, width, known, slope = slack_pair_function(runner.states, drive, pair)(*given)
+    [(drive, *pair)] = slack_pairs(estimator.states.context)
+    given = asked(estimator, angle, torque)
+    residual, width, known, slope = slack_pair_function(estimator.states, drive, pair)(*given)
     [sensor] = rig().sensors_of("force")
     most = (abs(torque) + FRICTION + 3 * np.sqrt(variance(sensor))) / SPOOL
-    let_in = SPOOL * PLACE - ARM * angle  # of the tendon that the motor winds
+    let_in = SPOOL * POSITION - ARM * angle  # of the tendon that the motor winds
     slack = [
-        given[0][runner.state_names.index(f"slack of tendon {tendon.name}")]
+        given[0][estimator.state_names.index(f"slack of tendon {tendon.name}")]
         for tendon in rig().tendons
     ]
     one, other = let_in - slack[0] - most / STIFFNESS, -let_in - slack[1] - most / SOFTER
@@ -92,27 +92,27 @@ def test_a_play_is_as_wide_as_slack_and_the_most_stretch(
     assert float(width) > 2 * SLACK
     assert bool(known)
     slopes = np.array(ca.DM(slope)).ravel()
-    by_name = dict(zip(runner.state_names, slopes))
+    by_name = dict(zip(estimator.state_names, slopes))
     assert by_name["theta"] == pytest.approx(-ARM)
     for tendon, sign in zip(rig().tendons, (-0.5, 0.5)):
         assert by_name[f"slack of tendon {tendon.name}"] == pytest.approx(sign)
 
 
-def confined(runner: AdaptiveFilter, given: list[Any], covariance: Any) -> tuple[Any, Any]:
+def confined(estimator: AdaptiveFilter, given: list[Any], covariance: Any) -> tuple[Any, Any]:
     state, tracks, x, p = (ca.MX.sym(name, len(value)) for name, value in zip("stxp", given))
     matrix = ca.MX.sym("P", *covariance.shape)
-    after = within_play(runner.states, state, matrix, Interval(tracks, ca.MX(0), x, p))
+    after = within_play(estimator.states, state, matrix, Interval(tracks, ca.MX(0), x, p))
     mean, matrix_after = ca.Function(
         "within", [state, matrix, tracks, x, p], [ca.MX(part) for part in after]
     )(given[0], covariance, *given[1:])
     return np.array(mean).ravel(), np.array(matrix_after)
 
 
-def covariance_of(runner: AdaptiveFilter, std: float) -> Any:
-    n = len(runner.states)
+def covariance_of(estimator: AdaptiveFilter, std: float) -> Any:
+    n = len(estimator.states)
     rng = np.random.default_rng(3)
     mixed = 0.2 * rng.normal(size=(n, n)) + np.eye(n)
-    stds = np.array(runner.states.stds)
+    stds = np.array(estimator.states.stds)
     stds *= 0.1
     stds[:2] = std, 0.1
     scaled = mixed @ mixed.T
@@ -120,22 +120,22 @@ def covariance_of(runner: AdaptiveFilter, std: float) -> Any:
     return scaled / np.outer(root, root) * np.outer(stds, stds)
 
 
-def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFilter) -> None:
+def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(estimator: AdaptiveFilter) -> None:
     """By hand: with V = w²/12, S = g P gᵀ the gain is P g (S − V)/S², of which numbers of the rig
     take none.
     """
-    [(drive, *pair)] = slack_pairs(runner.states.context)
-    given, before = asked(runner, 0.0, 0.0), covariance_of(runner, 1.0)
+    [(drive, *pair)] = slack_pairs(estimator.states.context)
+    given, before = asked(estimator, 0.0, 0.0), covariance_of(estimator, 1.0)
     residual, width, _, slope = (
-        np.array(ca.DM(part)) for part in slack_pair_function(runner.states, drive, pair)(*given)
+        np.array(ca.DM(part)) for part in slack_pair_function(estimator.states, drive, pair)(*given)
     )
     g, most = slope.ravel(), float(width.item()) ** 2 / 12
     s = g @ before @ g
     assert s > most
     gain = before @ g * (s - most) / s**2
-    told = [i for i in range(len(g)) if i >= 2 and i not in runner.states.torque_states]
-    gain[told] = 0.0
-    mean, after = confined(runner, given, before)
+    identified = [i for i in range(len(g)) if i >= 2 and i not in estimator.states.torque_states]
+    gain[identified] = 0.0
+    mean, after = confined(estimator, given, before)
     np.testing.assert_allclose(mean, given[0] - gain * residual.item(), rtol=1e-9, atol=1e-12)
     # Joseph's form with the noise R for which S + R = S²/(S − V)
     noise = s**2 / (s - most) - s
@@ -144,8 +144,8 @@ def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFi
         after, kept @ before @ kept.T + noise * np.outer(gain, gain), rtol=1e-7, atol=1e-14
     )
     assert np.sqrt(after[0, 0]) < 0.2
-    np.testing.assert_array_equal(mean[told], given[0][told])
-    np.testing.assert_allclose(np.diag(after)[told], np.diag(before)[told], rtol=1e-12)
+    np.testing.assert_array_equal(mean[identified], given[0][identified])
+    np.testing.assert_allclose(np.diag(after)[identified], np.diag(before)[identified], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -154,22 +154,22 @@ def test_who_is_less_sure_than_the_play_becomes_as_sure_as_it(runner: AdaptiveFi
     ids=["it is surer", "its force is not read", "its place is not read"],
 )
 def test_else_nothing_changes(
-    runner: AdaptiveFilter, std: float, there: float, lost: float
+    estimator: AdaptiveFilter, std: float, there: float, lost: float
 ) -> None:
-    given = asked(runner, 0.3, 0.0, there, lost)
-    before = np.diag(np.diag(covariance_of(runner, std)))
+    given = asked(estimator, 0.3, 0.0, there, lost)
+    before = np.diag(np.diag(covariance_of(estimator, std)))
     before[2:, 2:] *= 0.01
-    mean, after = confined(runner, given, before)
+    mean, after = confined(estimator, given, before)
     np.testing.assert_array_equal(mean, given[0])
     np.testing.assert_array_equal(after, before)
 
 
-def test_only_pairs_that_may_be_slack_are_asked(runner: AdaptiveFilter) -> None:
+def test_only_pairs_that_may_be_slack_are_asked(estimator: AdaptiveFilter) -> None:
     none = {"value": 0.0, "std": 0.0}
     taut = AdaptiveFilter(
         rig().with_values({"tendons.0.slack": none, "tendons.1.slack": none}), compiled=False
     )
-    assert list(slack_pairs(runner.states.context)) == [(0, 0, 1)]
+    assert list(slack_pairs(estimator.states.context)) == [(0, 0, 1)]
     assert list(slack_pairs(taut.states.context)) == []
     for name in ("paper-2008", "finger-2n", "da-vinci-grasper"):
         other = AdaptiveFilter(load_rig(name), compiled=False)
@@ -184,12 +184,12 @@ def test_a_motor_that_never_moved_knows_its_joint_to_the_play() -> None:
     still = {"one_position": np.zeros(200), "one_current": np.zeros(200)}
     start = rig().with_values({"joints.0.initial": {"value": 0.5, "std": 0.6}})
     known = {
-        f"sensors.{k}.bias": {"value": -PLACE, "std": 0.01}
+        f"sensors.{k}.bias": {"value": -POSITION, "std": 0.01}
         for k, s in enumerate(start.sensors)
         if s.of == "one" and s.measures == "position"
     }
     found = estimate(Log(time, still, {}, "still"), start.with_values(known))
     play = np.arctan2(SLACK, ARM)
-    assert found.angles[-1, 0] == pytest.approx(PLACE * SPOOL / ARM, abs=play)
+    assert found.angles[-1, 0] == pytest.approx(POSITION * SPOOL / ARM, abs=play)
     assert 0.5 * play < found.angle_stds[-1, 0] < 2 * play
     assert np.isfinite(found.angle_stds).all()

@@ -26,7 +26,7 @@ from tests.estimators.adaptive.twin import Twin
 NONE, DEFAULT = Robustness.none(), Robustness()
 EVERY = ("nothing",)  # leave out no sensor
 NOMINAL = {"drives.1.nominal_force": {"value": 3.0, "std": 1.0}}
-NO_FORCE, NO_PLACE = ("u2", "t1", "encoder"), ("x2", "t1", "encoder")
+NO_FORCE, NO_POSITION = ("u2", "t1", "encoder"), ("x2", "t1", "encoder")
 ERROR = {"drives.0.hysteresis.error": 4e-3, "drives.0.hysteresis.error_time": 0.1}
 TORQUE_BIAS = {"sensors.motor_torque.bias": {"value": 0.01, "std": 0.01}}
 ANGLE_BIAS = {
@@ -81,7 +81,7 @@ TEXTBOOK = {
         capstan({"sensors.motor_angle.linearity": 0.01, "drives.0.nominal_force": 0.05}),
         (),
     ),
-    "place": (sliders(rigs.STOPS, without=NO_PLACE), ("friction of a lost drive",)),
+    "position": (sliders(rigs.STOPS, without=NO_POSITION), ("friction of a lost drive",)),
     "place and nominal force": (
         sliders(NOMINAL, without=("x2", *NO_FORCE)),
         ("friction of a lost drive",),
@@ -192,7 +192,7 @@ def test_how_many_substeps_an_interval_has(rate: float, inertia: float, count: i
     assert twin.model.substeps == count
 
 
-@pytest.mark.parametrize("name", ["all of sliders", "transmission error", "place"])
+@pytest.mark.parametrize("name", ["all of sliders", "transmission error", "position"])
 def test_gaps_and_missing_values_without_guards(name: str) -> None:
     rig, _ = TEXTBOOK[name]
     log = spoiled_log(rig, size=0.3)
@@ -237,7 +237,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
         creep_learning_time=10.0,
         unmodelled=1.0,
         moving_only=False,
-        asks_places=True,
+        asks_positions=True,
     )
     assert paper == Robustness()
     nothing = {
@@ -256,7 +256,7 @@ def test_the_guards_have_the_numbers_of_the_paper() -> None:
     }
     assert replace(paper, wild_displacement=np.inf, wild_force=np.inf, **nothing) == NONE
     assert (
-        replace(paper, unknown_friction=0.0, moving_only=True, asks_places=False)
+        replace(paper, unknown_friction=0.0, moving_only=True, asks_positions=False)
         == Robustness.fitting()
     )
 
@@ -318,10 +318,10 @@ def test_one_guard_at_a_time(name: str) -> None:
     # a guard that changes nothing on this log would not be tested by it
     states = filtered(rig, log, NONE)[1], filtered(rig, log, replace(NONE, **on))[1]
     if states[0].means.shape == states[1].means.shape:
-        told = [np.nan_to_num(course.innovations) for course in states]
+        identified = [np.nan_to_num(course.innovations) for course in states]
         assert (
             np.abs(states[0].means - states[1].means).max() > 1e-9
-            or np.abs(told[0] - told[1]).max() > 1e-6
+            or np.abs(identified[0] - identified[1]).max() > 1e-6
         )
 
 
@@ -357,7 +357,10 @@ WHOLE = {
         DECLARED,
         ("at a stop", "sticks, within the limits", "sticks, beyond the limits", "declared, slips"),
     ),
-    "place": (sliders(rigs.STOPS, rigs.FACTORS, without=NO_PLACE), ("friction of a lost drive",)),
+    "position": (
+        sliders(rigs.STOPS, rigs.FACTORS, without=NO_POSITION),
+        ("friction of a lost drive",),
+    ),
     "nominal force": (sliders(rigs.FACTORS, NOMINAL, without=NO_FORCE), ("undeclared, moves",)),
     "all of sliders": (TEXTBOOK["all of sliders"][0], ("declared, slips",)),
     "torque on a capstan": (
@@ -416,7 +419,7 @@ def _random_rig(rng: np.random.Generator) -> Rig:
     ways = [
         ("t1", "encoder"),
         NO_FORCE,
-        NO_PLACE,
+        NO_POSITION,
         ("u1", "u2", "encoder"),
         ("x2", "u2", "t1", "encoder"),
     ]

@@ -38,11 +38,11 @@ def test_two_joints_side_by_side_are_two_rigs() -> None:
         "theta_link_dot",
         "theta_link_2_dot",
     )
-    places = []
+    positions = []
     for i, rig in enumerate((first, second)):
         alone, single = filtered(rig, (time, logs[i][1]), guards)
         of_both = [found.state_names.index(name) for name in _renamed(alone.state_names, i)]
-        places.append(of_both)
+        positions.append(of_both)
         rows = np.ix_(range(len(time)), of_both, of_both)
         scale = single.prior
         assert np.max(np.abs(course.means[:, of_both] - single.means) / scale) < TOLERANCE
@@ -50,8 +50,8 @@ def test_two_joints_side_by_side_are_two_rigs() -> None:
             np.max(np.abs(course.covariances[rows] - single.covariances) / np.outer(scale, scale))
             < TOLERANCE
         )
-    assert sorted(places[0] + places[1]) == list(range(len(found.state_names)))
-    assert np.all(course.covariances[np.ix_(range(len(time)), *places)] == 0.0)
+    assert sorted(positions[0] + positions[1]) == list(range(len(found.state_names)))
+    assert np.all(course.covariances[np.ix_(range(len(time)), *positions)] == 0.0)
     twin = Twin(both, guards, both.sensors_of("angle"))
     assert difference(course_of(twin, (time, np.column_stack(columns))), course) < TOLERANCE
 

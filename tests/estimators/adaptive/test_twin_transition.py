@@ -17,7 +17,7 @@ from tests.estimators.adaptive.test_twin import DEFAULT, WHOLE, spoiled_log
 from tests.estimators.adaptive.twin import Twin
 
 
-@pytest.mark.parametrize("name", ["all of sliders", "hysteresis", "place"])
+@pytest.mark.parametrize("name", ["all of sliders", "hysteresis", "position"])
 def test_the_transition_that_a_smoother_needs(name: str) -> None:
     """Predicted mean, predicted covariance and Φ of every part of an interval, bridges of gaps
     too.
@@ -27,7 +27,7 @@ def test_the_transition_that_a_smoother_needs(name: str) -> None:
     references = rig.sensors_of("angle")
     found = AdaptiveFilter(rig, compiled=False, references=references, trace=True)
     rows, _ = found.rows(np.diff(time, prepend=time[0]), samples)
-    _, ys = found.kernel.scan(found.initial(time[0], samples[0]).carry, rows, found.numbers)
+    _, ys = found.kernel.scan(found.initial(time[0], samples[0]).kernel_state, rows, found.numbers)
     twin = Twin(rig, DEFAULT, references)
     twin.run(time, samples)
     n, first = twin.n, 2 * len(found.measured)

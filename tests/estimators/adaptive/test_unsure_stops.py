@@ -38,9 +38,9 @@ def test_a_joint_just_before_its_stop_may_be_held_by_it(
 ) -> None:
     """In the stop, and further away than two standard deviations, it is known."""
     rig = load_rig("finger-underactuated")
-    runner = make_estimator("adaptive", rig)
-    assert isinstance(runner, AdaptiveFilter)
-    states, j = runner.states, [each.name for each in rig.joints].index(joint)
+    estimator = make_estimator("adaptive", rig)
+    assert isinstance(estimator, AdaptiveFilter)
+    states, j = estimator.states, [each.name for each in rig.joints].index(joint)
     mean, covariance = np.zeros(len(states)), np.eye(len(states))
     mean[:3], covariance[:3, :3] = 0.5, STD**2 * np.eye(3)
     stops = rig.joints[j].stops
@@ -49,10 +49,12 @@ def test_a_joint_just_before_its_stop_may_be_held_by_it(
     symbols = [
         ca.MX.sym("m", len(mean)),
         ca.MX.sym("P", *covariance.shape),
-        ca.MX.sym("p", runner.numbers.size),
+        ca.MX.sym("p", estimator.numbers.size),
     ]
     (sure,) = update.sure_of_stops(states, *symbols)
-    assert float(ca.Function("sure", symbols, [sure])(mean, covariance, runner.numbers)) == expected
+    assert (
+        float(ca.Function("sure", symbols, [sure])(mean, covariance, estimator.numbers)) == expected
+    )
 
 
 @pytest.fixture
@@ -70,11 +72,11 @@ def test_an_unsure_joint_teaches_no_numbers(
     sure: float, built: Callable[[], AdaptiveFilter], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(update, "sure_of_stops", lambda *_: [ca.MX(sure)])
-    runner, log = built(), moved()
-    numbers = [i for i, kind in enumerate(runner.state_kinds) if kind is StateKind.PARAMETER]
-    samples = samples_of(log, runner.channels)
-    start = runner.initial(log.time[0], samples[0])
-    means, covariances, _, _ = runner.scan(start, log.time, samples)
+    estimator, log = built(), moved()
+    numbers = [i for i, kind in enumerate(estimator.state_kinds) if kind is StateKind.PARAMETER]
+    samples = samples_of(log, estimator.channels)
+    start = estimator.initial(log.time[0], samples[0])
+    means, covariances, _, _ = estimator.scan(start, log.time, samples)
     stds = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     assert (np.ptp(means[:, numbers], axis=0).max() > 0.0) == bool(sure)
     # what is not learned stays as unsure as it was

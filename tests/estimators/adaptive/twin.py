@@ -259,10 +259,10 @@ class Twin:
         if judged:
             led = np.array([m.s + m.speed * dt for m in self.drives])
             for other in range(self.n_d):
-                place = self.at("place", other)
+                position = self.at("position", other)
                 led[other] = (
-                    self.m[place]
-                    if place is not None
+                    self.m[position]
+                    if position is not None
                     else led[other] - self.error_at(other, led[other])[0]
                 )
             still = self.m.copy()
@@ -298,11 +298,11 @@ class Twin:
                 slope[k] = cos(pi * state.order * xi)
         return float(slope @ self.m), slope
 
-    def places(self, tracked: list[Tracked], dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+    def positions(self, tracked: list[Tracked], dt: float) -> tuple[Floats, Floats, Floats, Floats]:
         """s̃, s̃⁺, ṡ of (7) and ∂s̃⁺/∂x, all at the mean."""
         start, end, slopes = np.zeros(self.n_d), np.zeros(self.n_d), np.zeros((self.n_d, self.n))
         for i in range(self.n_d):
-            k = self.at("place", i)
+            k = self.at("position", i)
             if k is not None:
                 start[i] = end[i] = self.m[k]
                 slopes[i, k] = 1.0
@@ -316,8 +316,8 @@ class Twin:
     def predict(self, dt: float, tracked: list[Tracked]) -> Floats:
         """Section 4, up to (12). Returns the transition so far."""
         n, n_j, n_d = self.n, self.n_j, self.n_d
-        s, *self.place = self.places(tracked, dt)
-        _, rates, slopes = self.place
+        s, *self.position = self.positions(tracked, dt)
+        _, rates, slopes = self.position
         s_s = np.hstack([slopes, np.eye(n_d)])
         s_theta, s_omega = np.zeros((n_j, n + n_d)), np.zeros((n_j, n + n_d))
         s_theta[:, :n_j], s_omega[:, n_j : 2 * n_j] = np.eye(n_j), np.eye(n_j)
@@ -402,7 +402,7 @@ class Twin:
         effort = u if d.effort == 0 else d.effort + lam * (u - d.effort)  # (14)
         left = noise * lam / (2 - lam)
         self.drives[i] = d = replace(d, effort=effort)
-        end, rates, slopes = self.place
+        end, rates, slopes = self.position
         limit, by_x, by_s = self.model.play_limit(i, self.m, end)
         h = limit + 2 * sqrt(left)
         b = self.at("bias", self.compared.index(force))

@@ -31,7 +31,7 @@ class State:
     fade_rate: float = 0.0  # 1/T_i
     lowest: float = -inf
     considered: bool = False
-    untold: bool = False  # only a joint's own angle teaches it
+    unidentified: bool = False  # only a joint's own angle teaches it
     members: tuple[int, ...] = ()  # the parameters that a factor multiplies
 
 
@@ -110,7 +110,7 @@ def states_of(
         if sensor_at(positions, drive) is None:
             low, high = travel_of(rig, i)
             state = State(
-                f"position_{drive.name}", "place", (low + high) / 2, (high - low) / sqrt(12), i
+                f"position_{drive.name}", "position", (low + high) / 2, (high - low) / sqrt(12), i
             )
             state.walk = high - low
             states.append(state)
@@ -179,7 +179,7 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
         rough = (
             not name.endswith(MAY_BE_NEGATIVE) and value > 0 and std / value > (0.2 if arm else 0.5)
         )
-        untold = rough and len(rig.drives) <= len(rig.joints)
+        unidentified = rough and len(rig.drives) <= len(rig.joints)
         if rough and what.endswith(
             ("stiffness", "radius", "mass", "inertia", "length")
         ):  # what cannot be zero
@@ -187,17 +187,17 @@ def parameters_of(rig: Rig, mechanism: Mechanism, guards: Robustness) -> list[St
                 f"{name}.factor", "factor", 1.0, log(1 + std / value), lowest=0.05, members=(i,)
             )
             state.walk = guards.parameter_walk * std / value if np.isnan(drift) else drift / value
-            state.untold = rough
+            state.unidentified = rough
             factors.append(state)
             continue
         if kind == "tendons" and what in ("stiffness", "damping"):
             mean, spread = cut_at_zero(1.0, std / value)
             state = State(f"{name}.factor", "factor", mean, spread, lowest=0.05, members=(i,))
             state.walk = guards.parameter_walk * spread if np.isnan(drift) else drift / value
-            state.untold = rough
+            state.unidentified = rough
             factors.append(state)
             continue
-        state = State(name, "parameter", value, std, i, walk=drift, untold=untold)
+        state = State(name, "parameter", value, std, i, walk=drift, unidentified=unidentified)
         if not name.endswith(MAY_BE_NEGATIVE):
             state.mean, state.std = cut_at_zero(value, std)
             if rough and std <= value:

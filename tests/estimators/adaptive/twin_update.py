@@ -35,7 +35,7 @@ class Row:
     l_x: Floats | None = None
     a: float = 0.0
     a_x: Floats | None = None
-    told: bool = True  # among the innovations
+    identified: bool = True  # among the innovations
     reference: bool = False
     friction: bool = False
     sensor: int | None = None
@@ -72,7 +72,7 @@ def update(
             s_wild = s * max(1.0, nu**2 / (twin.guards.wild_force * s))
         gain = across / s_wild  # (24)
         for i, state in enumerate(twin.states):
-            if state.considered or (state.untold and not row.reference):
+            if state.considered or (state.unidentified and not row.reference):
                 gain[i] = 0.0
             elif state.kind in ("parameter", "factor", "deviation") and not row.reference:
                 guarded = row.drive is not None and not twin.declared[row.drive]
@@ -89,7 +89,10 @@ def update(
             d = twin.drives[row.drive]
             twin.drives[row.drive] = replace(d, residual=d.residual + row.r_x @ gain * nu)  # (26)
         if row.sensor is not None:
-            innovations[row.sensor], variances[row.sensor] = (nu if counts and row.told else nan), s
+            innovations[row.sensor], variances[row.sensor] = (
+                (nu if counts and row.identified else nan),
+                s,
+            )
     for i, state in enumerate(twin.states):
         if twin.m[i] < state.lowest:
             twin.taken["kept above the lowest"] += 1
@@ -105,7 +108,7 @@ def update(
 
 def rows_of(twin: Twin, dt: float, z: Floats, mask: Floats, tracked: list[Tracked]) -> list[Row]:
     """All comparisons at the predicted state, in their order."""
-    end, rates, slopes = twin.place
+    end, rates, slopes = twin.position
     m, found = twin.m, twin.model.compared(twin.m, end, rates)
     rows = []
 
@@ -262,12 +265,12 @@ def friction_of(
             clear = kappa < 0.15 and abs(way) > 0.9
             twin.taken["does not clearly move"] += bool(counts and not clear)
             # what does not clearly move is left out of the innovations, not of the estimate
-            row.told = bool(clear)
+            row.identified = bool(clear)
         if counts:
             f = exp(-dt / RESIDUAL_TIME)
             twin.drives[i] = d = replace(d, residual=f * d.residual + (1 - f) * r)
         delta = (stuck * kappa + 3 * guards.turning_time * (1 - kappa) * (1 - way**2)) / delta_t
-        if guards.moving_only and row.told:
+        if guards.moving_only and row.identified:
             delta = 0.0
         if kappa > 0.5:
             return *clipped(twin, row, d.residual, limit, asymmetry, own, counts), counts

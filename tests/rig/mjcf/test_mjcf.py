@@ -68,9 +68,9 @@ def test_moment_arms_on_poses_that_the_fit_has_not_seen(rig: Rig) -> None:
                     data.qpos[j] += sign * step
                     mujoco.mj_forward(model, data)
                     ends.append(float(data.ten_length[model.tendon(tendon.name).id]))
-                wanted = -(ends[1] - ends[0]) / (2 * step)
-                off.append(arms[k] - wanted)
-                size.append(abs(wanted))
+                desired = -(ends[1] - ends[0]) / (2 * step)
+                off.append(arms[k] - desired)
+                size.append(abs(desired))
     assert np.sqrt(np.mean(np.square(off))) < 0.01 * max(size)
 
 
@@ -120,10 +120,10 @@ def test_springs_pull_as_in_the_model(length: str) -> None:
     model = model_of(FINGER.replace('springlength="0.02"', f'springlength="{length}"'))
     data, spring = mujoco.MjData(model), from_mujoco(model).rig.joints[1].spring
     assert spring is not None
-    place, off, size = int(model.joint("pip").qposadr[0]), [], []
+    position, off, size = int(model.joint("pip").qposadr[0]), [], []
     for angle in np.linspace(0.0, 1.6, 9):
         data.qpos[:], data.qvel[:] = 0.0, 0.0
-        data.qpos[place] = angle
+        data.qpos[position] = angle
         mujoco.mj_forward(model, data)
         x = angle - spring.rest_angle.value
         torque = -x * (
@@ -170,8 +170,8 @@ def test_the_base_is_turned_as_in_the_model(turned: str) -> None:
     model = model_of(FINGER.replace("0.8 0.2 0.5 0.1", turned))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    wanted = data.xmat[model.body("proximal").id].reshape(3, 3)
-    np.testing.assert_allclose(frame_of(from_mujoco(model).rig), wanted, atol=1e-6)
+    desired = data.xmat[model.body("proximal").id].reshape(3, 3)
+    np.testing.assert_allclose(frame_of(from_mujoco(model).rig), desired, atol=1e-6)
 
 
 def test_links_weigh_as_in_mujoco() -> None:
@@ -214,15 +214,18 @@ def test_links_are_as_heavy_to_turn_as_in_mujoco() -> None:
 
 def inertia_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
     """Return Σ m Jᵀ J + J_ωᵀ I J_ω over the links, and the armatures."""
-    turned, place, axes, anchors = np.eye(3), np.zeros(3), list[np.ndarray](), list[np.ndarray]()
+    turned, position, axes, anchors = np.eye(3), np.zeros(3), list[np.ndarray](), list[np.ndarray]()
     total = np.diag([joint.inertia.value for joint in rig.joints])
     for joint, angle in zip(rig.joints, angles):
         assert joint.link is not None
-        place = place + turned @ np.array(joint.offset)
+        position = position + turned @ np.array(joint.offset)
         axes.append(turned @ np.array(joint.axis))
-        anchors.append(place)
+        anchors.append(position)
         turned = turned @ rotation(np.array(joint.axis), angle)
-        centre, moments = place + turned @ np.array(joint.link.centre), np.diag(joint.link.inertia)
+        centre, moments = (
+            position + turned @ np.array(joint.link.centre),
+            np.diag(joint.link.inertia),
+        )
         moved = np.array(
             [np.cross(axis, centre - at) for axis, at in zip(axes, anchors)] + [np.zeros(3)] * 2
         )[:2].T
@@ -243,13 +246,13 @@ def weight_of(mechanism: Mechanism, angles: np.ndarray) -> np.ndarray:
 
     def energy(at: np.ndarray) -> float:
         total, gravity = 0.0, frame_of(rig).T @ np.array(rig.base.gravity)
-        turned, place = np.eye(3), np.zeros(3)
+        turned, position = np.eye(3), np.zeros(3)
         for joint, angle in zip(rig.joints, at):
             assert joint.link is not None
-            place = place + turned @ np.array(joint.offset)
+            position = position + turned @ np.array(joint.offset)
             turned = turned @ rotation(np.array(joint.axis), angle)
             total -= (
-                joint.link.mass.value * gravity @ (place + turned @ np.array(joint.link.centre))
+                joint.link.mass.value * gravity @ (position + turned @ np.array(joint.link.centre))
             )
         return float(total)
 
@@ -394,11 +397,11 @@ def test_friction_of_a_tendon_is_that_of_its_drive_in_the_models_unit_of_force()
     model = model_of(
         FINGER.replace('<fixed name="flexor">', '<fixed name="flexor" frictionloss="300">')
     )
-    for length_unit, wanted in ((1.0, 300.0), (1e-3, 0.3)):
+    for length_unit, desired in ((1.0, 300.0), (1e-3, 0.3)):
         extensor, flexor = from_mujoco(model, length_unit=length_unit).rig.drives
         assert flexor.friction is not None
         assert extensor.friction is not None
-        assert flexor.friction.constant.value == pytest.approx(wanted)
+        assert flexor.friction.constant.value == pytest.approx(desired)
         assert extensor.friction.constant.value == 0.0
 
 
@@ -472,8 +475,8 @@ def test_a_torque_over_a_range_is_a_cubic_or_a_weak_spring_far_away() -> None:
     angles = np.linspace(-0.4, 1.1, 50)
     x = angles - 0.25
     found = _as_spring(angles, -(0.02 * x + 0.006 * x**2 + 0.03 * x**3))
-    wanted = {"stiffness": 0.02, "rest_angle": 0.25, "quadratic": 0.006, "cubic": 0.03}
-    assert found == pytest.approx(wanted, rel=1e-4)
+    desired = {"stiffness": 0.02, "rest_angle": 0.25, "quadratic": 0.006, "cubic": 0.03}
+    assert found == pytest.approx(desired, rel=1e-4)
     straight = _as_spring(angles, -0.02 * x)
     assert (straight["stiffness"], straight["rest_angle"]) == pytest.approx((0.02, 0.25), rel=1e-4)
     for pull in (0.3, -0.3):

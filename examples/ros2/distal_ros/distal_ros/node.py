@@ -43,7 +43,7 @@ class EstimateNode(Node):
         self._monitor = distal.Monitor(self._live)
         sensors = {sensor.name: sensor for sensor in self._rig.sensors}
         self._sensors = [sensors[channel] for channel in self._live.channels]
-        self._wanted = {
+        self._desired = {
             k for k, sensor in enumerate(self._sensors) if sensor.measures in ("position", "force")
         }
         self._interval = 1.0 / max(sensor.rate for sensor in self._sensors)
@@ -73,7 +73,7 @@ class EstimateNode(Node):
         for k, value in values.items():
             self._sample[k] = value
         self._came |= set(values)
-        if self._came >= self._wanted or not values:
+        if self._came >= self._desired or not values:
             self._step()
 
     def _values(self, message):

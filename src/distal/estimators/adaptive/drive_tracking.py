@@ -24,7 +24,7 @@ from distal.estimators.adaptive.zero_jumps import (
     zero_jumped,
 )
 from distal.estimators.dead_sensors import DEAD_INTERVALS
-from distal.estimators.read_channels import UNKNOWN_PLACE
+from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Expression, Scalar, Vector
 from distal.kernels.mask import is_bridge, is_read, is_there, rows_left
 
@@ -32,7 +32,7 @@ MOTION_TIME = 0.025
 """Time constant of the mean motion of a drive [s]: two to five samples at 100 to 200 Hz."""
 
 REMEMBERED = (
-    "place",
+    "position",
     "doubt",
     "speed",
     "square",
@@ -84,7 +84,7 @@ class Drive:
         variance: of the place, for the filter: noise, what is unknown, what a straight line misses.
     """
 
-    place: Scalar
+    position: Scalar
     doubt: Scalar
     speed: Scalar
     square: Scalar
@@ -136,7 +136,7 @@ class Tracks(Generic[Expression]):
         return self.vector[(MEMORY + 1) * self._n :]
 
 
-def remembered_place(drive: int, name: str) -> int:
+def remembered_position(drive: int, name: str) -> int:
     """Return where a number of a drive, one of `REMEMBERED`, stands in what is remembered of all
     drives in turn.
     """
@@ -206,10 +206,12 @@ def _readings(states: StateVector) -> ca.Function:
     memory = ca.SX.sym("memory", MEMORY * n)
     x = ca.SX.sym("x", context.width)
     led = [
-        memory[remembered_place(i, "place")] + memory[remembered_place(i, "speed")] * x[0]
+        memory[remembered_position(i, "position")] + memory[remembered_position(i, "speed")] * x[0]
         for i in range(n)
     ]
-    q = ca.vertcat(mean[:nj], *(states.place(i, place, mean) for i, place in enumerate(led)))
+    q = ca.vertcat(
+        mean[:nj], *(states.position(i, position, mean) for i, position in enumerate(led))
+    )
     v = ca.SX.zeros(context.mechanism.n_bodies)
     _, pulls, _, limits, _, _, slopes = mechanics_function(context)(q, v, states.parameters(mean))
     table = ca.SX(len(READING), n)
@@ -222,12 +224,12 @@ def _readings(states: StateVector) -> ca.Function:
         if (
             sensor.lag > 0.0
         ):  # a command, held over the interval, that a servo of first order follows
-            place = memory[remembered_place(i, "place")]
+            position = memory[remembered_position(i, "position")]
             lag = context.number(f"{context.path(sensor)}.lag")
-            reading = place + (reading - place) * (1 - ca.exp(-x[0] / lag))
+            reading = position + (reading - position) * (1 - ca.exp(-x[0] / lag))
         rate = context.number(f"{context.path(sensor)}.rate")
         dead = ca.fmax(context.robustness.dead_time, DEAD_INTERVALS / rate)
-        wandering = UNKNOWN_PLACE[context.mechanism.rig.drives[i].kind] / WANDERING
+        wandering = UNKNOWN_POSITION[context.mechanism.rig.drives[i].kind] / WANDERING
         table[:5, i] = ca.vertcat(
             reading, context.mask(x, sensor), context.noise(sensor), dead, wandering
         )
@@ -311,10 +313,10 @@ def track(
         silence: what a long silence of the sensor means; None where none is long.
         force_evidence: the drive's force, or None.
     """
-    place, doubt, speed, square, unknown, lost, shift, shift_std, effort = (
+    position, doubt, speed, square, unknown, lost, shift, shift_std, effort = (
         memory[i] for i in range(MEMORY)
     )
-    expected = place + speed * dt
+    expected = position + speed * dt
     time = lost + dt
     bridged = is_bridge(mask)
     read = is_read(mask)
@@ -344,9 +346,9 @@ def track(
             shift_std = ca.if_else(jumped, ca.fabs(jump) / 2, shift_std)
         real = ca.if_else(jumped, 0, real)
     # a gap is crossed in a straight line to the reading that ends it
-    line = place + (reading - place) / rows_left(mask)
+    line = position + (reading - position) / rows_left(mask)
     reached = ca.if_else(bridged, line, ca.if_else(read, expected + real * jump, expected))
-    moved = reached - place
+    moved = reached - position
     # (3) mean motion; what was not seen while the reading was missing belongs to all of that time
     elapsed = ca.if_else(bridged, dt, time)
     passed = ca.if_else(elapsed > 0, elapsed, 1)
@@ -368,7 +370,7 @@ def track(
     sure = believed > 0.5
     bend = ca.if_else(sure, moved - speed * dt, 0)
     return Drive(
-        place=reached,
+        position=reached,
         doubt=ca.if_else(far, doubt + dt, 0),
         speed=speed * (fade + (1 - fade) * believed) + share * (seen - speed),
         square=square + share * (seen * seen - square),

@@ -12,7 +12,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.errors import EstimationError
-from distal.estimators.adaptive.drive_tracking import remembered_place
+from distal.estimators.adaptive.drive_tracking import remembered_position
 from distal.estimators.adaptive.filter_function import adaptive_function, adaptive_layout
 from distal.estimators.adaptive.filter_inputs import states_of_rig
 from distal.estimators.adaptive.first_sample import prior_function
@@ -171,7 +171,7 @@ class AdaptiveFilter(KernelEstimator):
             function,
             maps,
             len(context.channels.names),
-            self.places,
+            self.positions,
             context.n_joints,
             self.touched,
         )
@@ -180,7 +180,7 @@ class AdaptiveFilter(KernelEstimator):
         """Return (values, mask, p) → (mean, covariance's diagonal, memory) before the first
         sample.
         """
-        return prior_function(self._states, self._maps, self.places, len(self._p), self.touched)
+        return prior_function(self._states, self._maps, self.positions, len(self._p), self.touched)
 
     def notes_of(self, means: Floats, samples: Floats) -> tuple[str, ...]:
         """Return which directions of joint space the sensors do not see, where there are any."""
@@ -275,7 +275,7 @@ class AdaptiveFilter(KernelEstimator):
         )
 
     @property
-    def places(self) -> tuple[int | None, ...]:
+    def positions(self) -> tuple[int | None, ...]:
         """For each channel where in the carry its drive's place stands; None for one that is read
         as it comes.
         """
@@ -284,7 +284,7 @@ class AdaptiveFilter(KernelEstimator):
         drives = [drive.name for drive in context.mechanism.rig.drives]
         begin = adaptive_layout(self._states)["drives"].start
         placed = [
-            begin + remembered_place(drives.index(sensor.of), "place")
+            begin + remembered_position(drives.index(sensor.of), "position")
             for sensor in channels.positions
         ]
         return (*placed, *([None] * (len(channels.tensions) + len(channels.forces))))

@@ -260,12 +260,12 @@ class FilterContext:
         Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later
         guard would stop it. What measures no position is always credible.
         """
-        if sensor.measures != "position" or not self.robustness.asks_places:
+        if sensor.measures != "position" or not self.robustness.asks_positions:
             return 1
         path = self.path(sensor)
         return ca.fabs(reading - self.number(f"{path}.centre")) <= self.number(f"{path}.farthest")
 
-    def possible_places(self, sensor: Sensor) -> tuple[float, float]:
+    def possible_positions(self, sensor: Sensor) -> tuple[float, float]:
         """Return the middle of what a position sensor can read, and how far away it can:
         `MOST_TRAVELS` of its drive.
         """

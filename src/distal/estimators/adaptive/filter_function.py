@@ -25,7 +25,7 @@ from distal.estimators.adaptive.touch import Remembered, touch_layout
 from distal.estimators.adaptive.transmission_play import play
 from distal.estimators.adaptive.update import updated
 from distal.expressions import MatrixNode, VectorNode
-from distal.kernels import Layout, carry_layout
+from distal.kernels import Layout, kernel_state_layout
 
 
 def adaptive_layout(states: StateVector) -> Layout:
@@ -34,7 +34,7 @@ def adaptive_layout(states: StateVector) -> Layout:
     """
     context = states.context
     drives = MEMORY * context.n_drives
-    return carry_layout(len(states), drives=drives, **touch_layout(context))
+    return kernel_state_layout(len(states), drives=drives, **touch_layout(context))
 
 
 @lru_cache(maxsize=32)
@@ -55,18 +55,18 @@ def adaptive_function(
     ]
     if filters:
         return filter_by_parts(states, filters, layout, trace)
-    carry = ca.MX.sym("carry", layout.size)
+    kernel_state = ca.MX.sym("kernel_state", layout.size)
     x = ca.MX.sym("x", context.width)
     p = ca.MX.sym("p", len(context.mechanism.parameters))
     mean, covariance, memory = (
-        layout.part(carry, name) for name in ("mean", "covariance", "drives")
+        layout.part(kernel_state, name) for name in ("mean", "covariance", "drives")
     )
     tracks = tracking(states)(mean, memory, x, p)  # (1) to (6)
     interval = Interval(tracks, memory, x, p)
     motion = moved(states, context.substeps(resolution), mean, covariance, interval)  # (7) to (10)
     after = predicted(states, mean, covariance, motion, interval)  # (11), (12)
     prediction = Prediction(*after, _moving(states, motion))
-    kept = Remembered.of(context, layout, carry)
+    kept = Remembered.of(context, layout, kernel_state)
     revert(states, prediction, kept.opened, interval)  # (13)
     for i in range(nd):
         if states.transmitted(i) is not None:
@@ -88,7 +88,7 @@ def adaptive_function(
     )
     y = ca.vertcat(y, *before) if trace else y
     return ca.Function(
-        "adaptive", [carry, x, p], [following, y], ["carry", "x", "p"], ["next", "y"]
+        "adaptive", [kernel_state, x, p], [following, y], ["kernel_state", "x", "p"], ["next", "y"]
     )
 
 
@@ -128,7 +128,7 @@ def _moving(states: StateVector, motion: Moved) -> MatrixNode:
     numbers = len(motion.chosen)
     transition[: 2 * nj, :] = 0
     transition[: 2 * nj, motion.chosen] = motion.slopes[:numbers, :].T
-    for k, (at, slopes) in enumerate(motion.places):
+    for k, (at, slopes) in enumerate(motion.positions):
         if at:
             transition[: 2 * nj, at] += ca.mtimes(motion.slopes[numbers + k, :].T, slopes.T)
     return transition

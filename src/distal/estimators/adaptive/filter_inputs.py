@@ -114,6 +114,6 @@ def _of_sensor(context: FilterContext, sensor: Sensor) -> Iterator[tuple[str, fl
     if has_gain(sensor):
         yield f"{path}.gain", gain_of(sensor).value
     if sensor.measures == "position":
-        centre, away = context.possible_places(sensor)
+        centre, away = context.possible_positions(sensor)
         yield f"{path}.centre", centre
         yield f"{path}.farthest", away

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_place
+from distal.estimators.adaptive.drive_tracking import MEMORY, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states import Begin, StateVector
 from distal.estimators.adaptive.touch import DRIVE, FORCE, touch_layout
 from distal.estimators.affine_estimator import start_of
-from distal.estimators.read_channels import UNKNOWN_PLACE
+from distal.estimators.read_channels import UNKNOWN_POSITION
 from distal.expressions import Scalar, Vector
 from distal.kernels.mask import is_read
 from distal.regression import carried_size, first_memory
@@ -29,7 +29,7 @@ Read = Callable[[Sensor, Scalar], Scalar]
 def prior_function(
     states: StateVector,
     maps: Sequence[LearnedMap],
-    places: Sequence[int | None],
+    positions: Sequence[int | None],
     inputs: int,
     touched: Sequence[int] = (),
 ) -> ca.Function:
@@ -80,7 +80,7 @@ def prior_function(
     # maps read the places of drives as the filter has them, without a known offset
     placed = [
         values[k] if at is None else context.corrected(sensors[names[k]], values[k])
-        for k, at in enumerate(places)
+        for k, at in enumerate(positions)
     ]
     for learned in maps:
         readings = ca.vertcat(*placed) if learned.tracked else values
@@ -105,11 +105,11 @@ def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Sca
         position = context.position_sensor(i)
         effort = context.force_sensor(i)
         if position is not None:
-            unknown = UNKNOWN_PLACE[drive.kind] ** 2
-            memory[remembered_place(i, "place")] = read(position, 0.0)
-            memory[remembered_place(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
+            unknown = UNKNOWN_POSITION[drive.kind] ** 2
+            memory[remembered_position(i, "position")] = read(position, 0.0)
+            memory[remembered_position(i, "unknown")] = ca.if_else(is_there(position), 0.0, unknown)
         if effort is not None:
-            memory[remembered_place(i, "effort")] = read(effort, 0.0)
+            memory[remembered_position(i, "effort")] = read(effort, 0.0)
     return memory
 
 

@@ -170,12 +170,12 @@ def filter_by_parts(
             "evidence": _stretches(part.forces, FORCE.size),
             "torques": _stretches(part.touchable, TORQUE.size),
         }
-        carry = np.concatenate([layout[name].start + at for name, at in stretches.items()])
+        kernel_state = np.concatenate([layout[name].start + at for name, at in stretches.items()])
         y = [part.compared, m + part.compared]
         if trace:
             y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
         kernels.append(
-            PlacedKernel(part_filter, carry, part.inputs, part.numbers, np.concatenate(y))
+            PlacedKernel(part_filter, kernel_state, part.inputs, part.numbers, np.concatenate(y))
         )
     outputs = 2 * m + (n + 2 * n * n if trace else 0)
     return side_by_side(

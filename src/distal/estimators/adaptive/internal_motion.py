@@ -89,8 +89,8 @@ def following_function(states: StateVector, block: BacklashOrSheathState | Strai
     tracks = Tracks(vector, nd)
     q = ca.SX.sym("q", mechanism.n_bodies)
     dt = ca.SX.sym("dt")
-    places = [states.place(i, tracks[i].place, state) for i in range(nd)]
-    arguments = [ca.vertcat(state[:nj], *places), states.parameters(state), x[0]]
+    positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
+    arguments = [ca.vertcat(state[:nj], *positions), states.parameters(state), x[0]]
     at = states.indices(block)[0]
     if isinstance(block, Strained):
         crept = ca.Function("crept", [q, p, dt], [mechanism.crept(q, dt)[block.which]])(*arguments)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
 from distal.estimators.adaptive.friction_doubt import doubted_frictions, friction_stds
 from distal.estimators.adaptive.interval import Interval
 from distal.estimators.adaptive.joint_slopes import moving
@@ -42,7 +42,7 @@ class Moved:
     speeds: VectorNode
     slopes: MatrixNode
     chosen: list[int]
-    places: list[tuple[list[int], VectorNode]]
+    positions: list[tuple[list[int], VectorNode]]
     speed_variances: VectorNode
     rates: VectorNode
 
@@ -50,11 +50,11 @@ class Moved:
         """Return a matrix (k, n) times the slopes of what the joints move with by the states,
         transposed, (k, numbers).
         """
-        by_place = [
+        by_position = [
             ca.mtimes(matrix[:, at], slopes) if at else ca.MX(matrix.size1(), 1)
-            for at, slopes in self.places
+            for at, slopes in self.positions
         ]
-        return ca.horzcat(matrix[:, self.chosen], *map(ca.densify, by_place))
+        return ca.horzcat(matrix[:, self.chosen], *map(ca.densify, by_position))
 
 
 def moved(
@@ -98,16 +98,16 @@ def moved(
         if len(mechanism.free) < nj:
             of_angles = ca.mtimes(of_angles[:, mechanism.free], mechanism.spread.T)
         speed_variances = speed_variances + added
-    patterns = _place_slopes(states)
-    places = list[tuple[list[int], VectorNode]]()
+    patterns = _position_slopes(states)
+    positions = list[tuple[list[int], VectorNode]]()
     first = 0
     for i in range(context.n_drives):
         at = [int(k) for k in patterns[i, :].sparsity().get_triplet()[1]]
-        places.append((at, values[first : first + len(at)]))
+        positions.append((at, values[first : first + len(at)]))
         first += len(at)
     slopes = ca.horzcat(of_angles, of_speeds)
     chosen = [*range(2 * nj), *acting]
-    return Moved(q[:nj], v[:nj], slopes, chosen, places, speed_variances, rates)
+    return Moved(q[:nj], v[:nj], slopes, chosen, positions, speed_variances, rates)
 
 
 def _acting(states: StateVector) -> list[int]:
@@ -125,13 +125,13 @@ def _changing(expression: Vector, state: Vector) -> list[int]:
     return sorted({int(i) for i in ca.jacobian(expression, state).sparsity().get_triplet()[1]})
 
 
-def _place_slopes(states: StateVector) -> Matrix:
+def _position_slopes(states: StateVector) -> Matrix:
     """Return the pattern of ∂(places of the drives)/∂state, (n_drives, n)."""
     mean = ca.SX.sym("mean", len(states))
     reading = ca.SX.sym("reading", states.context.n_drives)
     return ca.vertcat(
         *(
-            ca.jacobian(states.place(i, reading[i], mean), mean)
+            ca.jacobian(states.position(i, reading[i], mean), mean)
             for i in range(states.context.n_drives)
         )
     )
@@ -161,8 +161,8 @@ def _interval(states: StateVector, count: int) -> ca.Function:
     rates = list[Scalar]()
     slopes = list[Vector]()
     for i in range(nd):
-        first = states.place(i, memory[remembered_place(i, "place")], mean)
-        last = states.place(i, tracks[i].place, mean)
+        first = states.position(i, memory[remembered_position(i, "position")], mean)
+        last = states.position(i, tracks[i].position, mean)
         starts.append(first)
         measured = context.position_sensor(i) is not None
         rates.append(
@@ -249,7 +249,7 @@ def _substep(states: StateVector) -> ca.Function:
     stuck = {*doubted_frictions(states), *states.torque_states.values()}
     step = moving(context, kick, torques, spreads, pushed, sorted(stuck))
     along = ca.SX(nj, count + nd)
-    along[:, count:] = step.by_place[:, nj:]
+    along[:, count:] = step.by_position[:, nj:]
     if acting:
         along[:, 2 * nj : count] += ca.mtimes(
             step.by_parameter, _parameter_slopes(states, rig_p)[:, acting]
@@ -261,7 +261,7 @@ def _substep(states: StateVector) -> ca.Function:
         arguments.append(ca.SX.sym("S_response", 2 * nj, len(responding)))
         at = [2 * nj + acting.index(i) for i in responding]
         along[:, at] += ca.mtimes(step.by_response, arguments[-1])
-    outputs = [step.q, step.v, step.by_place[:, :nj].T, step.by_speed.T, along.T, step.rest]
+    outputs = [step.q, step.v, step.by_position[:, :nj].T, step.by_speed.T, along.T, step.rest]
     return ca.Function(
         "substep", [*arguments, rig_p], ca.cse([ca.densify(output) for output in outputs])
     )

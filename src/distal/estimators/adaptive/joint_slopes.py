@@ -52,7 +52,7 @@ class Moving:
 
     q: Vector
     v: Vector
-    by_place: Matrix
+    by_position: Matrix
     by_speed: Matrix
     by_parameter: Matrix
     by_torque: Matrix
@@ -101,8 +101,12 @@ def _joint_by_joint(
     speed = ca.vertcat(*speeds)
     by_response = ca.horzcat(*(ca.jacobian(speed, kick.response[:nj, k]) for k in range(2)))
     by = (kick.q, kick.v[:nj], mechanism.parameters.symbols, torques)
-    by_place, by_speed, by_parameter, by_torque = (ca.jacobian(speed, argument) for argument in by)
-    return Moving(q, v, by_place, by_speed, by_parameter, by_torque, by_response, ca.vertcat(*rest))
+    by_position, by_speed, by_parameter, by_torque = (
+        ca.jacobian(speed, argument) for argument in by
+    )
+    return Moving(
+        q, v, by_position, by_speed, by_parameter, by_torque, by_response, ca.vertcat(*rest)
+    )
 
 
 def _all_at_once(
@@ -136,7 +140,7 @@ def _all_at_once(
         pressing = ca.SX(0)
         if free[k] in pushed:
             # a hand may take the joint off its stop: the expectation does without it
-            pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.place[k])
+            pressing = stiffness[k] * (kick.q[free[k]] - kicked.contacts.position[k])
             matrix[k, k] -= damping[k]
             stiffness[k] = 0
             damping[k] = 0
@@ -156,9 +160,9 @@ def _all_at_once(
         rest[free[k]] = moments.rest
     symbols = {
         name: ca.SX.sym(name, count)
-        for name in ("after", "forward", "back", "kappa", "delta", "place")
+        for name in ("after", "forward", "back", "kappa", "delta", "position")
     }
-    contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["place"])
+    contacts = type(kicked.contacts)(symbols["kappa"], symbols["delta"], symbols["position"])
     loads = loads_of(mechanism, kick, context.joints_settle)
     slip = Slip(symbols["forward"], symbols["back"])
     q = kick.q[:nj]
@@ -173,16 +177,16 @@ def _all_at_once(
         ca.vertcat(*back),
         stiffness,
         damping,
-        kicked.contacts.place,
+        kicked.contacts.position,
     ]
     slopes = [ca.jacobian(equation, argument) for argument in by]
     slopes = ca.substitute(slopes, list(symbols.values()), [ca.densify(part) for part in solution])
     solve = solver(matrix, ca.vertcat(*weight))
     inverse = ca.horzcat(*(solve(column) for column in ca.horzsplit(ca.SX.eye(count))))
     slopes = [ca.mtimes([mechanism.spread, -inverse, ca.sparsify(slope)]) for slope in slopes]
-    by_place, by_speed, by_parameter, by_torque = slopes
+    by_position, by_speed, by_parameter, by_torque = slopes
     q = ca.vertcat(kicked.q, kick.q[nj:] + kick.drift * kick.v[nj:])
     v = ca.vertcat(kicked.v, kick.v[nj:])
     return Moving(
-        q, v, by_place, by_speed, by_parameter, by_torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest)
+        q, v, by_position, by_speed, by_parameter, by_torque, ca.SX(nj, 2 * nj), ca.vertcat(*rest)
     )

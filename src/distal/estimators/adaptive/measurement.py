@@ -81,8 +81,8 @@ def measurement_rows_of(
     context = states.context
     mechanism = states.context.mechanism
     nj = states.context.n_joints
-    places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
-    q = ca.vertcat(state[:nj], *places)
+    positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
+    q = ca.vertcat(state[:nj], *positions)
     v = ca.vertcat(state[nj : 2 * nj], rates)
     mechanics = mechanics_function(context)(q, v, states.parameters(state))
     tensions, pulls, dampings, limits, asymmetries, tension_slopes, pull_slopes = mechanics
@@ -93,7 +93,7 @@ def measurement_rows_of(
         track = tracks[i]
         unsure = track.variance + extra_variance(context.robustness, track.lost, track.unknown)
         spread = unsure * pull_slopes[body, body] ** 2
-        free = away_from_stops(context, i, track.place)
+        free = away_from_stops(context, i, track.position)
         expected = pulls[body] + states.force(i, state)
         friction = (limits[body] + states.friction(i, state), asymmetries[body], i)
         if sensor is None:
@@ -156,7 +156,7 @@ def measurement_rows_of(
     return sorted(rows, key=lambda row: names.index(row.name) if row.measured else len(names))
 
 
-def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar:
+def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Scalar:
     """Return 1 where the `place` of a drive is certainly not at a stop: there the contact force is
     unknown, (17).
     """
@@ -170,7 +170,7 @@ def away_from_stops(context: FilterContext, drive: int, place: Scalar) -> Scalar
     # one that is held by its stop may read a place before it
     unknown = context.noise(sensor) + context.number(f"{path}.unknown_bias") ** 2
     wrong = context.number(f"{path}.linearity") + 2 * ca.sqrt(unknown)
-    return ca.if_else(ca.logic_and(place > low + wrong, place < high - wrong), 1, 0)
+    return ca.if_else(ca.logic_and(position > low + wrong, position < high - wrong), 1, 0)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_place
+from distal.estimators.adaptive.drive_tracking import MEMORY, Tracks, remembered_position
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.guards import followed_share
 from distal.estimators.adaptive.interval import Interval, Prediction
@@ -31,10 +31,10 @@ def predicted(
     nj = context.n_joints
     ahead = ca.mtimes(moved.across(covariance), moved.slopes)
     products = ca.mtimes(moved.across(ahead.T), moved.slopes)
-    places = moved.slopes[len(moved.chosen) :, :]
+    positions = moved.slopes[len(moved.chosen) :, :]
     arguments = (
         products,
-        places,
+        positions,
         moved.speed_variances,
         interval.tracks,
         interval.memory,
@@ -70,7 +70,7 @@ def _corner(context: FilterContext) -> ca.Function:
     nj = context.n_joints
     nd = context.n_drives
     products = ca.SX.sym("products", 2 * nj, 2 * nj)
-    of_places = ca.SX.sym("S_drives", nd, 2 * nj)
+    of_positions = ca.SX.sym("S_drives", nd, 2 * nj)
     speed_variances = ca.SX.sym("speed_variances", nj)
     vector = ca.SX.sym("tracks", Tracks.size(nd))
     memory = ca.SX.sym("memory", MEMORY * nd)
@@ -91,7 +91,7 @@ def _corner(context: FilterContext) -> ca.Function:
     for i in range(2 * nj):
         for j in range(i, 2 * nj):
             covariance = products[i, j] + sum(
-                (of_places[k, i] * of_places[k, j] * variances[k] for k in read), ca.SX(0)
+                (of_positions[k, i] * of_positions[k, j] * variances[k] for k in read), ca.SX(0)
             )
             if (i < nj) == (j < nj):
                 covariance += sum(
@@ -104,7 +104,7 @@ def _corner(context: FilterContext) -> ca.Function:
             corner[i, j] = corner[j, i] = covariance
     arguments = [
         products,
-        of_places,
+        of_positions,
         speed_variances,
         vector,
         memory,
@@ -125,7 +125,7 @@ def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory
     total = ca.SX(0)
     drives = Tracks(tracks, context.n_drives)
     for i, names in context.moved_by(joint).items():
-        grown = ca.fmax(drives[i].unknown - memory[remembered_place(i, "unknown")], 0)
+        grown = ca.fmax(drives[i].unknown - memory[remembered_position(i, "unknown")], 0)
         ratio, share = map(context.number, names)
         total += followed_share(context.robustness, drives[i].lost) * grown * (ratio * share) ** 2
     return total

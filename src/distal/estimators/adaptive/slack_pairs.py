@@ -33,7 +33,7 @@ def within_play(
     """
     updates = Downdate(covariance)
     numbers = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
-    told = {at: share for at, share in numbers.items() if at not in states.torque_states}
+    identified = {at: share for at, share in numbers.items() if at not in states.torque_states}
     for drive, *pair in slack_pairs(states.context):
         residual, width, is_read, slope = slack_pair_function(states, drive, pair)(
             mean, interval.tracks, interval.x, interval.p
@@ -45,9 +45,9 @@ def within_play(
             ca.logic_and(is_read, width > 0), ca.fmax(spread - most, 0) / spread**2, 0
         )
         change = -(weight * residual) * across
-        change[list(told)] = 0
+        change[list(identified)] = 0
         mean = mean + change
-        updates.take(ca.sqrt(weight) * across, list(told), ca.DM(list(told.values())))
+        updates.take(ca.sqrt(weight) * across, list(identified), ca.DM(list(identified.values())))
     return mean, updates.matrix()
 
 
@@ -92,8 +92,8 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     vector = ca.SX.sym("tracks", Tracks.size(context.n_drives))
     p = mechanism.parameters
     tracks = Tracks(vector, context.n_drives)
-    places = [states.place(i, tracks[i].place, state) for i in range(context.n_drives)]
-    q = ca.vertcat(state[:nj], *places)
+    positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
+    q = ca.vertcat(state[:nj], *positions)
     bodies = ca.SX.sym("q", mechanism.n_bodies)
     numbers = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])

@@ -128,13 +128,13 @@ class Remembered:
     torques: dict[int, dict[str, ScalarNode]]
 
     @classmethod
-    def of(cls, context: FilterContext, layout: Layout, carry: VectorNode) -> Remembered:
+    def of(cls, context: FilterContext, layout: Layout, kernel_state: VectorNode) -> Remembered:
         """Return what a carry remembers."""
         names = [sensor.name for sensor in compared_forces(context)]
-        torques = _each(TORQUE, layout.part(carry, "torques"), len(context.touchable))
-        forces = _each(FORCE, layout.part(carry, "evidence"), len(names))
+        torques = _each(TORQUE, layout.part(kernel_state, "torques"), len(context.touchable))
+        forces = _each(FORCE, layout.part(kernel_state, "evidence"), len(names))
         return cls(
-            _each(DRIVE, layout.part(carry, "forces"), context.n_drives),
+            _each(DRIVE, layout.part(kernel_state, "forces"), context.n_drives),
             dict(zip(names, forces)),
             dict(zip(context.touchable, torques)),
         )

@@ -93,12 +93,12 @@ def play_function(states: StateVector, drive: int) -> ca.Function:
     remembered = ca.SX.sym("effort")
     x = ca.SX.sym("x", context.width)
     tracks = Tracks(vector, nd)
-    places = [states.place(i, tracks[i].place, state) for i in range(nd)]
+    positions = [states.position(i, tracks[i].position, state) for i in range(nd)]
     q = ca.SX.sym("q", mechanism.n_bodies)
     still = ca.SX.zeros(mechanism.n_bodies)
     limit = mechanism.hysteresis_limit(drive, q, mechanism.tensions(q, still))
     limits = ca.Function("limit", [q, p], [limit, mechanism.dampings()])
-    held, dampings = limits(ca.vertcat(state[:nj], *places), states.parameters(state))
+    held, dampings = limits(ca.vertcat(state[:nj], *positions), states.parameters(state))
     slope = ca.densify(ca.jacobian(held, state))
     smoothed = smoothed_effort(context, block, remembered, x)
     # what the effort has beyond the transmission's own: the sensor's error, and the drive's damping

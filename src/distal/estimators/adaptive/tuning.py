@@ -127,7 +127,7 @@ class Robustness:
     """docs/results/chains.md, "Something happens\""""
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
-    asks_places: bool = True
+    asks_positions: bool = True
     """Whether places that no drive can have are missing; a fit leaves them out before: rigs of a
     kind share its kernel.
     """
@@ -187,4 +187,4 @@ class Robustness:
         """Return the guards of a fit: it takes friction as the rig says, and goes by drives that
         clearly move.
         """
-        return cls(unknown_friction=0.0, moving_only=True, asks_places=False)
+        return cls(unknown_friction=0.0, moving_only=True, asks_positions=False)

@@ -135,13 +135,13 @@ def updated(
             )
         if row.measured and row.name in kept.forces:
             # a place that is lost says nothing of torques
-            place_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
+            position_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
             path = states.context.path_of(row.name)
             outputs = watch(
                 kept=FORCE.joined(**kept.forces[row.name]),
                 innovation=comparison.innovation,
                 variance=spread + variance,
-                is_used=share_used(ROW.part(at.values, "mask")) * place_is_read,
+                is_used=share_used(ROW.part(at.values, "mask")) * position_is_read,
                 pace=pace,
                 reading=states.context.reading(x, row.name),
                 noise=states.context.numbers(p, [f"{path}.noise"]),

@@ -74,11 +74,11 @@ def read_csv(path: Path, columns: Sequence[str] | None = None) -> Cells:
     rows = _checked_rows(path, data, separator.encode(), len(names), above)
     body = data.find(b"\n") + 1 or len(data)
 
-    def blocks(wanted: Sequence[str]) -> Iterator[list[list[str]]]:
-        places = [names.index(name) for name in wanted]
+    def blocks(desired: Sequence[str]) -> Iterator[list[list[str]]]:
+        positions = [names.index(name) for name in desired]
         for block in _blocks(data, body):
             flat = block.decode().replace("\n", separator).split(separator)
-            yield [flat[place :: len(names)] for place in places]
+            yield [flat[position :: len(names)] for position in positions]
 
     return Cells(blocks, path, above + 2, names, rows)
 

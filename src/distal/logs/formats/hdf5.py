@@ -38,12 +38,16 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             parts = dict[str, Any]()
             file.visititems(parts.__setitem__)
             sets = {name: part for name, part in parts.items() if _is_column(part)}
-            places = {
+            positions = {
                 column: (name, k)
                 for name, part in sets.items()
                 for column, k in _columns(name, part)
             }
-            chosen = {column: place for column, place in places.items() if needed(column, columns)}
+            chosen = {
+                column: position
+                for column, position in positions.items()
+                if needed(column, columns)
+            }
             size = sum(
                 sets[name].dtype.itemsize * sets[name].shape[0] for name, _ in chosen.values()
             )
@@ -61,7 +65,7 @@ def read_hdf5(path: Path, columns: Sequence[str] | None) -> Cells:
             f"{path}: its columns have different lengths: {', '.join(map(str, sorted(lengths)))} "
             "rows"
         )
-    return in_memory(held, path, 1, list(places))
+    return in_memory(held, path, 1, list(positions))
 
 
 def _is_column(part: Any) -> bool:
@@ -76,12 +80,12 @@ def _columns(name: str, part: Any) -> list[tuple[str, int | None]]:
     if len(part.shape) == 1:
         return [(name, None)]
     names = part.attrs.get("names")
-    told = (
+    identified = (
         None
         if names is None
         else [n.decode() if isinstance(n, bytes) else str(n) for n in np.ravel(names)]
     )
-    return [(column, k) for k, column in enumerate(numbered(name, told, part.shape[1]))]
+    return [(column, k) for k, column in enumerate(numbered(name, identified, part.shape[1]))]
 
 
 HDF5 = Format(endings=(".h5", ".hdf5"), read=read_hdf5)

@@ -53,7 +53,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
             schema = file.schema_arrow
             rows = file.metadata.num_rows
             vectors = _vectors(path, file)
-            inside = {name: place for name, place in vectors.items() if needed(name, columns)}
+            inside = {name: position for name, position in vectors.items() if needed(name, columns)}
             chosen = [
                 name
                 for name in schema.names
@@ -112,7 +112,7 @@ def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
     return found
 
 
-def _of_vectors(path: Path, name: str, column: Any, place: int) -> Column:
+def _of_vectors(path: Path, name: str, column: Any, position: int) -> Column:
     """Return one number of each vector of a column."""
     import pyarrow.compute
 
@@ -124,7 +124,7 @@ def _of_vectors(path: Path, name: str, column: Any, place: int) -> Column:
         raise LogError(
             f"{path}: column '{name}' holds vectors of different lengths, or misses some"
         )
-    return np.asarray(pyarrow.compute.list_element(chunks, place).to_numpy(zero_copy_only=False))
+    return np.asarray(pyarrow.compute.list_element(chunks, position).to_numpy(zero_copy_only=False))
 
 
 def _bytes_of(kind: Any) -> int:
@@ -146,15 +146,15 @@ def _column(path: Path, name: str, column: Any) -> Column:
     if types.is_dictionary(kind) and str(kind.value_type) in TEXTS:
         parts = [(chunk.dictionary, chunk.indices) for chunk in column.chunks]
         length = 0
-        for texts, places in parts:
-            lengths = pyarrow.compute.binary_length(texts).take(places)
+        for texts, positions in parts:
+            lengths = pyarrow.compute.binary_length(texts).take(positions)
             length += pyarrow.compute.sum(lengths).as_py() or 0
         check_memory(path, COPIES * length, f"its column {name} holds {length:,} bytes of text")
-        read = ((texts.to_pylist(), places.to_pylist()) for texts, places in parts)
+        read = ((texts.to_pylist(), positions.to_pylist()) for texts, positions in parts)
         return [
-            "" if place is None else texts[place] or ""
-            for texts, places in read
-            for place in places
+            "" if position is None else texts[position] or ""
+            for texts, positions in read
+            for position in positions
         ]
     if types.is_decimal(kind):
         column = column.cast("float64")

@@ -225,12 +225,12 @@ def _draw_cam(
 
     low, high = joint.stops or (-REACH, REACH)
     angles = np.linspace(max(low, -REACH), min(high, REACH), 41)
-    places = []
+    positions = []
     arms = []
     for meeting in cams:
         # above the axis lie the tendons that pull counter-clockwise
         touches = pi / 2 if meeting.side == stand.turn else -pi / 2
-        places += [touches - stand.turn * float(angle) for angle in angles]
+        positions += [touches - stand.turn * float(angle) for angle in angles]
         arms += [abs(meeting.arms({joint.name: float(angle)})[joint.name]) for angle in angles]
     # a smooth curve through them: a short Fourier series, its higher terms kept small where nothing
     # is known
@@ -241,7 +241,7 @@ def _draw_cam(
             [np.ones_like(at), *(f(k * at) for k in orders for f in (np.cos, np.sin))]
         )
 
-    terms = series(np.array(places))
+    terms = series(np.array(positions))
     penalty = np.diag([0.0, *np.repeat(0.03 * orders**2, 2)])
     weights = np.linalg.solve(terms.T @ terms + penalty, terms.T @ np.array(arms))
     round_about = np.linspace(0.0, 2 * pi, 181)

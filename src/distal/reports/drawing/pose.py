@@ -73,13 +73,13 @@ def views_of(rig: Rig) -> list[View]:
     views: list[View] = []
     for joint in rig.joints:
         right, up, turn = view_along(joint.axis)
-        wanted = views[0][2] if views else turn
+        desired = views[0][2] if views else turn
         for parallel, view in zip(rig.joints, views):
             along = float(np.asarray(parallel.axis) @ np.asarray(joint.axis))
             if abs(along) > 0.99:
-                wanted = view[2] * (1 if along > 0 else -1)
+                desired = view[2] * (1 if along > 0 else -1)
                 break
-        views.append((right, up * wanted * turn, wanted))
+        views.append((right, up * desired * turn, desired))
     return views
 
 
@@ -107,21 +107,21 @@ def stands(rig: Rig, arm: float) -> list[Stand]:
         parent = rig.parent_of(i)
         if parent is None:
             offset = np.asarray(joint.offset) - np.asarray(rig.joints[0].offset)
-            place = float(offset @ views[0][0]), float(offset @ views[0][1])
+            position = float(offset @ views[0][0]), float(offset @ views[0][1])
         else:
             across, up = _on_paper(np.asarray(joint.offset), views[parent])
-            place = centres[parent][0] + across, centres[parent][1] + up
+            position = centres[parent][0] + across, centres[parent][1] + up
         moved = False
         near = 0.3 if parent is not None else 2.0
-        while any(hypot(place[0] - x, place[1] - y) < near * arm for x, y in centres):
+        while any(hypot(position[0] - x, position[1] - y) < near * arm for x, y in centres):
             # on the base below the others, on a link further out
-            place = (
-                (place[0] + APART * arm, place[1])
+            position = (
+                (position[0] + APART * arm, position[1])
                 if parent is not None
-                else (place[0], place[1] - APART * arm)
+                else (position[0], position[1] - APART * arm)
             )
             moved = True
-        centres.append(place)
+        centres.append(position)
         apart.append(moved)
     placed = []
     for i, joint in enumerate(rig.joints):

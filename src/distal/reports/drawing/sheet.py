@@ -150,12 +150,12 @@ class Sheet:
         stands already.
         """
         ha = "left" if away[0] > 0.35 else "right" if away[0] < -0.35 else "center"
-        place = at
+        position = at
         for step in range(40):
-            place = (at[0] + 0.05 * step * away[0], at[1] + 0.05 * step * away[1])
-            if self.is_free(_box(place, text, SIZE, False, ha)):
+            position = (at[0] + 0.05 * step * away[0], at[1] + 0.05 * step * away[1])
+            if self.is_free(_box(position, text, SIZE, False, ha)):
                 break
-        self.write(place, text, ha=ha, clear=True)
+        self.write(position, text, ha=ha, clear=True)
 
     def block(self, at: Point, lines: Sequence[DrawnLine]) -> None:
         """Write lines below one another, from the left end of the first one's middle line."""
@@ -172,9 +172,9 @@ class Sheet:
         self.disc(at, BADGE - 0.016, WHITE, order=8.0)
         self.write(at, letter, size=5.5, ha="center")
 
-    def mark(self, lines: Sequence[DrawnLine], places: Mapping[str, Point]) -> None:
+    def mark(self, lines: Sequence[DrawnLine], positions: Mapping[str, Point]) -> None:
         """Repeat the badges of some lines on the part that they are of, each in its place there."""
-        for letter, at in places.items():
+        for letter, at in positions.items():
             if any(line.badge == letter for line in lines):
                 self.badge(at, letter)
 

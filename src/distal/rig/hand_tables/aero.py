@@ -35,26 +35,28 @@ def from_aero(folder: str | Path | None = None) -> Imported:
         RigError: the SDK is not found, or is another one than this reads.
     """
     root = _root(folder)
-    told = _constants(root / "aero_hand.py")
-    joints = told["_JOINT_NAMES"]
-    motors = told["_ACTUATIONS_NAMES"]
+    identified = _constants(root / "aero_hand.py")
+    joints = identified["_JOINT_NAMES"]
+    motors = identified["_ACTUATIONS_NAMES"]
     module = _module(root / "joints_to_actuations.py")
     try:
         turned: Callable[[list[float]], Sequence[float]] = (
             module.JointsToActuationsModel().hand_actuations
         )
         spool = 1e-3 * float(module.MOTOR_PULLEY_RADIUS)
-        still = [float(place) for place in turned([0.0] * len(joints))]
+        still = [float(position) for position in turned([0.0] * len(joints))]
         turns = [
             [
-                float(place) - rest
-                for place, rest in zip(turned([float(k == j) for k in range(len(joints))]), still)
+                float(position) - rest
+                for position, rest in zip(
+                    turned([float(k == j) for k in range(len(joints))]), still
+                )
             ]
             for j in range(len(joints))
         ]
         ends = [
             (radians(float(str(a))), radians(float(str(b))))
-            for a, b in zip(told[NAMES[1]], told[NAMES[2]])
+            for a, b in zip(identified[NAMES[1]], identified[NAMES[2]])
         ]
         if not len(joints) == len(ends) or any(len(row) != len(motors) for row in turns):
             raise ValueError(f"{len(joints)} joints, {len(ends)} ranges, {len(motors)} motors")

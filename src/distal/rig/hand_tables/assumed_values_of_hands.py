@@ -46,7 +46,7 @@ CURRENT_NOISE = Guess("6 mA", "noise of currents")
 POSITION_NOISE = Guess("0.05 deg", "noise of encoders")
 RATE = Guess(100.0, "rate of the sensors")
 ZERO_STD = "where encoders have their zero (a power-on routine finds it)"
-TOLD_ZERO_STD = radians(5.0)
+IDENTIFIED_ZERO_STD = radians(5.0)
 UNKNOWN_ZERO_STD = radians(60.0)
 """At the motor, where a table says it and where nobody does [rad]."""
 

@@ -125,13 +125,13 @@ def _drive(name: str, rows: Sequence[Row]) -> Raw:
     row = rows[0]
     arm = row.joint_radius
     spool = row.spool_radius
-    is_told = arm is not None and spool is not None
+    is_identified = arm is not None and spool is not None
     radius = guess.SPOOL_RADIUS.value if spool is None else spool
     share = (
         row.ratio_std
         if row.ratio_std is not None
         else guess.RATIO_STD
-        if is_told
+        if is_identified
         else guess.UNKNOWN_RATIO_STD
     )
     value: Raw = {"value": radius, "std": f"{100 * share:g} %"}
@@ -139,7 +139,7 @@ def _drive(name: str, rows: Sequence[Row]) -> Raw:
         "name": name,
         "kind": "capstan",
         "inertia": guess.MOTOR_INERTIA,
-        "radius": value if is_told else Guess(value, guess.SPOOL_RADIUS.of),
+        "radius": value if is_identified else Guess(value, guess.SPOOL_RADIUS.of),
         "damping": guess.MOTOR_DAMPING,
         "friction": guess.MOTOR_FRICTION,
         "servo": guess.SERVO,
@@ -208,7 +208,7 @@ def _winds(rows: Sequence[Row]) -> int:
 
 def _sensors(motor: str, rows: Sequence[Row]) -> list[Raw]:
     row = rows[0]
-    unsaid = guess.UNKNOWN_ZERO_STD if row.zero is None else guess.TOLD_ZERO_STD
+    unsaid = guess.UNKNOWN_ZERO_STD if row.zero is None else guess.IDENTIFIED_ZERO_STD
     zero_std = (
         Guess(in_degrees(unsaid), guess.ZERO_STD)
         if row.zero_std is None

@@ -43,14 +43,14 @@ def from_orca(config: str | Path, calibration: str | Path | None = None) -> Impo
         RigError: a file cannot be read or has no such entries; says which and what is needed.
     """
     path = Path(config)
-    told = _mapping(path)
-    revised = told.get("hardware_version") == REVISED
-    motors = dict(_section(path, told, "joint_to_motor_map"))
-    if revised and "joint_to_motor_map_v21" in told:
-        motors |= _section(path, told, "joint_to_motor_map_v21")
-    ranges = _section(path, told, "joint_roms")
-    key = "joint_motor_travel" if "joint_motor_travel" in told else "joint_motor_travel_v21"
-    travels = _section(path, told, key) if key in told else {}
+    identified = _mapping(path)
+    revised = identified.get("hardware_version") == REVISED
+    motors = dict(_section(path, identified, "joint_to_motor_map"))
+    if revised and "joint_to_motor_map_v21" in identified:
+        motors |= _section(path, identified, "joint_to_motor_map_v21")
+    ranges = _section(path, identified, "joint_roms")
+    key = "joint_motor_travel" if "joint_motor_travel" in identified else "joint_motor_travel_v21"
+    travels = _section(path, identified, key) if key in identified else {}
     limits = _limits(Path(calibration)) if calibration is not None else {}
     spans = [_pair(path, "joint_roms", joint, ranges.get(joint)) for joint in motors]
     if max(high - low for low, high in spans) < NARROWEST:
@@ -144,13 +144,13 @@ def _row(
 
 def _limits(path: Path) -> dict[int, object]:
     """Return where each motor met its stops, without those that were not calibrated."""
-    told = _mapping(path)
-    if told.get("calibrated") is False:
+    identified = _mapping(path)
+    if identified.get("calibrated") is False:
         raise RigError(
             f"{path}: says 'calibrated: false', so that its limits are not those of this hand; "
             "calibrate the hand, or leave this file out"
         )
-    found = _section(path, told, "motor_limits")
+    found = _section(path, identified, "motor_limits")
     limits = dict[int, object]()
     for motor, ends in found.items():
         if not motor.isdigit():
@@ -165,16 +165,16 @@ def _mapping(path: Path) -> Mapping[str, object]:
     yaml = _yaml()
     text = read_text(path, RigError)
     try:
-        told = yaml.safe_load(text)
+        identified = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as problem:
         raise RigError(f"{path}: not valid YAML: {problem}") from None
-    if not isinstance(told, Mapping):
+    if not isinstance(identified, Mapping):
         raise RigError(f"{path}: is no configuration of a hand: names and values are expected")
-    return told
+    return identified
 
 
-def _section(path: Path, told: Mapping[str, object], key: str) -> dict[str, object]:
-    section = told.get(key)
+def _section(path: Path, identified: Mapping[str, object], key: str) -> dict[str, object]:
+    section = identified.get(key)
     if not isinstance(section, Mapping) or not section:
         raise RigError(f"{path}: '{key}' is missing or empty: is this a file of orca_core?")
     return {str(name): value for name, value in section.items()}

@@ -74,13 +74,15 @@ def from_table(path: str | Path) -> Imported:
     columns = _header(path, filled[0][1])
     cells = [dict(zip(columns, line)) for _, line in filled[1:]]
     rows = [_row(path, i, of_line) for (i, _), of_line in zip(filled[1:], cells)]
-    told = [of_line.get(("direction", None), "").strip() for of_line in cells]
-    untold = [row.joint for row, way in zip(rows, told) if not way and row.follows is None]
+    identified = [of_line.get(("direction", None), "").strip() for of_line in cells]
+    unidentified = [
+        row.joint for row, way in zip(rows, identified) if not way and row.follows is None
+    ]
     note = (
-        f"no direction of {', '.join(untold)}: each angle is taken to grow with its motor's "
+        f"no direction of {', '.join(unidentified)}: each angle is taken to grow with its motor's "
         "reading; look once"
     )
-    return hand_of(rows, path.stem, "table", [note] if untold else [])
+    return hand_of(rows, path.stem, "table", [note] if unidentified else [])
 
 
 def _header(path: Path, cells: list[str]) -> list[tuple[str, str | None]]:

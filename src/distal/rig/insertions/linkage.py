@@ -78,17 +78,17 @@ class Linkage(Description):
         """Return the angle θ [rad] at which ℓ − l is `elongated` at a displacement x: the inverse
         of `elongation`.
         """
-        wanted = side * (displacement - elongated)
+        desired = side * (displacement - elongated)
         radius = size("radius")
         centre = size("centre")
         slope = size("slope")
         curvature = size("curvature")
-        angle = centre + (wanted - self.excursion(size, centre)) / radius
+        angle = centre + (desired - self.excursion(size, centre)) / radius
         for _ in range(NEWTON_STEPS):
             u = angle - centre
             # the arm is kept away from zero, where no angle fits
             arm = radius * ca.fmax(growth(u, slope, curvature), 0.2)
-            angle = angle + (wanted - self.excursion(size, angle)) / arm
+            angle = angle + (desired - self.excursion(size, angle)) / arm
         return angle
 
 

@@ -25,7 +25,7 @@ FRICTION_COEFFICIENT = 1e-3
 JOINT_FRICTION = Guess({"value": FRICTION_COEFFICIENT, "std": "30 %"}, "how well friction is known")
 
 
-PLACE_NOISE = 2e-5
+POSITION_NOISE = 2e-5
 """Of a position [m]."""
 
 LASTING = 6.0
@@ -34,11 +34,11 @@ new in each [1].
 """
 
 
-def place_noise(left: float) -> Guess:
+def position_noise(left: float) -> Guess:
     """Return the noise of a tendon's position, of whose length a polynomial leaves so much [m,
     RMS].
     """
-    return Guess(float(f"{hypot(PLACE_NOISE, LASTING * left):.2g}"), "noise of a position")
+    return Guess(float(f"{hypot(POSITION_NOISE, LASTING * left):.2g}"), "noise of a position")
 
 
 def series_stiffness(drives: int, joints: int) -> Guess:

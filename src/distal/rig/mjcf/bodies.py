@@ -100,11 +100,11 @@ def described_joints(
     described = list[dict[str, object]]()
     for j in joints:
         parent = parent_of(model, j, joints, carrier)
-        place = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)
+        position = data.xanchor[j] - (data.xanchor[parent] if parent >= 0 else root)
         raw: dict[str, object] = {
             "name": joint_name(model, j),
             "parent": joint_name(model, parent) if parent >= 0 else "base",
-            "offset": _rounded(frame.T @ place * units.length),
+            "offset": _rounded(frame.T @ position * units.length),
             "axis": _rounded(frame.T @ data.xaxis[j], 12),
         }
         bodies = [body for body in range(model.nbody) if carrier[body] == j]
@@ -148,9 +148,9 @@ def _link(
     centres = np.array([frame.T @ (data.xipos[b] - origin) for b in bodies])
     centre = masses @ centres / masses.sum()
     moments = np.zeros(3)
-    for mass, place, b in zip(masses, centres, bodies):
+    for mass, position, b in zip(masses, centres, bodies):
         turned = frame.T @ data.ximat[b].reshape(3, 3)
-        off = place - centre
+        off = position - centre
         shift = mass * (off @ off * np.eye(3) - np.outer(off, off))
         moments += np.diag(turned @ np.diag(model.body_inertia[b]) @ turned.T + shift)
     return {

@@ -53,9 +53,9 @@ def couplings(model: mujoco.MjModel) -> tuple[list[Coupled], list[str]]:
         zero = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (first, second)]
         low, high = range_of(model, second)
         angles = np.linspace(low, high, 41)
-        wanted = np.polynomial.Polynomial(model.eq_data[i][:5])(angles - zero[1]) + zero[0]
-        offset, ratio = (float(c) for c in np.polynomial.polynomial.polyfit(angles, wanted, 1))
-        off = float(np.abs(ratio * angles + offset - wanted).max())
+        desired = np.polynomial.Polynomial(model.eq_data[i][:5])(angles - zero[1]) + zero[0]
+        offset, ratio = (float(c) for c in np.polynomial.polynomial.polyfit(angles, desired, 1))
+        off = float(np.abs(ratio * angles + offset - desired).max())
         if abs(ratio) < 1e-9:
             left.append(f"equality '{name}' holds joint '{joint_name(model, first)}': left out")
             continue

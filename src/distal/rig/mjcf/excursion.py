@@ -85,15 +85,15 @@ def _shortened(
     full: Excursion, enough: float, angles: Floats, lengths: Floats, arms: Floats
 ) -> Excursion:
     """Return a polynomial with as few terms as leave no more than `enough` of each moment arm."""
-    rows, wanted = _equations(full.powers, angles, lengths, arms)
+    rows, desired = _equations(full.powers, angles, lengths, arms)
     directions = rows / np.linalg.norm(rows, axis=0)
     chosen = list[int]()
-    left = wanted
+    left = desired
     while len(chosen) < len(full.powers):
         gains = np.abs(left @ directions)
         gains[chosen] = -1.0
         chosen.append(int(gains.argmax()))
-        left = wanted - rows[:, chosen] @ np.linalg.lstsq(rows[:, chosen], wanted, rcond=None)[0]
+        left = desired - rows[:, chosen] @ np.linalg.lstsq(rows[:, chosen], desired, rcond=None)[0]
         # a joint without a term has all of its moment arm left: no need to fit anew
         if np.all(full.powers[chosen].any(axis=0)):
             shorter = _fitted(full.powers[sorted(chosen)], angles, lengths, arms)
@@ -146,8 +146,8 @@ def _equations(
 
 
 def _fitted(powers: NDArray[np.int64], angles: Floats, lengths: Floats, arms: Floats) -> Excursion:
-    rows, wanted = _equations(powers, angles, lengths, arms)
-    coefficients: Floats = np.linalg.lstsq(rows, wanted, rcond=None)[0].astype(np.float64)
+    rows, desired = _equations(powers, angles, lengths, arms)
+    coefficients: Floats = np.linalg.lstsq(rows, desired, rcond=None)[0].astype(np.float64)
     judged = _judged(angles)
     values, slopes = _terms(angles[judged], powers)
     left: Floats = np.abs(np.einsum("kjt,t->kj", slopes, coefficients) - arms[judged]) / np.abs(

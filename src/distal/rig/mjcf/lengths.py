@@ -83,9 +83,9 @@ def _drawn(tendon: Tendon, angles: dict[str, float]) -> float:
     """Return how far a tendon is drawn in from zero to given angles: ∫ Σ arm_j(s θ) θ_j ds, exact
     up to degree 11.
     """
-    places, weights = np.polynomial.legendre.leggauss(6)
+    positions, weights = np.polynomial.legendre.leggauss(6)
     total = 0.0
-    for place, weight in zip((places + 1) / 2, weights / 2):
-        arms = tendon.arms({name: place * angle for name, angle in angles.items()})
+    for position, weight in zip((positions + 1) / 2, weights / 2):
+        arms = tendon.arms({name: position * angle for name, angle in angles.items()})
         total += float(weight) * sum(arms.get(name, 0.0) * angle for name, angle in angles.items())
     return total

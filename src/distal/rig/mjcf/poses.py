@@ -71,13 +71,13 @@ def at_poses(model: mujoco.MjModel, joints: Sequence[int], angles: Floats) -> Po
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)
-    places = [int(model.jnt_qposadr[j]) for j in joints]
+    positions = [int(model.jnt_qposadr[j]) for j in joints]
     speeds = [int(model.jnt_dofadr[j]) for j in joints]
     lengths = []
     arms = []
     wraps = []
     for row in angles:
-        data.qpos[places] = row
+        data.qpos[positions] = row
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)

@@ -16,7 +16,7 @@ from distal.rig.mjcf.assumed_values import (
     PATH_FRICTION,
     PRETENSION,
     RATE,
-    place_noise,
+    position_noise,
 )
 from distal.rig.mjcf.bodies import Units, joint_name
 from distal.rig.mjcf.excursion import ENOUGH, fit_excursion, sizes
@@ -121,7 +121,7 @@ def described_sensors(
     sensors: list[dict[str, object]] = []
     for name, left in tendons.items():
         for kind, column, unit, noise in (
-            ("position", "x", "m", place_noise(left)),
+            ("position", "x", "m", position_noise(left)),
             ("force", "u", "N", FORCE_NOISE),
         ):
             sensors.append(

@@ -100,12 +100,16 @@ class Imu(Measurand):
         """
         if "number" in raw:
             return [{**raw, "si": NUMBERS.get(str(raw["number"]), "rad/s")}]
-        wanted = raw.get("numbers", list(NUMBERS))
-        if not isinstance(wanted, list) or not wanted or not set(map(str, wanted)) <= set(NUMBERS):
-            raise ValueError(f"numbers: must be some of {', '.join(NUMBERS)}, {wanted!r} came")
+        desired = raw.get("numbers", list(NUMBERS))
+        if (
+            not isinstance(desired, list)
+            or not desired
+            or not set(map(str, desired)) <= set(NUMBERS)
+        ):
+            raise ValueError(f"numbers: must be some of {', '.join(NUMBERS)}, {desired!r} came")
         common = {key: part for key, part in raw.items() if key not in GROUP}
         sensors: list[Mapping[str, object]] = []
-        for number in wanted:
+        for number in desired:
             sensor = {
                 **common,
                 "name": f"{raw.get('name')}_{number}",

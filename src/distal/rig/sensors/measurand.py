@@ -47,7 +47,7 @@ class Motion(Protocol):
     def torque(self, joint: int) -> Scalar:
         """Return the torque on a joint from outside [N m]."""
 
-    def place(self, drive: int) -> Scalar:
+    def position(self, drive: int) -> Scalar:
         """Return a drive's place [m, rad]."""
 
     def rate(self, drive: int) -> Scalar:
@@ -72,7 +72,7 @@ class Motion(Protocol):
 class Role(Enum):
     """What estimators do with a measurement."""
 
-    PLACE = "place"
+    POSITION = "position"
     """It moves the model: the place of a drive."""
 
     EFFORT = "effort"

@@ -18,7 +18,7 @@ class Position(Measurand):
 
     name = "position"
     of = "drives"
-    role = Role.PLACE
+    role = Role.POSITION
 
     def unit(self, part: Part) -> str:
         """Return m or rad."""
@@ -32,8 +32,8 @@ class Position(Measurand):
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
         """Return the place of the drive, or of what commands it."""
-        place = motion.place(part)
-        return place + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else place
+        position = motion.position(part)
+        return position + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else position
 
     def travel(self, sensor: SensorBase, rig: Parts, part: int) -> tuple[float, float]:
         """Return the drive's stops, or what it can use, see `drive_travel`."""

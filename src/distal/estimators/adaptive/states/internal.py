@@ -120,7 +120,7 @@ class BacklashOrSheathState(Inside):
         if self.kind is StateKind.BACKLASH:
             path = f"drives.{index}.backlash.width"
             width = self._value(path) + 2 * self._std(path)
-            return begin.places[index], width / sqrt(12.0)
+            return begin.positions[index], width / sqrt(12.0)
         still = Mechanism(mechanism.rig)
         p = still.parameters
         q = ca.SX.sym("q", still.n_bodies)
@@ -139,7 +139,7 @@ class BacklashOrSheathState(Inside):
         spread = ca.sqrt(turned + (share * friction) ** 2)
         prior = ca.Function("first", [q, tension, stds, p.symbols], [position, spread])
         mean, std = prior(
-            ca.vertcat(*map(self.context.number, initial), *begin.places),
+            ca.vertcat(*map(self.context.number, initial), *begin.positions),
             _tension(self.context, index, begin),
             ca.vertcat(*(self.context.number(f"{path}.std") for path in initial)),
             ca.vertcat(*(mechanism.parameters[name] for name in p.names)),

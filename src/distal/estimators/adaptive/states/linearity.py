@@ -81,7 +81,7 @@ class Linearity(State):
         stds[0] = np.hypot(stds[0], bias)
         return stds
 
-    def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
+    def position_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
         By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all

@@ -59,7 +59,7 @@ class UncertainParameter(State):
     std: float
     walk: float = 0.0
     lowest: float = -np.inf
-    untold: bool = False
+    unidentified: bool = False
     doubted: bool = False
 
     @property
@@ -180,14 +180,14 @@ def uncertain_parameters(context: FilterContext) -> list[UncertainParameter]:
         # where no drive pulls against another, forces are those of friction and say little of all
         # else
         alone = context.n_drives <= context.n_joints
-        untold = alone and lowest > 0.0 and rough
+        unidentified = alone and lowest > 0.0 and rough
         doubted = rough and name.startswith("joints.") and kind.startswith("friction.")
         words = in_words(rig, name)
         path = named(rig, name)
         walked = walk(i, spread)
         values.append(
             UncertainParameter(
-                words, path, (i,), "value", mean, spread, walked, lowest, untold, doubted
+                words, path, (i,), "value", mean, spread, walked, lowest, unidentified, doubted
             )
         )
     for name, (std, indices) in p.shared.items():

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from distal.estimators.adaptive.filter_context import FilterContext
 from distal.estimators.adaptive.states.bias import sensor_biases
 from distal.estimators.adaptive.states.drive_friction_state import unknown_frictions
-from distal.estimators.adaptive.states.drive_place import unmeasured_places
+from distal.estimators.adaptive.states.drive_position import unmeasured_positions
 from distal.estimators.adaptive.states.external_torque import external_torques
 from distal.estimators.adaptive.states.internal import inside
 from distal.estimators.adaptive.states.linearity import linearities
@@ -25,7 +25,7 @@ KINDS: tuple[Kind, ...] = (
     external_torques,
     uncertain_parameters,
     linearities,
-    unmeasured_places,
+    unmeasured_positions,
     unknown_frictions,
     transmissions,
     inside,

@@ -66,7 +66,7 @@ class Begin:
     the tensions of the tendons [N]; None where no sensor is.
     """
 
-    places: Sequence[Scalar]
+    positions: Sequence[Scalar]
     efforts: Sequence[Scalar | None]
     tensions: Sequence[Scalar | None]
 
@@ -150,7 +150,7 @@ class State(ABC):
         return -np.inf
 
     @property
-    def untold(self) -> bool:
+    def unidentified(self) -> bool:
         """Whether forces and displacements do not tell it: only a joint's own angle teaches it."""
         return False
 
@@ -174,13 +174,13 @@ class State(ABC):
         """Return what its `numbers` add to the torque on a joint [N m]."""
         return 0
 
-    def place(self, drive: int, numbers: Vector) -> Scalar | None:
+    def position(self, drive: int, numbers: Vector) -> Scalar | None:
         """Return the place of a drive that nothing measures by its `numbers` [m, rad], None where
         it does not say.
         """
         return None
 
-    def place_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
+    def position_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
         """Return what its `numbers` add to the `reading` of a drive's position sensor [m, rad]."""
         return 0
 

@@ -49,7 +49,7 @@ class StateVector:
         )
         self.torque_states = {i: block.joint for i, block in torques}
         self._considered = {i: 0.0 for i, block in enumerate(block_of) if block.considered}
-        self._untold = {i: 0.0 for i, block in enumerate(block_of) if block.untold}
+        self._unidentified = {i: 0.0 for i, block in enumerate(block_of) if block.unidentified}
         self._parameters, self._curves, self._strains = (
             [i for i, block in enumerate(block_of) if block.learning is learning]
             for learning in (Learning.SLOWLY, Learning.FROM_REFERENCES_SLOWLY, Learning.AS_CREEP)
@@ -62,7 +62,7 @@ class StateVector:
         bounded = np.isfinite(self.lowest)
         flags = tuple(zip(walks.tolist(), bounded.tolist()))
         blocks = tuple((type(block).__name__, block.structure) for block in self.blocks)
-        shares = tuple(self._considered), tuple(self._untold)
+        shares = tuple(self._considered), tuple(self._unidentified)
         return self.names, blocks, flags, *shares, self.context.contact_structure
 
     def __len__(self) -> int:
@@ -117,7 +117,7 @@ class StateVector:
         if guards.creep_learning_time > 0.0 and not reference:
             share = ca.fmin(1.0, interval / guards.creep_learning_time)
             slow |= dict.fromkeys(self._strains, share)
-        return {**slow, **({} if reference else self._untold), **self._considered}
+        return {**slow, **({} if reference else self._unidentified), **self._considered}
 
     @property
     def slow(self) -> tuple[int, ...]:
@@ -168,16 +168,16 @@ class StateVector:
             )
         )
 
-    def place(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
+    def position(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
         """Return the place of a drive [m, rad]: its `reading` less what its sensor errs by, or the
         state for it.
         """
         for block, numbers in self._numbers(state):
-            place = block.place(drive, numbers)
-            if place is not None:
-                return place
+            position = block.position(drive, numbers)
+            if position is not None:
+                return position
         errors = (
-            block.place_error(drive, reading, numbers) for block, numbers in self._numbers(state)
+            block.position_error(drive, reading, numbers) for block, numbers in self._numbers(state)
         )
         return reading - sum(errors, ca.SX(0))
 

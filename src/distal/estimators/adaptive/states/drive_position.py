@@ -15,14 +15,14 @@ from distal.estimators.state_kinds import StateKind
 from distal.expressions import Scalar, Vector
 from distal.rig import drive_travel
 
-PLACE_WALK = 1.0
+POSITION_WALK = 1.0
 """Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it
 within a second.
 """
 
 
 @dataclass(frozen=True)
-class UnmeasuredPlace(OfDrive):
+class UnmeasuredPosition(OfDrive):
     """s of a drive without a position sensor: anywhere on its travel, and it walks."""
 
     quantity: ClassVar[str] = "position"
@@ -47,17 +47,17 @@ class UnmeasuredPlace(OfDrive):
     def walk(self) -> float:
         """`PLACE_WALK` travels per √s."""
         low, high = self._travel
-        return (high - low) * PLACE_WALK
+        return (high - low) * POSITION_WALK
 
-    def place(self, drive: int, numbers: Vector) -> Scalar | None:
+    def position(self, drive: int, numbers: Vector) -> Scalar | None:
         """Return s where it is this drive's [m, rad]."""
         return numbers[0] if drive == self.drive else None
 
 
-def unmeasured_places(context: FilterContext) -> list[State]:
+def unmeasured_positions(context: FilterContext) -> list[State]:
     """Return a block for each drive without a position sensor."""
     return [
-        UnmeasuredPlace(context, i)
+        UnmeasuredPosition(context, i)
         for i in range(context.n_drives)
         if context.position_sensor(i) is None
     ]
