@@ -27,7 +27,7 @@ from distal.errors import ControlError, ScenarioError
 from distal.rig import Rig
 from distal.run import Reading
 from distal.simulation import build_scenario
-from distal.simulation import simulate as simulate_alone
+from distal.simulation import simulate_plant as simulate_alone
 
 STILL = {
     "rig": "paper-2008",

@@ -82,10 +82,10 @@ def test_a_truth_that_moves_too_far_or_too_little(factor: float, said: str) -> N
 
 
 def test_of_a_chain_the_joint_with_the_wrong_sign_is_named() -> None:
-    from distal.simulation import load_scenario, scenario_rig, simulate
+    from distal.simulation import load_scenario, scenario_rig, simulate_plant
 
     scenario = load_scenario("finger")
-    log = simulate(scenario_rig(scenario), scenario, 1)
+    log = simulate_plant(scenario_rig(scenario), scenario, 1)
     check_logs([log], scenario_rig(scenario))
     turned = replace(log, truth={**log.truth, "theta_pip": -log.truth["theta_pip"]})
     with pytest.raises(FitError, match=r"the truth of the joint pip .* moves against the drives"):

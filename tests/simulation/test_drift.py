@@ -15,7 +15,7 @@ from distal.errors import EstimationError, ScenarioError
 from distal.logs import Log
 from distal.model import Mechanism
 from distal.run import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
-from distal.simulation import Scenario, build_scenario, simulate, simulate_pieces
+from distal.simulation import Scenario, build_scenario, simulate_pieces, simulate_plant
 from distal.simulation.drifting_plant import numbers_at
 
 SWING = {"mean": "5 N", "amplitude": "2 N", "frequency": "0.2 Hz"}
@@ -42,7 +42,7 @@ def test_pieces_are_one_log() -> None:
     described = scenario()
     rig = scenario_rig(described)
     alone, pieces = (
-        simulate(rig, described, 4),
+        simulate_plant(rig, described, 4),
         [piece.log for piece in simulate_pieces(rig, described, 4)],
     )
     assert len(pieces) == 3
@@ -58,7 +58,7 @@ def test_the_filter_goes_on_from_piece_to_piece() -> None:
     described = scenario()
     rig = scenario_rig(described)
     found = list(estimate_pieces(simulate_pieces(rig, described, 4), rig))
-    alone = estimate(simulate(rig, described, 4), rig)
+    alone = estimate(simulate_plant(rig, described, 4), rig)
     angles, stds = (
         np.concatenate([getattr(one, name) for one in found])[: len(alone.time)]
         for name in ("angles", "angle_stds")
@@ -160,7 +160,7 @@ def test_what_is_wrong_is_said() -> None:
         with pytest.raises(ScenarioError, match=said.replace("*", r"\*")):
             next(iter(simulate_pieces(rig, scenario(**raw))))
     with pytest.raises(ScenarioError, match=r"has a \[schedule\] or \[rezero\], which need pieces"):
-        simulate(rig, scenario(schedule={"tendons.*.stiffness": {"per_hour": 0.1}}))
+        simulate_plant(rig, scenario(schedule={"tendons.*.stiffness": {"per_hour": 0.1}}))
     described = scenario()
     with pytest.raises(EstimationError, match="elastic does not take known angles"):
         next(iter(estimate_pieces(simulate_pieces(rig, described), rig, "elastic", 0.1)))

@@ -182,7 +182,8 @@ class _Motor:
             return ""
         return (
             f"it stands still at {np.rad2deg(position):.0f}° and its torque reads "
-            f"{torque:.2f} N m, where {self.limit:.2f} N m end a sweep: does it move, and is its current right?"
+            f"{torque:.2f} N m, where {self.limit:.2f} N m end a sweep: does it move, and is its "
+            "current right?"
         )
 
     @property

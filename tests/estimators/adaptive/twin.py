@@ -298,7 +298,9 @@ class Twin:
                 slope[k] = cos(pi * state.order * xi)
         return float(slope @ self.m), slope
 
-    def positions(self, tracked: list[Tracked], dt: float) -> tuple[Floats, Floats, Floats, Floats]:
+    def positions_over(
+        self, tracked: list[Tracked], dt: float
+    ) -> tuple[Floats, Floats, Floats, Floats]:
         """s̃, s̃⁺, ṡ of (7) and ∂s̃⁺/∂x, all at the mean."""
         start, end, slopes = np.zeros(self.n_d), np.zeros(self.n_d), np.zeros((self.n_d, self.n))
         for i in range(self.n_d):
@@ -316,7 +318,7 @@ class Twin:
     def predict(self, dt: float, tracked: list[Tracked]) -> Floats:
         """Section 4, up to (12). Returns the transition so far."""
         n, n_j, n_d = self.n, self.n_j, self.n_d
-        s, *self.position = self.positions(tracked, dt)
+        s, *self.position = self.positions_over(tracked, dt)
         _, rates, slopes = self.position
         s_s = np.hstack([slopes, np.eye(n_d)])
         s_theta, s_omega = np.zeros((n_j, n + n_d)), np.zeros((n_j, n + n_d))
