@@ -50,17 +50,17 @@ def lane_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median
 
 
 _SCAN = """
-long long loop(long long n, const double* carry, const double* x, const double* p, double* carries, double* y) {{
+long long loop(long long n, const double* kernel_state, const double* x, const double* p, double* kernel_states, double* y) {{
   const double* arg[{sz_arg}];
   double* res[{sz_res}];
   casadi_int iw[{sz_iw}];
   double w[{sz_w}];
   long long k;
   for (k = 0; k < n; ++k) {{
-    arg[0] = carry; arg[1] = x + k * {n_x}; arg[2] = p;
-    res[0] = carries + k * {n_carry}; res[1] = y + k * {n_y};
+    arg[0] = kernel_state; arg[1] = x + k * {n_x}; arg[2] = p;
+    res[0] = kernel_states + k * {n_kernel_state}; res[1] = y + k * {n_y};
     if ({name}(arg, res, iw, w, 0)) return k;
-    carry = carries + k * {n_carry};
+    kernel_state = kernel_states + k * {n_kernel_state};
   }}
   return n;
 }}

@@ -108,7 +108,7 @@ static void {name}_called(float* state, const float* x, const float* p, float* y
   const float* arg[{sz_arg}];
   float* res[{sz_res}];
   casadi_int iw[{sz_iw}];
-  float w[{sz_w}], next[{n_carry}];
+  float w[{sz_w}], next[{n_kernel_state}];
   arg[0] = state; arg[1] = x; arg[2] = p;
   res[0] = next; res[1] = y;
   {name}(arg, res, iw, w, 0);
@@ -139,7 +139,7 @@ def in_casadis_c(rig: Rig, estimator: str) -> Exported:
         sizes = {
             "sz_arg": function.sz_arg(),
             "sz_res": function.sz_res(),
-            "n_carry": function.numel_out(0),
+            "n_kernel_state": function.numel_out(0),
         }
         work = {"sz_iw": function.sz_iw() + 1, "sz_w": function.sz_w() + 1}
         calls.append(template.format(name=function.name(), **sizes, **work))

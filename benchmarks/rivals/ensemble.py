@@ -38,9 +38,9 @@ def states_of(rig: Rig, name: str) -> StateVector:
 
 
 class EnsembleFilter(KernelEstimator, ABC):
-    """A filter that carries many states (particles, sigma points) through the model of `adaptive`.
+    """A filter that takes many states (particles, sigma points) through the model of `adaptive`.
 
-    carry = (mean, covariance, memory of the drives, then what the filter itself remembers). The
+    state = (mean, covariance, memory of the drives, then what the filter itself remembers). The
     ensemble runs in CasADi's interpreter.
 
     Args:
@@ -136,8 +136,8 @@ class EnsembleFilter(KernelEstimator, ABC):
     def _advance(
         self, kernel_state: Floats, row: Floats, key: tuple[int, int]
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the carry after a row, its innovations and their variances; random draws are
-        seeded by `key`.
+        """Return the kernel state after a row, its innovations and their variances; random draws
+        are seeded by `key`.
         """
 
     def _process_stds(self, dt: float) -> Floats:

@@ -46,7 +46,7 @@ class IteratedFilter(AdaptiveFilter):
 
 
 def iterated_function(states: StateVector, count: int, updates: int) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y), as `adaptive_function`.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y), as `adaptive_function`.
 
     Args:
         states: the state vector.

@@ -1,5 +1,5 @@
-"""A Dask cluster as a place to run: the same function on the same tasks, whose results come as they
-end.
+"""A Dask cluster as a position to run: the same function on the same tasks, whose results come as
+they end.
 """
 
 from __future__ import annotations

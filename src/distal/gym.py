@@ -37,13 +37,13 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
     ``distal/Tendon-v0``.
 
     An observation holds the readings of all sensors but those of joints [SI], then estimated angles
-    and their stds, then the angles that are wanted [rad]; `observed` has their names. An action is
+    and their stds, then the angles that are desired [rad]; `observed` has their names. An action is
     a share of each drive's `limit`, from 0 of a slider, from −1 of a capstan, in the order of
     `acted`; one outside of the action space is clipped to it. The reward is minus the mean distance
-    of the true angles from what is wanted [rad].
+    of the true angles from what is desired [rad].
 
     Args:
-        scenario: with a ``[control]`` table, whose references are what is wanted; a name, a path,
+        scenario: with a ``[control]`` table, whose references are what is desired; a name, a path,
             or itself.
         drawn: whether each reset draws a plant from the rig's stds; else the plant is the rig with
             its ``[plant]``.

@@ -172,18 +172,20 @@ def variance(sensor: Sensor) -> float:
 
 
 LINEARITY_STD = 0.6
-"""Std of a linearity curve over places and curves, as a share of its largest magnitude
+"""Std of a linearity curve over positions and curves, as a share of its largest magnitude
 (tests/test_sensor_errors.py).
 """
 
 
 def systematic_variance(sensor: Sensor) -> float:
-    """Return the variance of the linearity error at a random place, (0.6 · largest deviation)²."""
+    """Return the variance of the linearity error at a random position, (0.6 · largest
+    deviation)².
+    """
     return float((LINEARITY_STD * sensor.linearity) ** 2)
 
 
 def position_offsets(rig: Rig, names: Sequence[str]) -> Floats:
-    """Return the known offsets that are taken off the readings of drives' places, 0 for other
+    """Return the known offsets that are taken off the readings of drives' positions, 0 for other
     sensors [SI], (n,).
     """
     sensors = {sensor.name: sensor for sensor in rig.sensors}

@@ -63,7 +63,7 @@ def _registry() -> pint.UnitRegistry[float]:
 
 @lru_cache(maxsize=4096)
 def unit_factor(unit: str, si: str) -> float:
-    """Return the factor from a `unit` to the SI unit `si` of the wanted dimension, e.g. ``"m"``;
+    """Return the factor from a `unit` to the SI unit `si` of the desired dimension, e.g. ``"m"``;
     ``""`` for a plain number.
 
     Raises:

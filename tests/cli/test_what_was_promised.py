@@ -45,7 +45,7 @@ def test_without_what_if_nothing_is_run_again(monkeypatch: pytest.MonkeyPatch) -
     def fail(*_: object, **__: object) -> None:
         raise AssertionError("the filter ran again")
 
-    monkeypatch.setattr(import_module("distal.diagnosis.diagnose"), "runner_for", fail)
+    monkeypatch.setattr(import_module("distal.diagnosis.diagnose"), "estimator_for", fail)
     assert diagnose(result, log, rig, what_if=False).findings
     with pytest.raises(AssertionError, match="ran again"):
         diagnose(result, log, rig)

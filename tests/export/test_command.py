@@ -27,13 +27,13 @@ needs_compiler = pytest.mark.skipif(isinstance(find_compiler(), str), reason="no
 GLUE = """
 #include "f_command.h"
 static f_state filter; static f_command_state state; static int begun, stands;
-int commanded(double dt, const f_real* values, const f_real* wanted, int trusted, f_command_output* commands) {
+int commanded(double dt, const f_real* values, const f_real* desired, int trusted, f_command_output* commands) {
   f_output out;
   int code;
   if (!begun) { f_begin(&filter, values); f_command_begin(&state); }
   code = f_step(&filter, (f_real)dt, values, &out);
   begun = 1;
-  stands = f_command_step(&state, &filter, (f_real)dt, values, &out, wanted, trusted, commands);
+  stands = f_command_step(&state, &filter, (f_real)dt, values, &out, desired, trusted, commands);
   return code;
 }
 int code_of_command(void) { return stands; }

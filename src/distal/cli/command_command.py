@@ -1,4 +1,4 @@
-"""`distal command`: from wanted angles to what is sent to the drives."""
+"""`distal command`: from desired angles to what is sent to the drives."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def command_command(
     ] = None,
     set_: SetOption = None,
 ) -> None:
-    """Write what the drives have to do for wanted angles, and the angles that they then reach with
+    """Write what the drives have to do for desired angles, and the angles that they then reach with
     their band.
     """
     import numpy as np

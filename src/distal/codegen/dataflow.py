@@ -13,8 +13,8 @@ import casadi as ca
 class Dataflow:
     """The values of one function of matrices (MX), by number.
 
-    In place, the first output goes where the first input is: what is put out there must last until
-    the end.
+    In position, the first output goes where the first input is: what is put out there must last
+    until the end.
     """
 
     def __init__(self, function: ca.Function, in_place: bool) -> None:

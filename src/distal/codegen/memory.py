@@ -2,7 +2,7 @@
 
 A `Value` is a run of numbers side by side: in an argument, in the state, in scratch, or a constant.
 `Scratch` is one array that all intermediates share. How large it is and what lies where is known
-only after the last instruction, so places in it are first written as marks («…»), which
+only after the last instruction, so positions in it are first written as marks («…»), which
 `Scratch.settled` replaces.
 """
 
@@ -24,7 +24,7 @@ LARGEST_INDEX = 65_535
 """Type of tables of indices, and the largest index that it holds."""
 
 _MARK = re.compile(r"«([AEI])(\d+):(\d+):([^»]*)»")
-"""A place in scratch before it is laid out: an address, a number, a number by an index; block,
+"""A position in scratch before it is laid out: an address, a number, a number by an index; block,
 offset, index.
 """
 
@@ -78,7 +78,7 @@ class Block:
 
 class Scratch:
     """One array for all intermediates: blocks whose times in use do not overlap share their
-    place.
+    position.
     """
 
     def __init__(self) -> None:

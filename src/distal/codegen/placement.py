@@ -9,7 +9,7 @@ from distal.codegen.memory import Memory, Value
 
 
 class Placement:
-    """The values of a function that have been made so far, by number, with their places."""
+    """The values of a function that have been made so far, by number, with their positions."""
 
     def __init__(self, flow: Dataflow, memory: Memory) -> None:
         self._flow = flow
@@ -21,14 +21,14 @@ class Placement:
         return self._values[number]
 
     def put(self, number: int, value: Value) -> Value:
-        """Let a value be at a place, and return it."""
+        """Let a value be at a position, and return it."""
         self._values[number] = value
         self._beside.setdefault((value.home, value.block), []).append(number)
         return value
 
     def view(self, k: int, number: int, value: Value) -> None:
-        """Let a result be a view of another value, whose place is then needed as long as the view
-        is.
+        """Let a result be a view of another value, whose position is then needed as long as the
+        view is.
         """
         self.put(number, value)
         self._memory.scratch.keep(value, self._flow.last(number, k))
@@ -69,7 +69,7 @@ class Placement:
         return self.put(number, value)
 
     def _is_free(self, number: int, k: int) -> bool:
-        """Return whether a value's place may be written by instruction k: nothing reads it
+        """Return whether a value's position may be written by instruction k: nothing reads it
         afterwards, or beside it.
         """
         value = self._values[number]

@@ -119,7 +119,7 @@ def _mapping(step: Step) -> list[int]:
 
 
 def _index(work: Workspace, at: list[int]) -> Callable[[str | int], str | int]:
-    """Return the function from a number's place in a slice to its index in the sliced value, an
+    """Return the function from a number's position in a slice to its index in the sliced value, an
     integer or C.
     """
     step = _even(at)

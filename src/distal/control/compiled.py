@@ -40,7 +40,8 @@ class LoopShape:
         rig: as filters and the controller know it.
         count: the plant's sub-steps in an interval, of which a period has so many `intervals`.
         controlled: indices of the joints that are controlled.
-        filter: (carry, x, p) → (carry⁺, y) with so many `states`; None for an encoder.
+        filter: (kernel_state, x, p) → (kernel_state⁺, y) with so many `states`; None for an
+        encoder.
         read: indices of the sensors that the filter reads.
     """
 
@@ -55,7 +56,7 @@ class LoopShape:
 
     @property
     def kernel_state(self) -> Layout:
-        """Layout of the carry."""
+        """Layout of the kernel state."""
         nj = len(self.rig.joints)
         nd = len(self.rig.drives)
         pid = memory_layout(self.rig).size
@@ -187,8 +188,8 @@ def scan_loop(
     """Return the closed loop of a scenario's ``[control]`` by one scan; None where the angle was
     not always known.
 
-    All sensors are read once a period, with `errors`; the filter is `runner`, None for encoders in
-    the joints.
+    All sensors are read once a period, with `errors`; the filter is `estimator`, None for encoders
+    in the joints.
 
     Raises:
         ScenarioError: the motion left all bounds.

@@ -117,8 +117,8 @@ def _likeliest(log: Log, rig: Rig, error: float) -> list[Cause]:
 
 
 def _of_drives(log: Log, rig: Rig, of_drive: Callable[[DriveResidual], list[Cause]]) -> list[Cause]:
-    """Return the causes of what the place of each drive leaves beside the truth, and columns that
-    may be exchanged; nothing where no truth is known.
+    """Return the causes of what the position of each drive leaves beside the truth, and columns
+    that may be exchanged; nothing where no truth is known.
     """
     angles = true_angles(log, [joint.name for joint in rig.joints])
     if angles is None:

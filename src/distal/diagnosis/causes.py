@@ -1,11 +1,11 @@
 """Causes of an error at one drive, beside a known truth, and which of them explains most.
 
-With the joints' true angles a drive's place needs no filter: s = σ (Σ_j c_j g_j(θ_j) + c_F F/K −
-F_0/K) + a + f d − τ ds/dt, with g_j the place that joint j alone asks of the drive, F its measured
-pull, F_0 that of pre-tension, K its tendons' stiffness, d the direction of motion. A rig that is
-right has σ = c = 1, a = τ = 0. All of these are estimated together with the rig's own stds as
-priors (ridge regression). A cause is a change that frees one of them from its prior; the likeliest
-is that of the largest gain in ln p.
+With the joints' true angles a drive's position needs no filter: s = σ (Σ_j c_j g_j(θ_j) + c_F F/K −
+F_0/K) + a + f d − τ ds/dt, with g_j the position that joint j alone asks of the drive, F its
+measured pull, F_0 that of pre-tension, K its tendons' stiffness, d the direction of motion. A rig
+that is right has σ = c = 1, a = τ = 0. All of these are estimated together with the rig's own stds
+as priors (ridge regression). A cause is a change that frees one of them from its prior; the
+likeliest is that of the largest gain in ln p.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Cause:
         size: by how much it moves the angle [rad].
         gain: in −2 ln p, its own prior being Cauchy's.
         paths: of the rig's numbers that stand for it, where there are any.
-        sensor: of the drive's place, where it is of one drive.
+        sensor: of the drive's position, where it is of one drive.
     """
 
     subject: str
@@ -140,14 +140,14 @@ class _Fit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DriveResidual:
-    """What the place of a drive leaves beside the truth, and what may explain it.
+    """What the position of a drive leaves beside the truth, and what may explain it.
 
     Args:
-        residual: of its place at the samples that are known, (k,) [m, rad].
+        residual: of its position at the samples that are known, (k,) [m, rad].
         causes_tried: each with its column and its prior std.
         nuisances: columns of what is always unknown, with their prior stds.
         count: of independent samples.
-        lever: place for an angle of the joint that it turns most [m/rad, 1].
+        lever: position for an angle of the joint that it turns most [m/rad, 1].
     """
 
     sensor: Sensor
@@ -266,7 +266,7 @@ def _words(cause: Cause) -> str:
 
 
 def _unit_words(scale: float, sensor: Sensor, is_position: bool) -> str | None:
-    """Return what a drive's place or force looks like that a unit's factor mends; None where no
+    """Return what a drive's position or force looks like that a unit's factor mends; None where no
     unit does.
     """
     si = sensor.si if is_position else _unit_of_force(sensor)
@@ -279,5 +279,5 @@ def _unit_words(scale: float, sensor: Sensor, is_position: bool) -> str | None:
 
 
 def _unit_of_force(sensor: Sensor) -> str:
-    """Return the SI unit of the force of a drive whose place a sensor measures."""
+    """Return the SI unit of the force of a drive whose position a sensor measures."""
     return "N" if sensor.si == "m" else "N m"

@@ -1,4 +1,4 @@
-"""What the places of drives leave beside a known truth: the residual, the columns of what may
+"""What the positions of drives leave beside a known truth: the residual, the columns of what may
 explain it, and how well the rig knows each; see `causes`.
 """
 
@@ -42,8 +42,8 @@ MOVES = float(np.deg2rad(1.0))
 
 
 def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResidual | None:
-    """Return what the place of one drive leaves beside the true `angles`, (k, n_joints) [rad]; None
-    where nothing can be told of it.
+    """Return what the position of one drive leaves beside the true `angles`, (k, n_joints) [rad];
+    None where nothing can be told of it.
     """
     if sensor.name not in log.channels:
         return None
@@ -134,8 +134,8 @@ def _stiffness_std(pulled: Sequence[Tendon]) -> float:
 
 
 def _zero_std(sensor: Sensor, pulled: Sequence[Tendon], compliance: float, soft: float) -> float:
-    """Return how well the zero of a drive's place is known [m, rad]: its sensor's, what pre-tension
-    stretches, and what is `soft` of that.
+    """Return how well the zero of a drive's position is known [m, rad]: its sensor's, what
+    pre-tension stretches, and what is `soft` of that.
     """
     bias = getattr(sensor, "bias", None)
     own = 0.0 if bias is None else bias.total_std
@@ -203,7 +203,7 @@ def _radii(tendon: Tendon, joint: str) -> list[str]:
 
 
 def _asked(mechanism: Mechanism, drive: int, angles: Floats) -> tuple[Floats, Floats, float, float]:
-    """Return the place that each joint alone asks of a drive, (k, n_joints), its slopes at zero,
+    """Return the position that each joint alone asks of a drive, (k, n_joints), its slopes at zero,
     1/K and F_0.
     """
     nj = mechanism.n_joints

@@ -101,7 +101,7 @@ class Rerun:
     """Runs the adaptive filter over a log, as it is and with changes; its kernel is built once.
 
     The log is as it was estimated, and of a long one the first `MOST_RERUN` samples are used, the
-    filter from `runner_for`; the truth is used for `homing` [s], or None.
+    filter from `estimator_for`; the truth is used for `homing` [s], or None.
     """
 
     def __init__(self, log: Log, estimator: AdaptiveFilter, homing: float | None = None) -> None:

@@ -26,8 +26,8 @@ FRICTIONS = (0.4, 2.5)
 """Friction is tried at so many times the rig's."""
 
 FACTORS = (0.5, 0.67, 0.87, 1.15, 1.5, 2.0)
-"""A stiffness, or the scale of a place, is tried at so many times the rig's too: their columns go
-with each other.
+"""A stiffness, or the scale of a position, is tried at so many times the rig's too: their columns
+go with each other.
 """
 
 SPACING = 1.3
@@ -166,7 +166,7 @@ def _scaled(cause: Cause, factors: Sequence[float]) -> list[Trial]:
 
 
 def _of_causes(causes: Sequence[Cause]) -> Iterator[Trial]:
-    """Yield what places of drives beside the truth look like, each way to take it off."""
+    """Yield what positions of drives beside the truth look like, each way to take it off."""
     for cause in causes:
         yield from _ways(cause)
         if cause.kind in ("stiffness", "scale"):

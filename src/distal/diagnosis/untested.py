@@ -1,9 +1,9 @@
-"""What the sensors of a log cannot test, in at most three groups: scales of places, of forces, and
-zeros.
+"""What the sensors of a log cannot test, in at most three groups: scales of positions, of forces,
+and zeros.
 
-Gear, spool, unit and moment arm of a drive are one scale between its place and its joint; stiffness
-and the force's scale are one between its pull and its stretch; zero and pre-tension shift both.
-Nothing proximal tells them apart, so each is one group. A group is named where a change of it
+Gear, spool, unit and moment arm of a drive are one scale between its position and its joint;
+stiffness and the force's scale are one between its pull and its stretch; zero and pre-tension shift
+both. Nothing proximal tells them apart, so each is one group. A group is named where a change of it
 contradicts nothing and moves an angle by more than half of its band in a tenth of the samples.
 """
 
@@ -36,7 +36,7 @@ where these are.
 """
 
 ZERO = 0.1
-"""A place is shifted by this share of what it covers in the log."""
+"""A position is shifted by this share of what it covers in the log."""
 
 SHARE = 0.5
 """A change counts that moves an angle by more than this share of its band …"""

@@ -231,8 +231,8 @@ class AffineEstimator(KernelEstimator):
 
 
 def affine_function(affine: Affine, width: int) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of the estimator: its angle is the map's value, see
-    `map_function`.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of the estimator: its angle is the map's
+    value, see `map_function`.
     """
     nj = len(affine.joints)
     layout = kernel_state_layout(nj + 1, map=memory_size(affine))

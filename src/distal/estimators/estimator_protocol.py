@@ -80,8 +80,8 @@ class Estimator(Protocol):
 
 
 class KernelEstimator:
-    """The common base of estimators that are a kernel (carry, x, p) → (carry⁺, y), None where it
-    comes later.
+    """The common base of estimators that are a kernel (kernel_state, x, p) → (kernel_state⁺, y),
+    None where it comes later.
 
     x = (dt, values of the channels, mask of the channels); y = (innovations, variances) of the
     measured channels. A missing value (NaN) becomes a zero in the mask; long intervals are bridged,
@@ -118,7 +118,7 @@ class KernelEstimator:
 
     @property
     def kernel(self) -> Kernel:
-        """The function (carry, x, p) → (carry⁺, y).
+        """The function (kernel_state, x, p) → (kernel_state⁺, y).
 
         Raises:
             EstimationError: there is none yet; see `has_kernel`.
@@ -231,7 +231,7 @@ class KernelEstimator:
         keep = [
             *range(n),
             *variances_of(np.arange(n + n * n), n),
-        ]  # of each carry the mean and the variances
+        ]  # of each kernel state the mean and the variances
         feeds = [
             Feed(belief.kernel_state, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)
         ]
@@ -304,14 +304,16 @@ class KernelEstimator:
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Where in the carry the share stands that a touch has of each joint that may be touched;
-        none where no touch is looked for.
+        """Where in the kernel state the share stands that a touch has of each joint that may be
+        touched; none where no touch is looked for.
         """
         return ()
 
     @property
     def contacts(self) -> dict[str, list[int]]:
-        """Joint → where in the carry stand the probability of a touch, and since when it is [s]."""
+        """Joint → where in the kernel state stand the probability of a touch, and since when it is
+        [s].
+        """
         return {}
 
     @property

@@ -39,7 +39,8 @@ class Noise:
 
 
 def full_state_function(mechanism: Mechanism, channels: Channels, count: int) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of an extended Kalman filter with state (q, v).
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of an extended Kalman filter with state (q,
+    v).
 
     carry = (mean, covariance, last pulls); p = (parameters, nominal pulls, input, process and
     measurement variances). The pull over an interval is the straight line between its values at

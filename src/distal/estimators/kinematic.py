@@ -22,7 +22,7 @@ from distal.sensor_errors import systematic_variance, variance
 def kinematic_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a kinematic estimator.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of a kinematic estimator.
 
     Each of the tendons, whose drives have position sensors, gives the angle at which its length, ℓ
     − l = e_0 + (F − F_0)/k, fits the drive's displacement; the joint's angle is the mean over them

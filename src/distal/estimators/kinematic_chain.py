@@ -79,8 +79,8 @@ def unseen_covariance(rig: Rig) -> Floats:
 def chain_function(
     mechanism: Mechanism, channels: Channels, tendons: tuple[int, ...], elastic: bool
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y): the angles that fit the lengths of all tendons best, by
-    least squares.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y): the angles that fit the lengths of all
+    tendons best, by least squares.
 
     min_θ Σ k_i (ℓ_i(θ, s) − l_i − (T_i − T_pre,i)/k_i)², and with fewer tendons than joints + the
     springs' energy, which then says which of the postures that fit it is. Zero is the rig's own: θ

@@ -1,5 +1,5 @@
-"""What the kinematic estimators read of the drives: places, held while they are missing, and pulls
-behind a low-pass.
+"""What the kinematic estimators read of the drives: positions, held while they are missing, and
+pulls behind a low-pass.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ CUT_OFF = 5.0
 def read_drives(
     rig: Rig, channels: Channels, positions: Vector, pulls: Vector, x: Vector
 ) -> tuple[Vector, Vector]:
-    """Return places and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f dt}
-    (F − U), f = `CUT_OFF`.
+    """Return positions and pulls of the drives after a sample, (n_drives,) each: F⁺ = U + e^{−2π f
+    dt} (F − U), f = `CUT_OFF`.
 
-    Those before are `places` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
+    Those before are `positions` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
     """
     names = [drive.name for drive in rig.drives]
     width = len(channels.names)
@@ -49,8 +49,8 @@ def read_drives(
 def first_drives(
     rig: Rig, channels: Channels, values: Vector, mask: Vector
 ) -> tuple[Vector, Vector]:
-    """Return places and pulls of the drives at the first `values`, (n_drives,) each; 0 and nominal
-    where `mask` is 0.
+    """Return positions and pulls of the drives at the first `values`, (n_drives,) each; 0 and
+    nominal where `mask` is 0.
     """
     positions = [ca.SX(0) for _ in rig.drives]
     pulls = [ca.SX(drive.nominal_force.value) for drive in rig.drives]

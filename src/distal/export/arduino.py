@@ -95,8 +95,8 @@ def arduino_files(rig: Rig, exported: Exported) -> dict[str, str]:
 
 
 def _sensors(rig: Rig, exported: Exported) -> str:
-    """Return the lines of the sketch that read each sensor: a place by an encoder's counts, a force
-    by an analog pin.
+    """Return the lines of the sketch that read each sensor: a position by an encoder's counts, a
+    force by an analog pin.
     """
     sensors = {sensor.name: sensor for sensor in rig.sensors}
     lines = list[str]()

@@ -1,5 +1,5 @@
 """The live inverse as C99, beside an exported filter: what the drives do next, from its state and
-the wanted angles.
+the desired angles.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from distal.run import LOST
 
 @dataclass(frozen=True)
 class ExportedCommand:
-    """The commands of a rig as C; `operations` in a step, `carry` numbers that are remembered.
+    """The commands of a rig as C; `operations` in a step, `kernel_state` numbers that are
+    remembered.
 
-    The indices of the joints whose angles are wanted are `joints`.
+    The indices of the joints whose angles are desired are `joints`.
     """
 
     name: str
@@ -87,7 +88,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "n_joints": str(model.nf),
         "n_drives": str(model.nd),
         "n_states": str(len(estimator.states)),
-        "n_carry": str(layout.kernel_state.size),
+        "n_kernel_state": str(layout.kernel_state.size),
         "n_x": str(layout.x.size),
         "n_y": str(layout.y.size),
         "numbers": ", ".join(real.constant(float(number)) for number in numbers),
@@ -95,7 +96,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
             f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
         ),
         "touched": "\n".join(
-            f"  if (x[{at_touched}] < filter->carry[{i}]) x[{at_touched}] = filter->carry[{i}];"
+            f"  if (x[{at_touched}] < filter->kernel_state[{i}]) x[{at_touched}] = filter->kernel_state[{i}];"
             for i in estimator.touched
         ),
         "known": " && ".join(
@@ -136,11 +137,11 @@ def _matrix(values: Bools) -> str:
 
 
 _HEADER = """\
-/* $name$.h: what the drives of the rig "$rig$" do next, from the filter of $filter$.h and wanted angles
+/* $name$.h: what the drives of the rig "$rig$" do next, from the filter of $filter$.h and desired angles
  *
  * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state. All numbers are SI.
  *
- * wanted, in this order (NAN: as before):
+ * desired, in this order (NAN: as before):
 $joints$
  *
  * drives, in this order:
@@ -158,21 +159,21 @@ extern "C" {
 #define $NAME$_JOINTS $n_joints$
 #define $NAME$_DRIVES $n_drives$
 
-#define $NAME$_MOVES 0  /* all drives get what is wanted */
+#define $NAME$_MOVES 0  /* all drives get what is desired */
 #define $NAME$_STANDS 1 /* a drive was not read for too long: it, and those that move the same joints, stand */
 #define $NAME$_UNREAD 2 /* a drive was never read: nothing is to be sent, all commands are NAN */
 
 typedef struct {
-  $real$ carry[$n_carry$];
-  $real$ wanted[$NAME$_JOINTS];
-  $real$ places[$NAME$_DRIVES];
+  $real$ kernel_state[$n_kernel_state$];
+  $real$ desired[$NAME$_JOINTS];
+  $real$ positions[$NAME$_DRIVES];
   $real$ forces[$NAME$_DRIVES];
   $real$ age[$NAME$_DRIVES];
   int begun;
 } $name$_state;
 
 typedef struct {
-  $real$ places[$NAME$_DRIVES]; /* as the drives' sensors would read them [m, rad] */
+  $real$ positions[$NAME$_DRIVES]; /* as the drives' sensors would read them [m, rad] */
   $real$ speeds[$NAME$_DRIVES]; /* for drives that follow speeds [m/s, rad/s] */
   $real$ forces[$NAME$_DRIVES]; /* [N, N m] */
 } $name$_output;
@@ -184,7 +185,7 @@ void $name$_begin($name$_state* state);
  * estimate is not `trusted` (its health is bad or dead) or its std is large, the correction by feedback stays as it was.
  * Drives that stand keep the last command. Returns one of the numbers above; how long drives may stand, the caller says. */
 int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
-                const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands);
+                const $filter$_output* out, const $real$* desired, int trusted, $name$_output* commands);
 
 #ifdef __cplusplus
 }
@@ -208,7 +209,7 @@ $functions$
 void $name$_begin($name$_state* state) { memset(state, 0, sizeof *state); }
 
 int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
-                const $filter$_output* out, const $real$* wanted, int trusted, $name$_output* commands) {
+                const $filter$_output* out, const $real$* desired, int trusted, $name$_output* commands) {
   static const int joints[] = {$free$}, positions[] = {$positions$};
   static const int moves[][$n_joints$] = {$moves$}, together[][$n_drives$] = {$together$};
   static const $real$ oldest[] = {$oldest$};
@@ -222,7 +223,7 @@ int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, co
     lost[i] = state->age[i] > oldest[i];
   }
   if (code == $NAME$_UNREAD) {
-    for (i = 0; i < $n_drives$; ++i) commands->places[i] = commands->speeds[i] = commands->forces[i] = ($real$)NAN;
+    for (i = 0; i < $n_drives$; ++i) commands->positions[i] = commands->speeds[i] = commands->forces[i] = ($real$)NAN;
     return code;
   }
   for (i = 0; i < $n_drives$; ++i) {
@@ -230,35 +231,35 @@ int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, co
     for (j = 0; j < $n_joints$; ++j) rests[j] |= moves[i][j] && stands[i];
     if (stands[i]) code = $NAME$_STANDS;
   }
-  memcpy(x + $x_state$, filter->carry, $n_states$ * sizeof *x);
+  memcpy(x + $x_state$, filter->kernel_state, $n_states$ * sizeof *x);
 $reported$
   for (i = 0; i < $n_joints$; ++i) {
-    if (wanted[i] - wanted[i] == $zero$) state->wanted[i] = wanted[i];
-    else if (!state->begun) state->wanted[i] = x[$x_state$ + joints[i]];
-    x[$x_wanted$ + i] = state->wanted[i];
+    if (desired[i] - desired[i] == $zero$) state->desired[i] = desired[i];
+    else if (!state->begun) state->desired[i] = x[$x_state$ + joints[i]];
+    x[$x_desired$ + i] = state->desired[i];
     if (rests[i]) {
-      x[$x_wanted$ + i] = state->carry[$c_reference$ + i];
-      state->carry[$c_rate$ + i] = state->carry[$c_speed$ + i] = state->carry[$c_acceleration$ + i] = $zero$;
-      state->carry[$c_at_end$] = $one$; /* feedback does not wind up */
+      x[$x_desired$ + i] = state->kernel_state[$c_reference$ + i];
+      state->kernel_state[$c_rate$ + i] = state->kernel_state[$c_speed$ + i] = state->kernel_state[$c_acceleration$ + i] = $zero$;
+      state->kernel_state[$c_at_end$] = $one$; /* feedback does not wind up */
     }
-    x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->carry[joints[i]];
+    x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->kernel_state[joints[i]];
   }
   for (i = 0; i < $n_drives$; ++i) {
     /* without a reading a drive counts as being where it was sent */
-    const $real$ read = positions[i] < 0 ? state->places[i] : values[positions[i]];
-    x[$x_read$ + i] = read == read ? read : state->places[i];
+    const $real$ read = positions[i] < 0 ? state->positions[i] : values[positions[i]];
+    x[$x_read$ + i] = read == read ? read : state->positions[i];
   }
   x[$x_touched$] = $zero$;
 $touched$
   x[$x_trusted$] = trusted && $known$ ? $one$ : $zero$;
   x[$x_dt$] = state->begun ? dt : $zero$;
-  for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->carry, x, numbers, y);
+  for (k = state->begun ? 1 : $first$; k > 0; --k) $advance$(state->kernel_state, x, numbers, y);
   for (i = 0; i < $n_drives$; ++i) {
     if (!stands[i]) {
-      state->places[i] = y[$y_places$ + i];
+      state->positions[i] = y[$y_positions$ + i];
       state->forces[i] = y[$y_forces$ + i];
     }
-    commands->places[i] = state->places[i];
+    commands->positions[i] = state->positions[i];
     commands->forces[i] = state->forces[i];
     commands->speeds[i] = stands[i] ? $zero$ : y[$y_speeds$ + i];
   }

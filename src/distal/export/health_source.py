@@ -54,7 +54,7 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
         "touched": "\n".join(
-            f"  if (sample[{at_touched}] < state->carry[{i}]) sample[{at_touched}] = state->carry[{i}];"
+            f"  if (sample[{at_touched}] < state->kernel_state[{i}]) sample[{at_touched}] = state->kernel_state[{i}];"
             for i in estimator.touched
         ),
         "zero": dialect.constant(0.0),
@@ -90,8 +90,8 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
     sample[$at_variances$ + i] = out->innovation_variances[i];
   }
   for (i = 0; i < $n_watched$; ++i) { /* numbers of the rig */
-    sample[$at_numbers$ + i] = state->carry[watched[i]];
-    sample[$at_number_variances$ + i] = state->carry[$n$ + watched[i] * ($n$ + 1)];
+    sample[$at_numbers$ + i] = state->kernel_state[watched[i]];
+    sample[$at_number_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
   }
   sample[$at_touched$] = $zero$;
 $touched$

@@ -78,8 +78,8 @@ def outputs(estimator: KernelEstimator, n: int, stepped: bool = True) -> str:
     lines = []
     report = estimator.report
     for at, field, std in fields:
-        estimate = f"state->carry[{at}]"
-        variance = f"state->carry[{n + at * (n + 1)}]"
+        estimate = f"state->kernel_state[{at}]"
+        variance = f"state->kernel_state[{n + at * (n + 1)}]"
         if stepped and at in report.states:  # a learned map speaks of it
             k = report.states.index(at)
             gain = f"y[{report.gains[k]}]"

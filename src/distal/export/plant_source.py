@@ -114,13 +114,13 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "n_tendons": str(plant.n_tendons),
         "n_sensors": str(len(rig.sensors)),
         "n_numbers": str(len(names)),
-        "n_carry": str(len(kernel_state)),
+        "n_kernel_state": str(len(kernel_state)),
         "n_y": str(first.size),
         "interval": dialect.constant(interval),
         "dt": dialect.constant(dt),
         "parts": str(parts),
         "numbers": table(numbers[: len(names)]),
-        "carry": table(kernel_state),
+        "kernel_state": table(kernel_state),
         "first": table(first[0]),
         "errors": ",\n  ".join(f"{{{table(row)}}}" for row in _errors(plant)),
         "every": ", ".join(
@@ -189,7 +189,7 @@ typedef struct {
 } $name$_truth;
 
 typedef struct {
-  double carry[$n_carry$], numbers[$NAME$_NUMBERS], errors[$NAME$_SENSORS][12];
+  double kernel_state[$n_kernel_state$], numbers[$NAME$_NUMBERS], errors[$NAME$_SENSORS][12];
   $name$_truth truth;
   uint64_t random;
   long samples;
@@ -216,7 +216,7 @@ _SOURCE = """\
 #include <string.h>
 
 static const double numbers[] = {$numbers$};
-static const double resting[] = {$carry$};
+static const double resting[] = {$kernel_state$};
 static const double first[] = {$first$};
 
 /* of each sensor: gain, bias, noise, step, ends of the travel, largest deviation of its curve */
@@ -272,7 +272,7 @@ static void read_sensors($name$_state* state, double* values) {
 void $name$_begin($name$_state* state, uint64_t seed, double* values) {
   int i;
   memset(state, 0, sizeof *state);
-  memcpy(state->carry, resting, sizeof resting);
+  memcpy(state->kernel_state, resting, sizeof resting);
   memcpy(state->numbers, numbers, sizeof numbers);
   memcpy(&state->truth, first, sizeof first);
   state->random = seed;
@@ -288,7 +288,7 @@ int $name$_step($name$_state* state, const $name$_pull* pull, double* values) {
   int i;
   memcpy(x, pull, 5 * $n_bodies$ * sizeof(double));
   x[5 * $n_bodies$] = $dt$;
-  for (i = 0; i < $parts$; ++i) $advance$(state->carry, x, state->numbers, (double*)&state->truth);
+  for (i = 0; i < $parts$; ++i) $advance$(state->kernel_state, x, state->numbers, (double*)&state->truth);
   read_sensors(state, values);
   for (i = 0; i < $n_y$; ++i)
     if (!(fabs(((const double*)&state->truth)[i]) < 1e9)) return 0;

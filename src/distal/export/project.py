@@ -153,7 +153,7 @@ def readme(exported: Exported) -> str:
             "n_states": str(len(exported.states)),
             "state_bytes": f"{exported.state_bytes:,}",
             "scratch_bytes": f"{exported.scratch_bytes:,}",
-            "carry": f"{exported.kernel_state} x {size}",
+            "kernel_state": f"{exported.kernel_state} x {size}",
             "operations": f"{exported.operations:,}",
             "calls": calls or "none",
         },
@@ -219,7 +219,7 @@ many times as long as a step; `$NAME$_LATE` says that a stamp did not rise, and 
 | | |
 |---|---|
 | states | $n_states$ |
-| state, the caller's | $state_bytes$ bytes ($carry$ and a counter) |
+| state, the caller's | $state_bytes$ bytes ($kernel_state$ and a counter) |
 | arrays on the stack in a step | $scratch_bytes$ bytes, and what the compiler spills |
 | arithmetic operations in a step | $operations$ |
 | calls of the mathematics library in a step | $calls$ |

@@ -36,7 +36,7 @@ class Exported:
     Args:
         single: whether numbers are float.
         measured: channels with an innovation.
-        carry: numbers in the state.
+        kernel_state: numbers in the state.
         scratch: numbers on the stack in a step.
         operations: arithmetic operations of a step.
         library: calls of the mathematics library in a step, by name.
@@ -173,7 +173,7 @@ def _values(
         "n_measured": str(m),
         "n_innovations": str(max(m, 1)),
         "n_outputs": str(max(chosen.kernel.n_y, 2 * m, 1)),
-        "n_carry": str(chosen.kernel.n_kernel_state),
+        "n_kernel_state": str(chosen.kernel.n_kernel_state),
         "n_numbers": str(len(numbers)),
         "n_bridged": str(chosen.bridged),
         "reach": ", ".join(
@@ -212,8 +212,8 @@ def _beginning(n: int, spread: int) -> dict[str, str]:
         spread: n² of a covariance, n of its diagonal alone.
     """
     if spread > n:
-        return {"spread": f", *spread = state->carry + {n}", "place": ""}
-    row = f"  for (i = 0; i < {n}; ++i) state->carry[{n} + i * {n + 1}] = spread[i];\n"
+        return {"spread": f", *spread = state->kernel_state + {n}", "place": ""}
+    row = f"  for (i = 0; i < {n}; ++i) state->kernel_state[{n} + i * {n + 1}] = spread[i];\n"
     return {"spread": f", spread[{n}]", "place": row}
 
 
@@ -226,7 +226,7 @@ _HEADER = """\
  * values, in this order:
 $channels$
  *
- * states, in this order (means first in `carry`, then the covariance, $n_states$ x $n_states$, then what is remembered):
+ * states, in this order (means first in `kernel_state`, then the covariance, $n_states$ x $n_states$, then what is remembered):
 $states$
  *
  * innovations, in this order:
@@ -242,14 +242,14 @@ extern "C" {
 #define $NAME$_CHANNELS $n_channels$
 #define $NAME$_STATES $n_states$
 #define $NAME$_MEASURED $n_measured$
-#define $NAME$_CARRY $n_carry$
+#define $NAME$_KERNEL_STATE $n_kernel_state$
 #define $NAME$_INTERVAL $interval$ /* nominal time between samples [s] */
 
 typedef $real$ $name$_real;
 
 /* What the filter believes; copy it, keep it, restore it. */
 typedef struct {
-  $name$_real carry[$NAME$_CARRY];
+  $name$_real kernel_state[$NAME$_KERNEL_STATE];
   int samples; /* how many were taken in, at most 2 is kept */
 } $name$_state;
 
@@ -331,7 +331,7 @@ void $name$_begin($name$_state* state, const $real$* values) {
     known[i] = is_there(values[i]) ? values[i] : $zero$;
   }
   memset(state, 0, sizeof *state);
-  $begin$(known, mask, numbers, state->carry, spread, state->carry + $n_states$ + $n_states$ * $n_states$);
+  $begin$(known, mask, numbers, state->kernel_state, spread, state->kernel_state + $n_states$ + $n_states$ * $n_states$);
 $place$}
 
 void $name$_restart($name$_state* state, const $real$* values) {
@@ -339,15 +339,15 @@ void $name$_restart($name$_state* state, const $real$* values) {
   $real$ angles[$n_joints$];
   int i, known = 1;
   for (i = 0; i < $n_joints$; ++i) {
-    const $real$ angle = state->carry[i];
+    const $real$ angle = state->kernel_state[i];
     known &= angle >= -$largest$ && angle <= $largest$;
     angles[i] = angle < reach[i][0] ? reach[i][0] : angle > reach[i][1] ? reach[i][1] : angle;
   }
   known &= state->samples > 0;
   $name$_begin(state, values);
   for (i = 0; i < $n_joints$; ++i) {
-    $real$* variance = &state->carry[$n_states$ + i * ($n_states$ + 1)];
-    if (known) state->carry[i] = angles[i];
+    $real$* variance = &state->kernel_state[$n_states$ + i * ($n_states$ + 1)];
+    if (known) state->kernel_state[i] = angles[i];
     if (*variance < $anywhere$) *variance = $anywhere$;
   }
 }
@@ -373,7 +373,7 @@ int $name$_step($name$_state* state, $real$ dt, const $real$* values, $name$_out
       x[1 + i] = there && (last || led) ? values[i] : $zero$;
       x[1 + $n_channels$ + i] = !there ? $missing$ : last ? $read$ : led ? -($real$)k : $missing$;
     }
-    $advance$(state->carry, x, numbers, y);
+    $advance$(state->kernel_state, x, numbers, y);
   }
   if (state->samples < 2) state->samples += 1;
   if (out) {
@@ -385,11 +385,11 @@ $angles$
   }
   for (i = 0; i < $n_states$; ++i) {
     /* neither infinite nor undefined, and no negative variance */
-    if (!(state->carry[i] - state->carry[i] == $zero$)) return $NAME$_LOST;
-    if (!(state->carry[$n_states$ + i * ($n_states$ + 1)] >= $zero$)) return $NAME$_LOST;
+    if (!(state->kernel_state[i] - state->kernel_state[i] == $zero$)) return $NAME$_LOST;
+    if (!(state->kernel_state[$n_states$ + i * ($n_states$ + 1)] >= $zero$)) return $NAME$_LOST;
   }
   for (i = 0; i < $n_joints$; ++i)
-    if (!(state->carry[i] >= -$largest$ && state->carry[i] <= $largest$)) return $NAME$_LOST;
+    if (!(state->kernel_state[i] >= -$largest$ && state->kernel_state[i] <= $largest$)) return $NAME$_LOST;
   return $NAME$_OK;
 }
 

@@ -1,7 +1,7 @@
 """A rig's equations along a log whose angles are known: no filter is needed there, each sample says
 what it lacks.
 
-With q = (angles, places) known, and v and a from it, the equations of `Mechanism` hold at every
+With q = (angles, positions) known, and v and a from it, the equations of `Mechanism` hold at every
 sample alone:
 
     forces      U_i − (pull_i(q, v) + l_i d_i + α_i |d_i|)
@@ -9,7 +9,7 @@ sample alone:
     joints      −(M a + Coriolis + gravity + pulls − passive forces + l d)_j
 
 each over its effective standard deviation, √(σ² + Σ (∂row/∂q_k)² σ_k²), with what is left of the
-noise of angles and places: a stiffness that multiplies their noise would come out too small
+noise of angles and positions: a stiffness that multiplies their noise would come out too small
 (Clutton-Brock, Technometrics 9, 1967). Friction has limits of mean l and asymmetry α; d is the
 direction of motion with a memory of a hundredth of the range. What moves inside (plays, points of
 sheaths, creep) is stepped along the known motion. This is identification by the inverse dynamic
@@ -40,15 +40,15 @@ INTERVAL = 0.05
 """Equations are compared so often [s]: what they lack does not change faster."""
 
 SMOOTHED = 0.12
-"""Places and angles are smoothed over so long by cubics [s], which give their speeds (Savitzky and
-Golay, 1964).
+"""Positions and angles are smoothed over so long by cubics [s], which give their speeds (Savitzky
+and Golay, 1964).
 """
 
 MEMORY = 0.01
 """A direction of motion has turned after this share of the range (5 to 95 %) of a body."""
 
 FEWEST = 100
-"""Equations are asked where so many samples of every log have all angles and places."""
+"""Equations are asked where so many samples of every log have all angles and positions."""
 
 LEAST_VARIANCE = 1e-18
 """Least effective variance of a row, so that nothing is divided by zero [SI²]."""
@@ -87,7 +87,7 @@ class Equations:
 
     @staticmethod
     def apply_to(fit: FitFilter) -> bool:
-        """Return whether every drive's place and every joint's angle is read."""
+        """Return whether every drive's position and every joint's angle is read."""
         context = fit.estimator.states.context
         read = {sensor.of for sensor in fit.references}
         positions = [context.position_sensor(i) for i in range(context.n_drives)]
@@ -96,9 +96,9 @@ class Equations:
         }
 
     def _function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, residuals).
+        """Return (kernel_state, x, p) → (kernel_state⁺, residuals).
 
-        The carry is (directions, inside), x is (dt, turned, q, v, a, σ_q², read).
+        The kernel state is (directions, inside), x is (dt, turned, q, v, a, σ_q², read).
         """
         mechanism = self.mechanism
         context = self.context
@@ -189,8 +189,8 @@ class Equations:
         return ca.Function("forces", [q, v, a, p], [tendons.drive, pulls, balance, up, down])
 
     def _begin(self) -> ca.Function:
-        """Return (q, p) → the carry before the first sample: no direction yet, plays in the middle,
-        creep settled.
+        """Return (q, p) → the kernel state before the first sample: no direction yet, plays in the
+        middle, creep settled.
         """
         still = Mechanism(self.mechanism.rig, self.mechanism.parameters.inputs)
         q = ca.SX.sym("q", still.n_bodies)
@@ -211,7 +211,7 @@ class Equations:
         )
 
     def motion_of(self, data: Data) -> KnownMotion | None:
-        """Return a log as the equations take it, None where angles and places are hardly known
+        """Return a log as the equations take it, None where angles and positions are hardly known
         together.
         """
         channels = list(self.fit.estimator.channels)
@@ -242,7 +242,7 @@ class Equations:
         width = MEMORY * np.subtract(*np.percentile(q[complete], (95, 5), axis=0)) + 1e-12
         every = max(1, round(INTERVAL / step))
         at = slice(None, None, every)
-        # smoothing leaves a share of the noise of each angle and place
+        # smoothing leaves a share of the noise of each angle and position
         left = float(np.sum(savgol_coeffs(window, 3) ** 2))
         noise = [
             variance(s) for s in (*(of[name] for name in joints), *self.positions) if s is not None

@@ -52,7 +52,7 @@ class Problem:
 
     The prediction-error method (Ljung, System Identification, 1999, ch. 7; Åström, Automatica 16,
     1980): hidden states, missing samples and sensor noise are treated as in use, because it is the
-    filter that is used. Of each channel c and w say what its values are worth: c is found at every
+    filter that is used. Of each channel c and w say what its values are weight: c is found at every
     point, w where `assessed` was called. Coordinates z, (size,), are those that logs share, then
     each log's own.
 
@@ -63,7 +63,7 @@ class Problem:
         aided: without homing, use the reference wherever it is as one more sensor, which tells more
             where the model is right, and hides what the angle errs by where it is not.
         workers: threads; the numbers do not depend on them.
-        worth: of the channels' values; None before they are assessed: every value counts in full.
+        weight: of the channels' values; None before they are assessed: every value counts in full.
         noises: that are free and not varied.
     """
 

@@ -19,7 +19,7 @@ def steps_per_sample(positions: Floats, noise: Floats) -> int:
 
     A chord leaves out ẍ dt²/8: where sliders swing, that much tension is missing at every crest,
     and stiffness would be fitted too large by (ω dt)²/12. With n steps it is n² times less.
-    Displacements `places` are (k, m), NaN where missing.
+    Displacements `positions` are (k, m), NaN where missing.
     """
     bends = np.abs(np.diff(positions, n=2, axis=0)) / 8.0
     missed = [float(np.sqrt(np.nanmean(b**2))) if np.isfinite(b).any() else 0.0 for b in bends.T]
@@ -38,10 +38,10 @@ def refined(
     """Return stamps, samples and the original samples' rows, with displacements interpolated
     between them.
 
-    Each interval of `times` [s], (k,), is cut in `steps`; displacements, the first `places` of the
-    `samples`, (k, n_channels), NaN where missing, follow the cubic through the four samples about
-    it (Catmull and Rom, 1974), a straight line where one of them is missing or the stamps have a
-    gap. All other channels are missing there.
+    Each interval of `times` [s], (k,), is cut in `steps`; displacements, the first `positions` of
+    the `samples`, (k, n_channels), NaN where missing, follow the cubic through the four samples
+    about it (Catmull and Rom, 1974), a straight line where one of them is missing or the stamps
+    have a gap. All other channels are missing there.
     """
     k = len(times)
     if steps == 1 or k < 4:

@@ -162,7 +162,8 @@ def _line(parts: Sequence[Free], z: Sequence[float], direction: Floats, count: i
     """Return "only the product of a and b", by the signs of the relative changes that no log tells
     apart.
 
-    So many directions (`count`) are not told: with as many as there are numbers, none of these is.
+    So many directions (`count`) are not identified: with as many as there are numbers, none of
+    these is.
     """
     # a parameter of which each log has its own is one name
     *names, last = dict.fromkeys(part.name for part in parts)

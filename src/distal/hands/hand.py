@@ -28,7 +28,9 @@ HOT = 65.0
 """A motor above this is hot [°C]."""
 
 KNOWN_ZERO = radians(10.0)
-"""No wanted angle is sent to a motor whose zero is less well known than this at its joint [rad]."""
+"""No desired angle is sent to a motor whose zero is less well known than this at its joint
+[rad].
+"""
 
 NOISES = 3.0
 """A motor's torque is limited to what it holds and so many standard deviations of its noise."""
@@ -68,7 +70,7 @@ class HandHealth:
 
 
 class Hand:
-    """Angles of all joints with their errors, and motions to wanted angles, beside the hand's own
+    """Angles of all joints with their errors, and motions to desired angles, beside the hand's own
     SDK.
 
     ```python
@@ -245,8 +247,8 @@ class Hand:
         """Want these angles [deg]: each `update` sends the motors there, through play, stretch and
         friction.
 
-        Joints that are left out stay where they are wanted, or are; those that follow others are
-        not wanted by themselves.
+        Joints that are left out stay where they are desired, or are; those that follow others are
+        not desired by themselves.
 
         Raises:
             CommandError: a name is unknown, an angle is no number or beyond the joint's range, or

@@ -24,7 +24,7 @@ from distal.model import Mechanism
 from distal.rig import Capstan, Rig
 
 POSITIONS = 120
-"""Places along the travel at which both ways are compared."""
+"""Positions along the travel at which both ways are compared."""
 
 TENSIONS = 300
 MOST = 2.0
@@ -44,8 +44,8 @@ FACTORS = (0.7, 1.0, 1.4)
 """The search begins with each spring at these times what closes all joints together."""
 
 LIKELY = 6.0
-"""A curve errs alike from place to place: an end is e times less likely where its cost is larger by
-this [1].
+"""A curve errs alike from position to position: an end is e times less likely where its cost is
+larger by this [1].
 """
 
 MOST_JOINTS = 4
@@ -150,8 +150,8 @@ def _likeliest(ends: Sequence[OptimizeResult], paths: Sequence[str], zero: str) 
 
 
 def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple[Floats, Floats]:
-    """Return places along a motor's travel and the mean there of its torques on the way there and
-    back.
+    """Return positions along a motor's travel and the mean there of its torques on the way there
+    and back.
     """
     position, torque = (log.channels[name] for name in sweep_channels_of(rig, drive))
     full = sweeps[1:]
@@ -171,7 +171,7 @@ def _both_ways(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> tuple
 
 
 def _curve(mechanism: Mechanism, tendon: int, crossed: Sequence[int]) -> ca.Function:
-    """Return (largest tension, p) → places of the drive and its torques as its tension grows to
+    """Return (largest tension, p) → positions of the drive and its torques as its tension grows to
     that, at rest.
 
     With the joints' springs linear: T J_j + k_j (θ_j − θ_j0) = τ_j(θ_j0), and the drive turns by

@@ -87,8 +87,8 @@ def single_starts(rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> list[Start]:
     """Return starts of a motor with one tendon against springs: stiffness by which all joints close
     together, and others.
 
-    At the top radius · (place − zero) = Σ arm · high + stretch, and the torque holds each spring, k
-    (high − rest) = arm T.
+    At the top radius · (position − zero) = Σ arm · high + stretch, and the torque holds each
+    spring, k (high − rest) = arm T.
     """
     at = _index(rig, drive)
     ((k, tendon),) = _tendons(rig, drive)

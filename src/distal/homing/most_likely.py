@@ -114,7 +114,7 @@ class _Search:
         self._last: tuple[bytes, tuple[Floats, Floats]] | None = None
 
     def kernel_state(self, z: Floats) -> Floats:
-        """Return the carry before the first sample at some numbers."""
+        """Return the kernel state before the first sample at some numbers."""
         kernel_state = self._begin.copy()
         kernel_state[self.at] = self.means + self.stds * z
         return kernel_state

@@ -21,8 +21,8 @@ class Window:
     """The first seconds of a log, in which a reference is known, and the filter's belief before the
     first sample.
 
-    Among the channels of the filter, `runner`, is the reference. At the times [s], (k,), there are
-    samples of the channels, (k, n_channels), and true angles [rad], NaN where not known, (k,
+    Among the channels of the filter, `estimator`, is the reference. At the times [s], (k,), there
+    are samples of the channels, (k, n_channels), and true angles [rad], NaN where not known, (k,
     n_joints).
     """
 
@@ -73,8 +73,8 @@ class Window:
         return samples
 
     def scan(self, kernel_state: Floats, samples: Floats) -> Advanced | None:
-        """Return carries and outputs after each of the `samples`, begun at a `carry`; None where
-        the filter diverges.
+        """Return carries and outputs after each of the `samples`, begun at a `kernel_state`; None
+        where the filter diverges.
         """
         estimator = self.estimator
         size = self.start.size
@@ -105,7 +105,9 @@ class Window:
         return errors, variances
 
     def anchored(self, kernel_state: Floats) -> Floats:
-        """Return a carry before the first sample whose first angles are those of the reference."""
+        """Return a kernel state before the first sample whose first angles are those of the
+        reference.
+        """
         n = self.start.size
         states = self.estimator.states
         names = self.estimator.channels
@@ -129,7 +131,7 @@ class Window:
         """Return whether a run without reference keeps its angles in their bands: mean e²/P of each
         joint at most `times`.
 
-        It begins at a `carry` before the first sample.
+        It begins at a `kernel_state` before the first sample.
         """
         done = self.scan(self.anchored(kernel_state), self.unaided)
         if done is None:

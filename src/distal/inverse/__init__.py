@@ -1,4 +1,4 @@
-"""The inverse of a rig: what its drives do so that its joints get to wanted angles."""
+"""The inverse of a rig: what its drives do so that its joints get to desired angles."""
 
 from distal.inverse.command_trajectory import Inverse
 from distal.inverse.commands import Commands

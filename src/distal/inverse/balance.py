@@ -1,7 +1,7 @@
 """What holds joints that are moved by drives: the torques that they need, the pulls of tendons,
 what drives feel.
 
-At wanted θ, ω and α a joint needs  τ = M α + b ω − passive(θ) + d l(T) − τ_ext  from its tendons,
+At desired θ, ω and α a joint needs  τ = M α + b ω − passive(θ) + d l(T) − τ_ext  from its tendons,
 with the friction limit l in the direction of motion d; all by the equations of `Mechanism`.
 """
 
@@ -33,7 +33,7 @@ class CoupledJoints:
 
 class Balance:
     """What holds the joints of a rig, as expressions of the joints' angles and the drives'
-    places.
+    positions.
     """
 
     def __init__(self, rig: Rig, folded: bool = False) -> None:
@@ -102,8 +102,8 @@ class Balance:
         return shares
 
     def arms(self, angles: Vector, positions: Vector, p: Vector) -> Matrix:
-        """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`, `places`
-        and parameters `p`.
+        """Return the torque per pull on free joints, (n_free, n_drives) [m], at `angles`,
+        `positions` and parameters `p`.
         """
         first = [tendons[0] for tendons in self.tendons_of]
         levers = self._levers(angles, positions)[first, : self.nj]
@@ -113,7 +113,7 @@ class Balance:
     @cached_property
     def pull(self) -> ca.Function:
         """(θ, s, shares, p) → pulls of the drives at their joints' ends, and their slopes by the
-        places, (n_drives,).
+        positions, (n_drives,).
         """
         mechanism = self.mechanism
         angles = ca.SX.sym("angles", self.nj)

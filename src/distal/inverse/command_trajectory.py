@@ -1,4 +1,4 @@
-"""From a wanted trajectory of the joints to what the drives do, for a whole trajectory at once."""
+"""From a desired trajectory of the joints to what the drives do, for a whole trajectory at once."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from distal.simulation.plant import inside_function
 Indices = NDArray[np.intp]
 
 SETTLES = 3
-"""Rounds until the drives' places and what moves inside agree at the start."""
+"""Rounds until the drives' positions and what moves inside agree at the start."""
 
 
 class Inverse:
-    """What drives have to do so that the joints get to wanted angles: places, speeds and forces,
-    and the band of the angle.
+    """What drives have to do so that the joints get to desired angles: positions, speeds and
+    forces, and the band of the angle.
 
     ```python
     commands = distal.Inverse("finger-2n")(time, {"mcp": mcp, "pip": pip})  # [s], [rad]
@@ -85,13 +85,13 @@ class Inverse:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints that move by themselves, whose angles are wanted."""
+        """Names of the joints that move by themselves, whose angles are desired."""
         return tuple(self.rig.joints[j].name for j in self.model.free)
 
     def __call__(
         self, time: Sequence[float] | Floats, angles: Floats | Mapping[str, Floats]
     ) -> Commands:
-        """Return the commands for wanted angles over time.
+        """Return the commands for desired angles over time.
 
         Args:
             time: rising stamps [s], (k,); the closer, the better jumps are resolved.
@@ -150,14 +150,14 @@ class Inverse:
         )
 
     def _followed(self, time: Floats, positions: Floats) -> Floats:
-        """Return the places of drives no faster than these can go, (k, n_drives)."""
+        """Return the positions of drives no faster than these can go, (k, n_drives)."""
         servos = [drive.servo for drive in self.rig.drives]
         fastest = [inf if s is None or s.fastest is None else s.fastest for s in servos]
         each = zip(positions.T, fastest)
         return np.column_stack([followable(time, position, most) for position, most in each])
 
     def _cut(self, run: Advanced, read: Mapping[str, Floats], got: Floats) -> Bools:
-        """Return where drives are not at the places at which joints are as wanted, (k,
+        """Return where drives are not at the positions at which joints are as desired, (k,
         n_drives).
         """
         asked = self.model.kernel_state.view(run.kernel_states, "positions")
@@ -250,7 +250,7 @@ class Inverse:
 
         Args:
             angles: of the free joints [rad], in their order or by name.
-            stiffness: that is wanted [N m/rad].
+            stiffness: that is desired [N m/rad].
 
         Raises:
             CommandError: no tension up to `TAUTEST` gives it; the message says what they give.
@@ -329,8 +329,8 @@ class Inverse:
         return values[: len(values) - (inside.stop - inside.start)]
 
     def _begin(self, row: Floats) -> Floats:
-        """Return the carry before the first sample: drives where they hold the first angles, at
-        rest for long.
+        """Return the kernel state before the first sample: drives where they hold the first angles,
+        at rest for long.
         """
         model = self.model
         kernel_state = np.zeros(self.model.kernel_state.size)

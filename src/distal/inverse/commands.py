@@ -25,11 +25,11 @@ class Commands:
     """What drives have to do, and the angles of the joints that they then reach, (k, …), SI.
 
     Args:
-        wanted: angles, (k, n_joints) [rad].
+        desired: angles, (k, n_joints) [rad].
         angles: those that can be reached, (k, n_joints) [rad].
         stds: of the true angles about these, in an open loop, (k, n_joints) [rad].
-        places: of the drives, (k, n_drives) [m, rad].
-        sent: what is sent to drives that follow places, for them to be there then (a rig's
+        positions: of the drives, (k, n_drives) [m, rad].
+        sent: what is sent to drives that follow positions, for them to be there then (a rig's
             `servo`), as their sensors read it, (k, n_drives).
         speeds: (k, n_drives) [m/s, rad/s].
         forces: of the drives, (k, n_drives) [N, N m].
@@ -61,7 +61,7 @@ class Commands:
 
         Columns and units are the rig's own; a position is what is sent.
 
-        A drive without a sensor of its place or force has columns in SI: ``DRIVE_position [m]``,
+        A drive without a sensor of its position or force has columns in SI: ``DRIVE_position [m]``,
         ``DRIVE_force [N]``.
         """
         rig = self.rig
@@ -104,8 +104,8 @@ class Commands:
     def plot(
         self, path: str | Path | None = None, truth: Mapping[str, Floats] | None = None
     ) -> Figure:
-        """Draw what is wanted, what is reached and its 95 % band, then the drives' places; `truth`
-        by joint [rad].
+        """Draw what is desired, what is reached and its 95 % band, then the drives' positions;
+        `truth` by joint [rad].
         """
         names = [joint.name for joint in self.rig.joints]
         rows = len(names) + 1

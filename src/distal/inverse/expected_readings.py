@@ -1,4 +1,4 @@
-"""What the sensors of the drives read at their places: offsets and curves, as the filter has
+"""What the sensors of the drives read at their positions: offsets and curves, as the filter has
 them.
 """
 
@@ -13,7 +13,7 @@ from distal.inverse.setpoint_function import CommandModel
 
 
 def read_function(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (places, state, p) → what the sensors of the drives' places read there."""
+    """Return (positions, state, p) → what the sensors of the drives' positions read there."""
     state = ca.SX.sym("state", len(states))
     known = states.context.mechanism.parameters
     positions = ca.SX.sym("s", model.nd)
@@ -28,8 +28,8 @@ def read_function(model: CommandModel, states: StateVector) -> ca.Function:
 
 
 def readings(model: CommandModel, positions: Floats) -> Floats:
-    """Return the same over time by what the rig file says, (k, n_drives); places themselves where
-    no filter reads it.
+    """Return the same over time by what the rig file says, (k, n_drives); positions themselves
+    where no filter reads it.
     """
     try:
         states = state_vector(model.rig)

@@ -1,12 +1,12 @@
-"""The one place through which every goal of a motor goes: what cannot pass is not sent.
+"""The one position through which every goal of a motor goes: what cannot pass is not sent.
 
 A motor gets a goal after its first reading, and none while its reading is in doubt. Its goal is a
-finite place within its range, no faster than it can go. Where it has no reading for `OLDEST`, it
-stops, and with it each motor whose tendons cross one of its joints. A servo of stiffness K at place
-s and speed v, of lag T, that holds a force F has its goal at u = s + v T + F/K. So a motor that
-stops keeps the goal u that was sent last if that agrees with what was read last, and otherwise gets
-the u of that. It is not sent s: it would give way by F/K. After `PATIENCE`, or at once where it is
-hot, comes what the rig calls `when_lost`.
+finite position within its range, no faster than it can go. Where it has no reading for `OLDEST`, it
+stops, and with it each motor whose tendons cross one of its joints. A servo of stiffness K at
+position s and speed v, of lag T, that holds a force F has its goal at u = s + v T + F/K. So a motor
+that stops keeps the goal u that was sent last if that agrees with what was read last, and otherwise
+gets the u of that. It is not sent s: it would give way by F/K. After `PATIENCE`, or at once where
+it is hot, comes what the rig calls `when_lost`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ AHEAD = 2 * ARRIVED
 
 
 def columns_of(rig: Rig, channels: Sequence[str], kind: str) -> NDArray[np.int_]:
-    """Return where a sample has each drive's place or force, −1 for one without, (n_drives,)."""
+    """Return where a sample has each drive's position or force, −1 for one without, (n_drives,)."""
     at = {sensor.of: channels.index(sensor.name) for sensor in rig.sensors_of(kind)}
     return np.array([at.get(drive.name, -1) for drive in rig.drives])
 
@@ -104,13 +104,13 @@ class GoalGate:
         return other
 
     def read(self, time: float, positions: Floats, torques: Floats | None = None) -> Floats:
-        """Take in what motors read, NaN where lost, and return the places that can be believed.
+        """Take in what motors read, NaN where lost, and return the positions that can be believed.
 
         A stamp that does not rise tells nothing.
 
         Args:
             time: stamp [s].
-            places: what the sensors of the drives' places read [m, rad], (n_drives,).
+            positions: what the sensors of the drives' positions read [m, rad], (n_drives,).
             torques: what the motors pull with [N, N m], (n_drives,).
         """
         if not self._rises(time):
@@ -135,7 +135,7 @@ class GoalGate:
         return True
 
     def believed(self, time: float, sample: Floats, channels: Sequence[str]) -> Floats:
-        """Take in a sample and return it without the places of drives that cannot be.
+        """Take in a sample and return it without the positions of drives that cannot be.
 
         Args:
             time: stamp [s].
@@ -229,7 +229,7 @@ class GoalGate:
 
         Args:
             time: now [s].
-            goals: places as the sensors would read them, NaN for no new one, (n_drives,).
+            goals: positions as the sensors would read them, NaN for no new one, (n_drives,).
         """
         time = time if abs(time) < LATEST else self._time
         since = min(max(time - self._passed_at, 0.0), OLDEST)
@@ -318,7 +318,7 @@ def _lag(bandwidth: float | None) -> float:
 
 
 def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:
-    """Return between which places a drive may be sent, as its sensor reads them."""
+    """Return between which positions a drive may be sent, as its sensor reads them."""
     sensor = next((s for s in rig.sensors_of("position") if s.of == name), None)
     drive = next(drive for drive in rig.drives if drive.name == name)
     if sensor is None or not calibrated:

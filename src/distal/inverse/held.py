@@ -1,9 +1,9 @@
-"""Where joints come to rest with the places that are really sent, after every cut.
+"""Where joints come to rest with the positions that are really sent, after every cut.
 
 A drive that ends, or cannot pull as hard or go as fast as it would have to, leaves the joints where
-they lack no more than friction holds, |r(θ, s, p)| ≤ l, at the places s that it has: Newton's steps
-from where they were a sample before, within their stops. Far from there a tendon's geometry has
-other solutions.
+they lack no more than friction holds, |r(θ, s, p)| ≤ l, at the positions s that it has: Newton's
+steps from where they were a sample before, within their stops. Far from there a tendon's geometry
+has other solutions.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ LARGEST = float(np.deg2rad(2.0))
 """None of them turns a joint by more [rad]."""
 
 BACK = float(np.deg2rad(5.0))
-"""A joint that was left behind is back where it is wanted when it is so near [rad]."""
+"""A joint that was left behind is back where it is desired when it is so near [rad]."""
 
 
 def held_layout(model: CommandModel) -> Layout:
-    """Return the layout of a sample: the angles that were wanted, places, what is inside, and
+    """Return the layout of a sample: the angles that were desired, positions, what is inside, and
     whether a drive is cut.
     """
     inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
@@ -36,8 +36,8 @@ def held_layout(model: CommandModel) -> Layout:
 
 
 def held_kernel(model: CommandModel) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, θ_free), the angles at which free joints rest, (n_free,)
-    [rad]; the carry is (θ_free, whether they were left behind).
+    """Return (kernel_state, x, p) → (kernel_state⁺, θ_free), the angles at which free joints rest,
+    (n_free,) [rad]; the kernel state is (θ_free, whether they were left behind).
     """
     layout = held_layout(model)
     kernel_state = ca.MX.sym("kernel_state", model.nf + 1)

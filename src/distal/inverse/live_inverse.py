@@ -35,7 +35,7 @@ CLEARLY = 3.0
 """A joint that is further from its reference than so many standard deviations is elsewhere."""
 
 FIRST = 3
-"""Rounds until the drives' places and what moves inside agree at the start."""
+"""Rounds until the drives' positions and what moves inside agree at the start."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,9 @@ class Command:
     """What the drives do next, (n_drives,) each, SI.
 
     Args:
-        places: as their sensors would read them [m, rad]; NaN of a drive to which nothing is sent.
-        speeds: for drives that follow speeds, which bring them to these places too [m/s, rad/s].
+        positions: as their sensors would read them [m, rad]; NaN of a drive to which nothing is
+        sent.
+        speeds: for drives that follow speeds, which bring them to these positions too [m/s, rad/s].
         forces: [N, N m].
         reading: of the estimate on which it rests, with its health.
         note: what is not as it should be; may be empty.
@@ -134,19 +135,19 @@ def gains_of(
 
 
 class LiveInverse:
-    """Commands sample by sample, from wanted angles and what the sensors read.
+    """Commands sample by sample, from desired angles and what the sensors read.
 
     ```python
     inverse = distal.LiveInverse("finger-2n")
     # sample: values of inverse.channels, SI
     command = inverse.step(time, {"mcp": 0.5, "pip": 0.3}, sample)
-    send(command.places)
+    send(command.positions)
     ```
 
     What the filter learns (friction, stretch) is made up for. While the estimate is not
     known, its correction stays as it was. The first command is for where the joints are; from there
-    they go to what is wanted. Every command passes a `GoalGate`: a drive whose readings are lost
-    for 0.1 s stands, with those that move the same joints, and their joints are wanted where they
+    they go to what is desired. Every command passes a `GoalGate`: a drive whose readings are lost
+    for 0.1 s stands, with those that move the same joints, and their joints are desired where they
     are.
 
     Args:
@@ -263,7 +264,7 @@ class LiveInverse:
 
         Args:
             time: of the sample [s].
-            wanted: angles of `joints` now [rad], in their order or by name; what is not finite
+            desired: angles of `joints` now [rad], in their order or by name; what is not finite
                 stays as it was.
             sample: values of `channels`, SI, NaN where missing, (n_channels,).
 
@@ -371,7 +372,7 @@ class LiveInverse:
         return self._gate.holding
 
     def confirm(self, arrived: bool) -> None:
-        """Say whether the last command was sent: while commands do not arrive, joints are wanted
+        """Say whether the last command was sent: while commands do not arrive, joints are desired
         where they are.
         """
         self._gate.confirm(arrived)

@@ -1,7 +1,7 @@
 """One sample of the inverse in a control loop: at what the filter believes, with feedback on the
 angle that it estimates.
 
-A reference r follows the wanted angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one
+A reference r follows the desired angles w,  dr/dt = dw/dt + clip(e/h, ± √(2 a |e|)),  e = w − r one
 sample h before, no faster and with no more acceleration a than the joints may. Commanded is  r + T
 dr/dt + c,  T lag and delay of the drives (`Servo`), c a correction by the estimated angle θ̂:
 dc/dt = k (r − θ̂)  outside of a dead band, which ends stick-slip (Armstrong-Hélouvry, Dupont and
@@ -36,10 +36,10 @@ SPEEDS_UP = 0.1
 """A joint comes to its largest speed in this time [s]."""
 
 COMES_BACK = 0.1
-"""A drive that follows speeds makes up for a wrong place in this time [s]."""
+"""A drive that follows speeds makes up for a wrong position in this time [s]."""
 
 BEYOND = 1e-9
-"""A place that is cut by more than this is at the end of its drive's range [m, rad]."""
+"""A position that is cut by more than this is at the end of its drive's range [m, rad]."""
 
 MOST = float(np.deg2rad(20.0))
 """The largest correction by feedback [rad]."""
@@ -60,7 +60,7 @@ TOUCHED = 0.5
 
 @dataclass(frozen=True)
 class LiveLayouts:
-    """Layouts of the carry, the sample, the gains and the output of `live_function`."""
+    """Layouts of the kernel state, the sample, the gains and the output of `live_function`."""
 
     kernel_state: Layout
     x: Layout
@@ -87,11 +87,11 @@ def layouts(model: CommandModel, states: StateVector) -> LiveLayouts:
 
 
 def live_function(model: CommandModel, states: StateVector) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y), p the gains and then the filter's numbers; y are the
-    drives' commands.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y), p the gains and then the filter's numbers;
+    y are the drives' commands.
 
     The state is the filter's, with the angles as they are reported: with what a map adds, `mapped`.
-    Places are those that the drives' sensors would read; `read` is what they do.
+    Positions are those that the drives' sensors would read; `read` is what they do.
     """
     layout = layouts(model, states)
     kernel_state = ca.MX.sym("kernel_state", layout.kernel_state.size)

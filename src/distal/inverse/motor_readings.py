@@ -29,10 +29,10 @@ STANDS = 0.05
 """A motor that is slower stands [rad/s]."""
 
 AGREES = 0.05
-"""A goal this near to what a motor's last place and force say is kept [rad]."""
+"""A goal this near to what a motor's last position and force say is kept [rad]."""
 
 JUMP = 0.1
-"""A place that moved by this more than its motor can is in doubt [rad]."""
+"""A position that moved by this more than its motor can is in doubt [rad]."""
 
 ARRIVED = 0.15
 """A motor this near to its goal is where it was sent [rad]: so far may a small servo give way at
@@ -47,7 +47,8 @@ NOISES = 5.0
 
 
 class MotorReadings:
-    """Places, speeds and torques of motors, (n_drives,) each, SI, as far as they can be believed.
+    """Positions, speeds and torques of motors, (n_drives,) each, SI, as far as they can be
+    believed.
 
     Args:
         rig: the description.
@@ -57,11 +58,11 @@ class MotorReadings:
         oldest: a reading that is older does not tell where a motor is [s].
         is_motor: whether it turns a spool; a slider does not.
         scale: what holds for an angle of a motor, for each drive: 1, or m/rad of a slider.
-        has_sensor: whether a sensor reads its place.
-        place: that was believed last, NaN before the first.
+        has_sensor: whether a sensor reads its position.
+        position: that was believed last, NaN before the first.
         speed: of it.
         torque: that was read last; 0 before the first.
-        ahead: by how much the goal of a standing motor is ahead of its place.
+        ahead: by how much the goal of a standing motor is ahead of its position.
         doubted: whether its last reading is in doubt.
         stands: whether it is a motor that does not move.
         deaf: whether it did not follow its last goals, and did nothing since.
@@ -96,11 +97,11 @@ class MotorReadings:
         self._before = np.full((REMEMBERED, 2, n), np.nan)
 
     def read(self, time: float, positions: Floats, torques: Floats, sent: Floats) -> Floats:
-        """Take in what motors read, NaN where lost, and return the places that can be believed.
+        """Take in what motors read, NaN where lost, and return the positions that can be believed.
 
         Args:
             time: stamp [s], which rises.
-            places: what the sensors of the drives' places read [m, rad].
+            positions: what the sensors of the drives' positions read [m, rad].
             torques: what the motors pull with [N, N m].
             sent: their goals, NaN of one that has none [m, rad].
         """
@@ -138,7 +139,7 @@ class MotorReadings:
         return lost
 
     def _in_doubt(self, time: float, positions: Floats, known: Bools, sent: Floats) -> Bools:
-        """Return which places are in doubt."""
+        """Return which positions are in doubt."""
         moved = np.abs(positions - self._raw)
         leaps = known & (moved > self.fastest * (time - self._raw_at) + JUMP)
         silent = np.minimum(time - self.at, self.oldest)

@@ -15,10 +15,10 @@ NEAR = float(np.deg2rad(0.1))
 """An angle that is missed by less is reached [rad]."""
 
 NAMED = 3
-"""So many joints are named that are not where they are wanted."""
+"""So many joints are named that are not where they are desired."""
 
 TINY = 1e-9
-"""Places that differ by less are one [m, rad], as are pulls [N]."""
+"""Positions that differ by less are one [m, rad], as are pulls [N]."""
 
 SHARE = 1.02
 """A limit counts as passed from this multiple of it on."""
@@ -29,7 +29,7 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
 
     Args:
         time: stamps [s], (k,).
-        wanted: angles of free joints [rad], (k, n_free).
+        desired: angles of free joints [rad], (k, n_free).
     """
     notes = list[str]()
     held = desired.copy()
@@ -53,13 +53,13 @@ def within_stops(model: CommandModel, time: Floats, desired: Floats) -> tuple[li
 def not_reached(
     model: CommandModel, time: Floats, desired: Floats, reached: Floats, cut: Bools
 ) -> list[str]:
-    """Return which joints do not get where they are wanted, the farthest first, in words.
+    """Return which joints do not get where they are desired, the farthest first, in words.
 
     Args:
         time: stamps [s], (k,).
-        wanted: angles of free joints [rad], (k, n_free).
+        desired: angles of free joints [rad], (k, n_free).
         reached: the same with what is sent [rad], (k, n_free).
-        cut: where drives cannot do what is wanted, (k, n_drives).
+        cut: where drives cannot do what is desired, (k, n_drives).
     """
     joints = [model.rig.joints[j].name for j in model.free]
     away = np.abs(reached - desired)
@@ -93,7 +93,7 @@ def beyond(
     Args:
         time: stamps [s], (k,).
         read: part of the command → its values, (k, n) each, SI.
-        carries: of the commands, (k, n_carry).
+        kernel_states: of the commands, (k, n_carry).
         least: tension of the tendons [N].
     """
     notes = []

@@ -1,8 +1,8 @@
 """How far the joints may be from where commands should bring them: the band of an open loop.
 
 A drive at s holds the joints where they lack nothing, r(θ, s, p) = 0, so that dθ/dp = −(∂r/∂θ)⁻¹
-∂r/∂p. The numbers p have the stds of the rig file, and places those of their sensors; a joint whose
-friction has not turned over rests anywhere within l of that.
+∂r/∂p. The numbers p have the stds of the rig file, and positions those of their sensors; a joint
+whose friction has not turned over rests anywhere within l of that.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def spread_function(model: CommandModel) -> ca.Function:
     """Return (θ_free, s, d, σ_s², τ_ext, p) → variances of θ_free, (n_free,) [rad²], by the stds of
     the rig's numbers.
 
-    Places of drives err by variances σ_s², (n_drives,), of their own.
+    Positions of drives err by variances σ_s², (n_drives,), of their own.
     """
     nf = model.nf
     p = model.mechanism.parameters.symbols
@@ -40,7 +40,8 @@ def spread_function(model: CommandModel) -> ca.Function:
     variances = ca.SX.zeros(nf)
     for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_positions))):
         variances += solved(slopes, column) ** 2
-    # within the friction that has not turned over any place is alike likely: a third of its square
+    # within the friction that has not turned over any position is alike likely: a third of its
+    # square
     left = friction**2 * ca.fmax(1 - turned**2, 0) / 3
     for j in range(nf):
         unit = ca.SX.zeros(nf)
@@ -60,7 +61,7 @@ def lacking(
 
     Args:
         free: angles of free joints [rad], (n_free,).
-        places: of the drives [m, rad], (n_drives,).
+        positions: of the drives [m, rad], (n_drives,).
         turned: which way friction acts, −1 to 1, (n_free,).
         external: torques on all joints from outside [N m], (n_joints,).
     """
@@ -88,8 +89,8 @@ def stiffness_function(model: CommandModel) -> ca.Function:
 
 
 def spread_kernel(model: CommandModel) -> ca.Function:
-    """Return the same as a kernel (carry, x, p) → (carry⁺, variances), x = (θ_free, s, d, σ_s²,
-    what is inside).
+    """Return the same as a kernel (kernel_state, x, p) → (kernel_state⁺, variances), x = (θ_free,
+    s, d, σ_s², what is inside).
     """
     inside = model.kernel_state["inside"].stop - model.kernel_state["inside"].start
     ends = np.cumsum([0, model.nf, model.nd, model.nf, model.nd, inside]).tolist()
@@ -128,7 +129,7 @@ def covariance_root(model: CommandModel) -> Matrix:
 
 
 def position_variances(rig: Rig) -> Floats:
-    """Return how unsure the places of drives are by their sensors, (n_drives,) [m², rad²]: zeros
+    """Return how unsure the positions of drives are by their sensors, (n_drives,) [m², rad²]: zeros
     and linearity.
     """
     sensors = {sensor.of: sensor for sensor in rig.sensors_of("position")}

@@ -14,8 +14,8 @@ from distal.rig import Capstan, Rig, Slider
 
 
 def followable(time: Floats, positions: Floats, fastest: float) -> Floats:
-    """Return a drive's places over `time` [s], (k,), no faster than `fastest`, jumps spread to both
-    sides of them.
+    """Return a drive's positions over `time` [s], (k,), no faster than `fastest`, jumps spread to
+    both sides of them.
 
     The mean of the fastest way there from before and the latest way there from after (a rate
     limiter run forwards and backwards): half of a reversal's stretch is taken up before the joint
@@ -35,9 +35,10 @@ def followable(time: Floats, positions: Floats, fastest: float) -> Floats:
 
 
 def sent(time: Floats, positions: Floats, drive: Slider | Capstan) -> Floats:
-    """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of place, (k,).
+    """Return u(t) = s(t + T) + ds/dt(t + T)/(2π f) for a servo of position, (k,).
 
-    It has the bandwidth f and the delay T; without a servo in the rig, places are sent as they are.
+    It has the bandwidth f and the delay T; without a servo in the rig, positions are sent as they
+    are.
 
     Args:
         time: rising stamps [s], (k,).

@@ -1,7 +1,7 @@
-"""One sample of the inverse: from wanted angles to what the drives do.
+"""One sample of the inverse: from desired angles to what the drives do.
 
 Of the torques that the joints need (`Balance`) follow pulls f with A f = τ (`distribution`), and
-each drive goes to the place s at which its tendons pull so: T(θ, s) of the model, solved by
+each drive goes to the position s at which its tendons pull so: T(θ, s) of the model, solved by
 Newton's steps within a bracket, since T grows with s. What moves inside (plays, points of sheaths,
 creep) is remembered and goes on with the commands.
 """
@@ -28,12 +28,12 @@ ROUNDS = 3
 """Friction depends on tensions, and these on friction: so often one follows from the other."""
 
 NEWTON_STEPS = 14
-"""Steps to a drive's place: halving the bracket where a tendon is slack or a play is open, Newton's
-elsewhere.
+"""Steps to a drive's position: halving the bracket where a tendon is slack or a play is open,
+Newton's elsewhere.
 """
 
 FARTHEST = 0.1
-"""A drive's place is looked for within so much along its tendon from where it is [m]."""
+"""A drive's position is looked for within so much along its tendon from where it is [m]."""
 
 FLATTEST = 1e-6
 """A slope below this share of the tendons' stiffness counts as none."""
@@ -46,8 +46,8 @@ REACHES = 8
 
 
 class CommandModel(Balance):
-    """The inverse of a rig as a kernel: layouts of its carry, its wanted sample and its output, and
-    the function.
+    """The inverse of a rig as a kernel: layouts of its kernel state, its desired sample and its
+    output, and the function.
     """
 
     def __init__(self, rig: Rig, prefer: Prefer = "tension", folded: bool = False) -> None:
@@ -78,8 +78,8 @@ class CommandModel(Balance):
         )
 
     def function(self) -> ca.Function:
-        """Return (carry, x, p) → (carry⁺, y): the next command; p are the rig's numbers without
-        what moves inside.
+        """Return (kernel_state, x, p) → (kernel_state⁺, y): the next command; p are the rig's
+        numbers without what moves inside.
         """
         kernel_state = ca.MX.sym("kernel_state", self.kernel_state.size)
         x = ca.MX.sym("x", self.x.size)
@@ -115,8 +115,8 @@ class CommandModel(Balance):
         )
 
     def _sample(self) -> ca.Function:
-        """Return one sample as a function of the carry's parts, the wanted sample's, and all
-        numbers.
+        """Return one sample as a function of the kernel state's parts, the desired sample's, and
+        all numbers.
         """
         nf = self.nf
         nd = self.nd
@@ -213,7 +213,7 @@ class CommandModel(Balance):
         return [(int(r), int(c)) for r, c in zip(*arms.sparsity().get_triplet())]
 
     def _reached(self) -> ca.Function:
-        """Return (wanted, θ, f, s, d, τ_ext, lowest, p) → the nearest angles that pulls can hold,
+        """Return (desired, θ, f, s, d, τ_ext, lowest, p) → the nearest angles that pulls can hold,
         and these pulls.
 
         At θ, f the joints lack r = A f − τ: after a change of the pulls they come to rest at θ −
@@ -249,7 +249,7 @@ class CommandModel(Balance):
         return ca.Function("reached", arguments, ca.cse([ca.densify(held), ca.densify(f)]))
 
     def _positions(self) -> ca.Function:
-        """Return (θ, s, f, shares, steepest, p) → places at which the drives pull f."""
+        """Return (θ, s, f, shares, steepest, p) → positions at which the drives pull f."""
         nd = self.nd
         angles = ca.MX.sym("angles", self.nj)
         before = ca.MX.sym("before", nd)

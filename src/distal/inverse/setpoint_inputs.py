@@ -53,7 +53,8 @@ def _margin(rig: Rig, drive: Drive) -> float:
     """Return by which factor a pull is above what is asked for, for all but 2.5 % of the rigs as
     built to keep it.
 
-    At its place a drive whose tendons are as much softer as the rig file allows pulls so much less.
+    At its position a drive whose tendons are as much softer as the rig file allows pulls so much
+    less.
     """
     tendons = [tendon for tendon in rig.tendons if tendon.drive == drive.name]
     return 1.0 + BAND * max(

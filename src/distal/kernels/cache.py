@@ -77,7 +77,7 @@ class Library:
 
     Args:
         name: of the kernel's function.
-        sizes: how many numbers its carry, x, p and y have; none where it is no kernel.
+        sizes: how many numbers its kernel state, x, p and y have; none where it is no kernel.
     """
 
     path: Path

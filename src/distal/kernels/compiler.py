@@ -60,12 +60,12 @@ LOG = logging.getLogger("distal.kernels")
 """Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
-/* {name} over n samples: carry and outputs of every sample are kept, the carry of sample k is the input of k + 1 */
-long long {name}_scan(long long n, const double* carry, const double* x, const double* p, double* carries, double* y) {{
+/* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of sample k is the input of k + 1 */
+long long {name}_scan(long long n, const double* kernel_state, const double* x, const double* p, double* kernel_states, double* y) {{
   long long k;
   for (k = 0; k < n; ++k) {{
-    {name}(carry, x + k * {n_x}, p, carries + k * {n_carry}, y + k * {n_y});
-    carry = carries + k * {n_carry};
+    {name}(kernel_state, x + k * {n_x}, p, kernel_states + k * {n_kernel_state}, y + k * {n_y});
+    kernel_state = kernel_states + k * {n_kernel_state};
   }}
   return n;
 }}
@@ -78,7 +78,7 @@ int {name}_kernel(const double** arg, double** res, long long* iw, double* w, in
 long long {name}_kernel_n_in(void) {{ return 3; }}
 long long {name}_kernel_n_out(void) {{ return 2; }}
 static const long long shapes[5][3] = {{
-  {{{n_carry}, 1, 1}}, {{{n_x}, 1, 1}}, {{{n_p}, 1, 1}}, {{{n_carry}, 1, 1}}, {{{n_y}, 1, 1}}
+  {{{n_kernel_state}, 1, 1}}, {{{n_x}, 1, 1}}, {{{n_p}, 1, 1}}, {{{n_kernel_state}, 1, 1}}, {{{n_y}, 1, 1}}
 }};
 const long long* {name}_kernel_sparsity_in(long long i) {{ return shapes[i]; }}
 const long long* {name}_kernel_sparsity_out(long long i) {{ return shapes[3 + i]; }}
@@ -136,7 +136,8 @@ def find_compiler() -> Compiler | str:
 
 
 def c_source(function: ca.Function) -> str:
-    """Return the C of a kernel (carry, x, p) → (carry, y) with its loop over a whole log.
+    """Return the C of a kernel (kernel_state, x, p) → (kernel_state, y) with its loop over a whole
+    log.
 
     Raises:
         CompileError: the function has an operation that has no C here.
@@ -157,7 +158,7 @@ def emitted(function: ca.Function, dialect: Plain | Lanes, loop: str, **sizes: i
         name = emitter.add(function)
     except CodeError as problem:
         raise CompileError(str(problem)) from None
-    sizes |= {size: function.numel_in(i) for i, size in enumerate(("n_carry", "n_x", "n_p"))}
+    sizes |= {size: function.numel_in(i) for i, size in enumerate(("n_kernel_state", "n_x", "n_p"))}
     loop = loop.format(name=name, n_y=function.numel_out(1), **sizes)
     return f"#include <math.h>\n{dialect.prelude(emitter.text)}\n{emitter.text}\n{loop}"
 

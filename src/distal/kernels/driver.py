@@ -1,5 +1,5 @@
-"""The one driver of kernels: the carries and outputs of a run in order, alone or side by side with
-others in lanes.
+"""The one driver of kernels: the kernel states and outputs of a run in order, alone or side by side
+with others in lanes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def advance_all(
     as one by one.
 
     Args:
-        keep: indices of the numbers of the carry that are kept; default all.
+        keep: indices of the numbers of the kernel state that are kept; default all.
     """
     lanes = kernel.lanes() if len(feeds) > 1 or kernel.backend == "interpreted" else None
     if lanes is None:

@@ -11,7 +11,7 @@ class Feed(NamedTuple):
     """What a kernel is fed in one run.
 
     Args:
-        carry: before the first row, (n_carry,).
+        kernel_state: before the first row, (n_kernel_state,).
         rows: the samples, in order, (k, n_x).
         p: the parameters, (n_p,).
     """
@@ -25,7 +25,7 @@ class Advanced(NamedTuple):
     """What a run gave.
 
     Args:
-        carries: after each row, (k, n_carry), or of each those numbers that were kept.
+        kernel_states: after each row, (k, n_kernel_state), or of each those numbers that were kept.
         ys: the outputs of each row, (k, n_y).
     """
 

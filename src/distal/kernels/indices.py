@@ -1,4 +1,6 @@
-"""Numbers of a vector by their places: how functions of parts become one function of the whole."""
+"""Numbers of a vector by their positions: how functions of parts become one function of the
+whole.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ def taken(vector: VectorNode, at: Indices) -> VectorNode:
 
 
 def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int) -> VectorNode:
-    """Return a vector with the numbers of parts at their places, zero elsewhere."""
+    """Return a vector with the numbers of parts at their positions, zero elsewhere."""
     order = np.concatenate(positions)
     sources = np.full(size, len(order))
     sources[order] = np.arange(len(order))
@@ -30,8 +32,8 @@ def placed(parts: Sequence[MatrixNode], positions: Sequence[Indices], size: int)
 
 @dataclass(frozen=True)
 class PlacedKernel:
-    """A part's function (carry, x, p) → (carry⁺, y), and where the numbers of each stand in those
-    of the whole.
+    """A part's function (kernel_state, x, p) → (kernel_state⁺, y), and where the numbers of each
+    stand in those of the whole.
     """
 
     function: ca.Function
@@ -44,9 +46,10 @@ class PlacedKernel:
 def side_by_side(
     name: str, parts: Sequence[PlacedKernel], sizes: tuple[int, int, int, int]
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y), of such `sizes`, of parts that do not touch each other.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y), of such `sizes`, of parts that do not touch
+    each other.
 
-    What stands between parts in the carry stays as it is; in y it is zero.
+    What stands between parts in the kernel state stays as it is; in y it is zero.
     """
     kernel_state, x, p = (
         ca.MX.sym(symbol, size) for symbol, size in zip(("kernel_state", "x", "p"), sizes)

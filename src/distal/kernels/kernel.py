@@ -1,5 +1,5 @@
-"""A kernel: one function of a carry and a sample, compiled where that is possible, interpreted
-otherwise.
+"""A kernel: one function of a kernel state and a sample, compiled where that is possible,
+interpreted otherwise.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _building = threading.Lock()
 
 
 class Kernel:
-    """A function (carry, x, p) → (carry⁺, y) for a log (`scan`), sample by sample (`loop`) or
-    several logs (`lanes`).
+    """A function (kernel_state, x, p) → (kernel_state⁺, y) for a log (`scan`), sample by sample
+    (`loop`) or several logs (`lanes`).
 
     Args:
         function: the CasADi function, whose inputs and outputs are dense columns, or its recipe.
@@ -49,7 +49,7 @@ class Kernel:
         self.reason = "asked for"
         self._scan: Callable[..., int] | None = None
         self._lanes: LaneKernel | None = None
-        self._laned = not compiled  # what is not wanted counts as tried
+        self._laned = not compiled  # what is not desired counts as tried
         self._lanes_alone = compiled == "lanes"
         self._sizes: tuple[int, ...] = ()
         self._external: ca.Function | None = None
@@ -86,12 +86,12 @@ class Kernel:
 
     @cached_property
     def sizes(self) -> tuple[int, ...]:
-        """How many numbers carry, x, p and y have."""
+        """How many numbers the kernel state, x, p and y have."""
         return self._sizes or self._recipe.sizes
 
     @property
     def n_kernel_state(self) -> int:
-        """Numbers of the carry."""
+        """Numbers of the kernel state."""
         return self.sizes[0]
 
     @property
@@ -110,10 +110,11 @@ class Kernel:
         return self.sizes[3]
 
     def scan(self, kernel_state: Floats, xs: Floats, p: Floats) -> tuple[Floats, Floats]:
-        """Return the carries after every sample, (n, n_carry), and the outputs, (n, n_y).
+        """Return the kernel states after every sample, (n, n_kernel_state), and the outputs, (n,
+        n_y).
 
         Args:
-            carry: before the first sample, (n_carry,).
+            kernel_state: before the first sample, (n_kernel_state,).
             xs: the samples, (n, n_x).
             p: the parameters, (n_p,).
         """
@@ -140,7 +141,7 @@ class Kernel:
         return kernel_states, ys
 
     def loop(self, p: Floats) -> Loop:
-        """Return the kernel with a carry of its own, for one sample after the other."""
+        """Return the kernel with a kernel state of its own, for one sample after the other."""
         call = self.function if self._external is None else self._external
         return Loop(call, np.array(p, dtype=np.float64).reshape(self.n_p))
 
@@ -192,8 +193,8 @@ class Evaluation:
 
 
 class Loop:
-    """A kernel whose carry stays where it is: write `x`, call `step`, read `carry` and `y`. For one
-    thread.
+    """A kernel whose kernel state stays where it is: write `x`, call `step`, read `kernel_state`
+    and `y`. For one thread.
     """
 
     def __init__(self, call: ca.Function, p: Floats) -> None:
@@ -207,7 +208,7 @@ class Loop:
         )
 
     def step(self) -> None:
-        """Advance the carry by one sample."""
+        """Advance the kernel state by one sample."""
         self._trigger()
         self.kernel_state[:] = self._next
 

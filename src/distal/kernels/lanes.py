@@ -24,14 +24,14 @@ from distal.kernels.feed import Advanced, Feed
 from distal.kernels.recipe import Recipe
 
 _BATCH = """
-/* {lanes} runs of {name}: of each sample's carry the numbers `keep` are kept, and y; a run that ended rests */
-void {name}_batch(const long long* rows, const double* const* carry, const double* const* x, const double* const* p,
+/* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run that ended rests */
+void {name}_batch(const long long* rows, const double* const* kernel_state, const double* const* x, const double* const* p,
                   long long n_keep, const int* keep, double* const* kept, double* const* y) {{
-  V c[2][{n_carry}], sample[{n_x}], numbers[{n_p}], out[{n_y}];
+  V c[2][{n_kernel_state}], sample[{n_x}], numbers[{n_p}], out[{n_y}];
   long long k, most = 0, i;
   int l;
   for (l = 0; l < {lanes}; ++l) {{
-    for (i = 0; i < {n_carry}; ++i) c[0][i][l] = carry[l][i];
+    for (i = 0; i < {n_kernel_state}; ++i) c[0][i][l] = kernel_state[l][i];
     for (i = 0; i < {n_p}; ++i) numbers[i][l] = p[l][i];
     if (rows[l] > most) most = rows[l];
   }}
@@ -76,8 +76,8 @@ def begin_lanes(recipe: Recipe) -> None:
 
 
 class LaneKernel:
-    """A kernel (carry, x, p) → (carry⁺, y) over several runs at once, with the same numbers as one
-    by one.
+    """A kernel (kernel_state, x, p) → (kernel_state⁺, y) over several runs at once, with the same
+    numbers as one by one.
 
     Raises:
         CompileError: there is no compiler, or it does not know vectors, or the function has no C.
@@ -97,8 +97,8 @@ class LaneKernel:
         self._batch: Callable[..., None] = batch
 
     def scan(self, feeds: Sequence[Feed], keep: Sequence[int]) -> list[Advanced]:
-        """Return what several runs give: the numbers `keep` of the carry after every row, (k,
-        len(keep)), and the outputs.
+        """Return what several runs give: the numbers `keep` of the kernel state after every row,
+        (k, len(keep)), and the outputs.
 
         Args:
             feeds: at most `lanes` runs, which may differ in length.

@@ -1,5 +1,5 @@
-"""Named parts of a vector, the same for NumPy and CasADi: the carry of a filter, what is remembered
-of a drive.
+"""Named parts of a vector, the same for NumPy and CasADi: the kernel state of a filter, what is
+remembered of a drive.
 """
 
 from __future__ import annotations
@@ -74,24 +74,24 @@ class Layout:
 
 @lru_cache(maxsize=64)
 def kernel_state_layout(states: int, **memory: int) -> Layout:
-    """Return the layout of a filter's carry: the mean, its covariance, what the filter remembers of
-    its inputs.
+    """Return the layout of a filter's kernel_state: the mean, its covariance, what the filter
+    remembers of its inputs.
     """
     return Layout(mean=states, covariance=(states, states), **memory)
 
 
 def mean_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the mean, (…, n), of a carry or several, (…, size)."""
+    """Return the mean, (…, n), of a `kernel_state` or several, (…, size)."""
     return kernel_state_layout(states).view(kernel_state, "mean")
 
 
 def covariance_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the covariance, (…, n, n), of a carry or several, (…, size)."""
+    """Return the covariance, (…, n, n), of a `kernel_state` or several, (…, size)."""
     return kernel_state_layout(states).view(kernel_state, "covariance")
 
 
 def variances_of(kernel_state: NDArray[Number], states: int) -> NDArray[Number]:
-    """Return the variances of the states, (…, n), of a carry or several, (…, size)."""
+    """Return the variances of the states, (…, n), of a `kernel_state` or several, (…, size)."""
     variances: NDArray[Number] = np.diagonal(
         covariance_of(kernel_state, states), axis1=-2, axis2=-1
     )

@@ -1,5 +1,5 @@
-"""How the function of a kernel is made: only where it is needed, since the compiled one is kept by its
-structure.
+"""How the function of a kernel is made: only where it is needed, since the compiled one is kept by
+its structure.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ _MAKING = RLock()  # CasADi does not count its symbols safely over threads
 
 
 class Recipe:
-    """A CasADi function (carry, x, p) → (carry⁺, y) that is made when first asked for.
+    """A CasADi function (kernel_state, x, p) → (kernel_state⁺, y) that is made when first asked
+    for.
 
     Args:
         make: returns the function.
@@ -41,7 +42,7 @@ class Recipe:
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
-        """How many numbers carry, x, p and y have."""
+        """How many numbers the kernel state, x, p and y have."""
         function = self.function
         kernel_state, x, p = (int(function.numel_in(i)) for i in range(3))
         return kernel_state, x, p, int(function.numel_out(1))

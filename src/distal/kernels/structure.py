@@ -42,8 +42,8 @@ INPUTS = frozenset(
         "unmodelled",
     }
 )
-"""Fields of plain numbers that are inputs of kernels, or do not enter them; any other is written into
-a kernel.
+"""Fields of plain numbers that are inputs of kernels, or do not enter them; any other is written
+into a kernel.
 """
 
 APART = frozenset(

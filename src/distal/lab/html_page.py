@@ -77,7 +77,7 @@ SWING = 0.5
 """A joint without stops swings so far to both sides [rad]."""
 
 POSTURES = 17
-"""Angles of each joint at which the places of the drives are computed."""
+"""Angles of each joint at which the positions of the drives are computed."""
 
 ALLOWED = 2.0
 """A rig file allows for a truth that is off by at most so many of its standard deviations."""

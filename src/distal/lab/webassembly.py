@@ -28,7 +28,7 @@ class LabModule:
     Args:
         outputs: names of what `lab_step` leaves in the array of the estimates, in order.
         inextensible: whether the angles of inextensible tendons are among them.
-        commanded: indices of the joints that it can bring to wanted angles; none where the filter
+        commanded: indices of the joints that it can bring to desired angles; none where the filter
             is not `adaptive`.
     """
 
@@ -60,7 +60,7 @@ def lab_module(rig: Rig, estimator: str) -> LabModule:
     try:
         plain: Exported | None = c_filter(rig, "inextensible", name="plain")
     except EstimationError:
-        plain = None  # it needs the places of the drives
+        plain = None  # it needs the positions of the drives
     command = c_command(rig, "command", "filter", Plain()) if estimator == "adaptive" else None
     chosen = make_estimator(estimator, rig, compiled=False)
     pairs = [

@@ -30,7 +30,7 @@ def write_whole(path: str | Path, data: bytes | str) -> None:
 def write_together(files: Mapping[Path, bytes | str]) -> None:
     """Write several files that belong together: all of them, or none, so that the old files stay.
 
-    Every file is first written beside its place. They are moved in only after the last one is
+    Every file is first written beside its position. They are moved in only after the last one is
     complete; if a move fails, those before it are moved back. Folders must exist; text is written
     as UTF-8.
 
@@ -65,7 +65,8 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
 
 
 def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
-    """Write files that have no place into a new folder, and return it; None where none can be had.
+    """Write files that have no position into a new folder, and return it; None where none can be
+    had.
 
     It stands among temporary files, else in the user's own folder.
     """
@@ -98,7 +99,7 @@ def _as_output_error(path: Path) -> Iterator[None]:
 
 
 class _Written:
-    """A file that stands beside its place, until it is moved in."""
+    """A file that stands beside its position, until it is moved in."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
@@ -156,7 +157,7 @@ class _Written:
                 os.unlink(self._target)
 
     def tidy(self) -> None:
-        """Remove what is beside the file's place."""
+        """Remove what is beside the file's position."""
         for path in (self._temporary, self._backup if self._moved else None):
             if path is not None and os.path.exists(path):
                 os.unlink(path)

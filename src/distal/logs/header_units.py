@@ -33,7 +33,7 @@ def needed(text: str, columns: Collection[str] | None) -> bool:
 def units_of(
     headers: Sequence[str], desired: Collection[str], source: str
 ) -> dict[str, tuple[str, str]]:
-    """Return wanted name → its header and unit, for columns whose header is not the name alone;
+    """Return desired name → its header and unit, for columns whose header is not the name alone;
     none may have two.
     """
     units: dict[str, tuple[str, str]] = {}

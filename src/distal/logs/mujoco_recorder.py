@@ -66,7 +66,7 @@ class MujocoRecorder:
         each step.
 
         Args:
-            values: by name of a sensor, SI: what the loop itself knows, such as the place of a
+            values: by name of a sensor, SI: what the loop itself knows, such as the position of a
                 drive that the model does not have. They stand instead of what is read from MuJoCo.
 
         Raises:

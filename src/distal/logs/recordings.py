@@ -126,8 +126,8 @@ def _named(column: str) -> tuple[str, str]:
 
 
 def element(read: Read, field: str) -> object:
-    """Return a field of a message; of ``[left_wrist].position`` the element whose place in ``name``
-    has that text.
+    """Return a field of a message; of ``[left_wrist].position`` the element whose position in
+    ``name`` has that text.
     """
     match = re.fullmatch(r"\[([^\[\]]+)\]\.(.+)", field)
     if match is None:

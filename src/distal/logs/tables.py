@@ -50,7 +50,7 @@ def read_table(path: str | Path, desired: Sequence[str] | None = None) -> Table:
     Args:
         path: ``.parquet`` is Parquet, anything else CSV with a header, separated by comma,
             semicolon or tab.
-        wanted: columns that must be there; None reads all.
+        desired: columns that must be there; None reads all.
 
     Raises:
         LogError: it cannot be read, a column is missing or doubled, a cell is not a number, a row
@@ -129,7 +129,7 @@ def _column(column: Any) -> Column:
 
 
 def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str] = ()) -> Table:
-    """Return the `wanted` columns of an open table as numbers, and those `optional` ones that it
+    """Return the `desired` columns of an open table as numbers, and those `optional` ones that it
     has; see `read_table`.
     """
     names = (

@@ -39,7 +39,7 @@ class TruthKind(Enum):
 
 @dataclass(frozen=True)
 class TruthSource:
-    """Where a log's truth comes from; its `place` is for people: which column, file or mark."""
+    """Where a log's truth comes from; its `position` is for people: which column, file or mark."""
 
     kind: TruthKind = TruthKind.UNKNOWN
     position: str = ""

@@ -19,7 +19,7 @@ ABOVE = 4
 
 def numbered(column: str, names: Sequence[str] | None, length: int) -> list[str]:
     """Return the column of each number of a vector: ``observation.state.NAME`` where it has names,
-    else its place.
+    else its position.
     """
     usable = names is not None and len(names) == length and len(set(names)) == length
     return [f"{column}.{names[k] if usable and names is not None else k}" for k in range(length)]

@@ -46,8 +46,8 @@ class Loads:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Which free joints press against a stop: impulse −κ (q − place) − δ v⁺, (n_free,) each; κ = δ
-    = 0 without contact.
+    """Which free joints press against a stop: impulse −κ (q − position) − δ v⁺, (n_free,) each; κ =
+    δ = 0 without contact.
     """
 
     stiffness: Vector

@@ -36,7 +36,7 @@ class Moment:
         return self.efforts[joint]
 
     def position(self, drive: int) -> Scalar:
-        """Return a drive's place [m, rad]."""
+        """Return a drive's position [m, rad]."""
         return self.q[self.mechanism.n_joints + drive]
 
     def rate(self, drive: int) -> Scalar:

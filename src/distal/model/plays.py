@@ -21,12 +21,13 @@ from distal.model.elasticity import STEEPEST, slope_of, stretched
 from distal.rig import Rig
 
 NEWTON_STEPS = 3
-"""Steps to the place at which tendons balance: their pull is made of straight lines, with a bend
+"""Steps to the position at which tendons balance: their pull is made of straight lines, with a bend
 where one goes slack.
 """
 
 STIFFENING_STEPS = 6
-"""Halley's steps to the place at which two stretches of a cable that stiffens balance, and one of
+"""Halley's steps to the position at which two stretches of a cable that stiffens balance, and one
+of
 Newton: of 4000 cables by lot the worst is 7 µm off, with 8 of Newton 4 mm.
 """
 
@@ -41,8 +42,8 @@ Pull: TypeAlias = Callable[[Scalar], tuple[Scalar, Scalar]]
 
 @dataclass(frozen=True)
 class Bounds:
-    """Between which places something inside stays as it is: it is pushed up to `low`, and down to
-    `high`.
+    """Between which positions something inside stays as it is: it is pushed up to `low`, and down
+    to `high`.
     """
 
     low: Scalar
@@ -50,17 +51,17 @@ class Bounds:
 
     @property
     def middle(self) -> Scalar:
-        """Return the place halfway: where it is taken to be if nobody remembers."""
+        """Return the position halfway: where it is taken to be if nobody remembers."""
         return (self.low + self.high) / 2
 
     def hold(self, position: Scalar) -> Scalar:
-        """Return clip(p, a, b) of the place p before."""
+        """Return clip(p, a, b) of the position p before."""
         return ca.fmin(ca.fmax(position, self.low), self.high)
 
 
 def gap(position: Scalar, width: Scalar) -> Bounds:
-    """Return the bounds of a backlash: half its width to both sides of the place of the near side
-    [m, rad].
+    """Return the bounds of a backlash: half its width to both sides of the position of the near
+    side [m, rad].
     """
     return Bounds(position - width / 2, position + width / 2)
 
@@ -69,7 +70,7 @@ def balanced(position: Scalar, bounds: Bounds, pull: Pull, friction: Scalar = 0)
     """Return where the far side of a backlash comes to rest: where its tendons pull no more than
     friction holds.
 
-    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) from its `place` before, for a pull g that
+    Newton's steps p ← clip(p − soft(g(p), F)/g'(p)) from its `position` before, for a pull g that
     grows with p and friction F.
     """
     position = bounds.hold(position)
@@ -224,11 +225,11 @@ def _step(
     *,
     halley: bool = True,
 ) -> Scalar:
-    """Return the step from m towards the place at which a T₁(l − m) = b T₂(m − r) [m]: of Newton,
-    or of Halley (Phil. Trans. 18, 1694), which has the second derivative too.
+    """Return the step from m towards the position at which a T₁(l − m) = b T₂(m − r) [m]: of
+    Newton, or of Halley (Phil. Trans. 18, 1694), which has the second derivative too.
 
     Args:
-        place: m [m].
+        position: m [m].
         before, after: l and r [m].
         near, far: a and b.
         share, next_share: of the cable's length, from l to m and from m to r.
@@ -249,7 +250,7 @@ def _step(
 def _linear_balance(
     before: Scalar, after: Scalar, near: Scalar, far: Scalar, share: Scalar, next_share: Scalar
 ) -> Scalar:
-    """Return the place that `_step` goes to on a cable that does not stiffen."""
+    """Return the position that `_step` goes to on a cable that does not stiffen."""
     first = near / share
     last = far / next_share
     return (first * before + last * after) / (first + last)
@@ -257,11 +258,11 @@ def _linear_balance(
 
 @lru_cache(maxsize=1)
 def _equal_tensions() -> tuple[ca.Function, ca.Function]:
-    """Return a search for the place that `_step` goes to from its other inputs, and a last step of
-    Newton from there.
+    """Return a search for the position that `_step` goes to from its other inputs, and a last step
+    of Newton from there.
 
     Both stay calls: copies of them for each point, sweep and derivative are millions of characters
-    of C. The search has no derivative; the last step has the place's by all inputs.
+    of C. The search has no derivative; the last step has the position's by all inputs.
     """
     names = ("m", "l", "r", "a", "b", "share_1", "share_2", "stiffness", "stiffening", "pretension")
     position, *inputs = symbols = [ca.SX.sym(name) for name in names]

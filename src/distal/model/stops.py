@@ -164,9 +164,9 @@ def bounce(
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Return whether a body that meets a stop flies off again, and its velocity and position then.
 
-    It meets the stop (the upper one where `at_high`) at the time at which its parabola reaches the
-    stop, leaves with −e times its speed there, and flies on for the rest of the drift;
-    without a rebound e is 0.
+    It meets the stop at `stop_position` (the upper one where `at_high`) at the time at which its
+    parabola reaches the stop, leaves with −e times its speed there, and flies on for the rest of
+    the drift; without a rebound e is 0.
     """
     free = flight.free
     length = flight.length

@@ -33,7 +33,7 @@ class InternalState:
     """Coordinates with the far sides of backlashes in place of the near ones, (n_bodies,) [rad, m],
     and what moves inside.
 
-    These are places of the far sides of drives' backlashes, then of the points in sheaths,
+    These are positions of the far sides of drives' backlashes, then of the points in sheaths,
     (n_inside,) [rad, m].
     """
 
@@ -130,7 +130,7 @@ class Tendons:
 
     def angle_at(self, tendon: int, elongated: Scalar, q: Vector) -> Scalar:
         """Return the angle [rad] at which a tendon of one joint has ℓ − l = `elongated` [m], at the
-        drives' place in q.
+        drives' position in q.
         """
         (meeting,) = self.rig.tendons[tendon].meetings
         shape = meeting.shape
@@ -203,7 +203,7 @@ class Tendons:
         return ca.vertcat(*tied), far_sides
 
     def bounds(self, which: int, q: Vector) -> Bounds:
-        """Return between which places one of `plays` stays at q, the others being where they are
+        """Return between which positions one of `plays` stays at q, the others being where they are
         remembered to be.
         """
         keys = self.plays[which].split(".")
@@ -247,7 +247,7 @@ class Tendons:
         return balanced(start, near, self._pull_along(body, q, points), p[f"{path}.friction"])
 
     def _pull_along(self, body: int, q: Vector, points: Sequence[Scalar] | None) -> Pull:
-        """Return place → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others
+        """Return position → (Σ T ∂ℓ/∂q, its slope) of the tendons along one coordinate, the others
         being at q.
 
         Points of sheaths hold meanwhile; without them a cable is a spring.

@@ -32,8 +32,8 @@ def calibrate_window(
 
     Mean and covariance are the prior of this run's coefficients, the window, (k,), gives their
     likelihood. Residuals are correlated, so several samples count as one: with `by_motion` for as
-    long as the motion, since errors that depend on the place repeat with it. A window that is far
-    off widens the prior.
+    long as the motion, since errors that depend on the position repeat with it. A window that is
+    far off widens the prior.
     """
     phi = design(learned, samples)
     joints = []

@@ -11,7 +11,7 @@ from distal.regression.learn_map import Kind, Terms
 from distal.rig import CONSTANT, Contact
 
 SLIPS = (0.025, 0.05, 0.1)
-"""Half-widths of the plays that are tried, in standard deviations of a drive's place."""
+"""Half-widths of the plays that are tried, in standard deviations of a drive's position."""
 
 TERMS_HELP = 0.97
 """More terms are used if their error on left-out logs is below this share of the error of fewer
@@ -25,7 +25,7 @@ def contact_kind(
     """Return the kind of map of the external torque; friction of the whole chain follows a drive's
     last direction.
 
-    Positions are channels of drives' places, the others efforts; `noise` is as in `Kind`.
+    Positions are channels of drives' positions, the others efforts; `noise` is as in `Kind`.
     """
     efforts = [name for name in channels if name not in positions]
     linear = (CONSTANT, *efforts)

@@ -80,8 +80,8 @@ def _parameters(learned: LearnedMap) -> list[Floats]:
 
 
 def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.Function:
-    """Return (memory, x, places, angles, numbers) → (values, gains, variances, outside, memory⁺) of
-    a map.
+    """Return (memory, x, positions, angles, numbers) → (values, gains, variances, outside, memory⁺)
+    of a map.
 
     A value is φᵀ b. An error e of the filter's own angle becomes gain · e with gain = own (1 +
     ∂value/∂θ); what the map itself does not know has the variance c² (φᵀ C φ + s²) + d² (s² +
@@ -91,7 +91,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
 
     The map's coefficients and ranges are parameters (`numbers_of`). Of the estimator's channels,
     `width` of them, those of the map are the first; of each of these `placed` says whether its
-    drive's place is estimated instead of read.
+    drive's position is estimated instead of read.
     """
     nj = len(learned.joints)
     m = len(learned.channels)
@@ -189,8 +189,8 @@ def reporting_function(
     joints: int,
     touched: Sequence[int] = (),
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a filter that also outputs the maps' values of some of
-    its states.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of a filter that also outputs the maps'
+    values of some of its states.
 
     The filter's own state goes on as without maps. Behind the filter's y stand, for each map, the
     reported values of its states, the gains of these states' own errors, and the variances of what
@@ -202,12 +202,14 @@ def reporting_function(
     Args:
         inner: the filter, whose first states are the joints' angles.
         maps: each with the states it speaks of, and whether it corrects them; else it takes their
-            place.
+            position.
         width: number of the filter's channels, those of the maps first.
-        places: for each channel of the maps where in the carry its drive's place stands, None for
+        positions: for each channel of the maps where in the kernel state its drive's position
+        stands, None for
             what is read.
         joints: number of joints.
-        touched: where in the carry the share stands that a touch has of each joint that may be
+        touched: where in the kernel state the share stands that a touch has of each joint that may
+        be
             touched.
     """
     n_kernel_state = inner.size1_in(0)

@@ -93,9 +93,9 @@ class Backlash(Description):
     """Free play between a motor's encoder and its capstan: what winds the tendons stays within ±
     width/2 of the encoder.
 
-    The capstan's place p follows the encoder's φ as a play operator, p⁺ = clip(p, φ − width/2, φ +
-    width/2): gears that stay where they are until they are pushed. With `held = false` its tendons
-    turn it within the gap, against `friction`.
+    The capstan's position p follows the encoder's φ as a play operator, p⁺ = clip(p, φ − width/2, φ
+    + width/2): gears that stay where they are until they are pushed. With `held = false` its
+    tendons turn it within the gap, against `friction`.
     """
 
     width: Annotated[Parameter, In("rad", "nonnegative")] = Field(
@@ -137,8 +137,8 @@ class Cogging(Description):
 
 
 class Servo(Description):
-    """How a drive follows the places that are sent to it: a lag of first order behind a delay, no
-    faster than it can.
+    """How a drive follows the positions that are sent to it: a lag of first order behind a delay,
+    no faster than it can.
     """
 
     bandwidth: Annotated[float, In("Hz", "positive")] | None = Field(
@@ -165,7 +165,7 @@ class Servo(Description):
 
 
 class SliderServo(Servo):
-    """How a slider follows the places that are sent to it; see `Servo`."""
+    """How a slider follows the positions that are sent to it; see `Servo`."""
 
     fastest: Annotated[float, In("m/s", "positive")] | None = Field(
         None, description="largest speed"

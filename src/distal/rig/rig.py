@@ -318,7 +318,9 @@ class Rig(Description):
 
 
 def _check_position(index: int, joint: Joint, before: Sequence[str]) -> None:
-    """Raise an error for a joint without its parent, or with keys that its place does not allow."""
+    """Raise an error for a joint without its parent, or with keys that its position does not
+    allow.
+    """
     if joint.name == BASE:
         raise ValueError(f"{index}.name: '{BASE}' is what the first joint sits on; choose another")
     if joint.parent is not None and joint.parent != BASE and joint.parent not in before:

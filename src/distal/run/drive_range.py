@@ -43,14 +43,14 @@ class RangeEnd:
 
     Args:
         motor: its name.
-        place: index of the channel of its angle.
+        position: index of the channel of its angle.
         torque: index of the channel of its torque.
         way: 1 where readings grow towards it, else −1.
         contact: `way` times the reading there [rad].
         room: how far beyond it the motor may be, by what is not known of it, at the joint [rad].
         give: stretch of its tendon per torque [rad/(N m)].
         joint: turn of the joint for one of the motor.
-        same: readings that differ by less are one place [rad].
+        same: readings that differ by less are one position [rad].
     """
 
     motor: str

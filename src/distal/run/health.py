@@ -97,17 +97,17 @@ class Watch:
 
     Args:
         memory: what is remembered: of each channel its last value, its age and for how long it has
-            been the same; of each drive's place the share of time beyond its range; of each
+            been the same; of each drive's position the share of time beyond its range; of each
             compared sensor the mean ν²/S; the pace of the stamps; of each end, in this visit, its
             furthest reading, and how far the joint was beyond it [deg].
         sample: what comes: whether it is the first, dt, values and mask of the channels, stds of
             the angles, innovations, their mask and their variances, the watched states and their
             variances, and the largest share that a touch has of a joint.
         findings: the code of the worst word, then 1 where it holds: gap, hurried, nothing read,
-            untested, unknown; of each channel dead, stuck, missing; of each place wrong; of each of
-            the `ends` by how much the joint is beyond it [deg]; of each compared sensor large; of
-            each watched state left.
-        placed: channels that are places of drives.
+            untested, unknown; of each channel dead, stuck, missing; of each position wrong; of each
+            of the `ends` by how much the joint is beyond it [deg]; of each compared sensor large;
+            of each watched state left.
+        placed: channels that are positions of drives.
         ends: of the travels of motors whose joints have stops.
         watched: states that are numbers of the rig.
         function: (memory, sample) → (memory⁺, findings).
@@ -133,7 +133,7 @@ def begun(watch: Watch) -> Floats:
 
 
 def word_code(word: Health) -> int:
-    """Return the place of a word in the order of `HEALTH`."""
+    """Return the position of a word in the order of `HEALTH`."""
     return list(HEALTH).index(word)
 
 

@@ -39,7 +39,9 @@ TURN = 2 * pi
 """Of a motor that is read in radians or degrees [rad]."""
 
 BOOTS = 0.05
-"""No motor restarts and answers again in less [s]: a place that leaps sooner is a wrong reading."""
+"""No motor restarts and answers again in less [s]: a position that leaps sooner is a wrong
+reading.
+"""
 
 HOTTEST = 200.0
 """No motor that still turns is hotter, or colder than minus this [°C]."""
@@ -56,10 +58,10 @@ class LogUnits:
     sample = units.sample(time, {"m1_position": 2048, "m1_current": 35})
     ```
 
-    An encoder that wraps is followed over its turn, both ways: the place nearest to the last one is
-    taken. Where a motor may have gone half a turn without a value, or at its first value, the only
-    turn in which its joint can be is; if there are several, `doubts` says so, and `in_doubt` until
-    it has moved so far that only one is left. A motor that counts its turns, and counts from
+    An encoder that wraps is followed over its turn, both ways: the position nearest to the last one
+    is taken. Where a motor may have gone half a turn without a value, or at its first value, the
+    only turn in which its joint can be is; if there are several, `doubts` says so, and `in_doubt`
+    until it has moved so far that only one is left. A motor that counts its turns, and counts from
     another one after a restart, is where its joint can be.
 
     Args:
@@ -114,7 +116,7 @@ class LogUnits:
         self._ahead[:] = 0.0
         self._doubts: tuple[str, ...] = ()
         self._restarts: tuple[str, ...] = ()
-        # least and largest place of those whose turn is a guess, in the turn that was guessed
+        # least and largest position of those whose turn is a guess, in the turn that was guessed
         self._guessed = dict[int, tuple[float, float]]()
 
     @property
@@ -225,7 +227,7 @@ class LogUnits:
         return np.array([_number(name, value) for name, value in zip(self.columns, values)])
 
     def _unwrapped(self, i: int, time: float, position: float, doubts: list[str]) -> float:
-        """Return a place [rad, m] in the turn in which it is."""
+        """Return a position [rad, m] in the turn in which it is."""
         turn = float(self._turns[i])
         last = float(self._last[i])
         gap = time - float(self._seen[i])
@@ -252,7 +254,7 @@ class LogUnits:
         return near
 
     def _possible(self, i: int, least: float, most: float) -> range:
-        """Return by how many turns places may be off, all of them within the range."""
+        """Return by how many turns positions may be off, all of them within the range."""
         turn = float(self._turns[i])
         (low, high) = self._ranges[i]
         if not isfinite(low):
@@ -272,10 +274,11 @@ class LogUnits:
         return float(self._turns[i]) * turns[0]
 
     def _counted_anew(self, i: int, time: float, position: float) -> float:
-        """Return a place [rad] of a motor that counts its turns: after a restart it may count from
-        another one.
+        """Return a position [rad] of a motor that counts its turns: after a restart it may count
+        from another one.
 
-        A place that is out of range without a jump is one where a tendon broke or a spool slipped.
+        A position that is out of range without a jump is one where a tendon broke or a spool
+        slipped.
         """
         if not isfinite(position):
             return position

@@ -18,7 +18,8 @@ from distal.simulation.signal_inputs import BodyInputs
 
 
 def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of the plant over one interval of `count` sub-steps.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of the plant over one interval of `count`
+    sub-steps.
 
     carry = (q, v, friction inside each drive's transmission, what moves inside); x = (effort, added
     inertia, servo, dt); y = (q, v, tensions, pull on each body), the pull being what a load cell or
@@ -251,8 +252,8 @@ def at_rest(
     kernel: Kernel,
     numbers: Floats | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the carry of a plant at rest, and what its kernel (of `plant_function`) would put out
-    there, (1, n_y).
+    """Return the kernel state of a plant at rest, and what its kernel (of `plant_function`) would
+    put out there, (1, n_y).
 
     Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's
     parameters `numbers`, (n_p,), default those of the mechanism.

@@ -18,7 +18,7 @@ from distal.units import to_si
 
 Interpolation = Literal["hold", "linear"]
 POSITIONS: Interpolation = "linear"
-"""How the points of places and angles are joined where a scenario does not say it; efforts and
+"""How the points of positions and angles are joined where a scenario does not say it; efforts and
 loads are held.
 """
 

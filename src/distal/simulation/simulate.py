@@ -169,7 +169,7 @@ def sampled(prepared: Prepared, motion: PlantMotion, seed: int) -> Log:
 
 
 def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, Floats]:
-    """Return the truth of a log: angles, torques on the joints, places and forces of drives,
+    """Return the truth of a log: angles, torques on the joints, positions and forces of drives,
     tensions, (k,) each.
 
     The motion is at the times `grid`, the log at the `stamps`, (k,) [s].

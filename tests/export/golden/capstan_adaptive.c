@@ -1197,8 +1197,8 @@ void capstan_adaptive_begin(capstan_adaptive_state* state, const float* values) 
     known[i] = is_there(values[i]) ? values[i] : 0.0f;
   }
   memset(state, 0, sizeof *state);
-  prior(known, mask, numbers, state->carry, spread, state->carry + 8 + 8 * 8);
-  for (i = 0; i < 8; ++i) state->carry[8 + i * 9] = spread[i];
+  prior(known, mask, numbers, state->kernel_state, spread, state->kernel_state + 8 + 8 * 8);
+  for (i = 0; i < 8; ++i) state->kernel_state[8 + i * 9] = spread[i];
 }
 
 void capstan_adaptive_restart(capstan_adaptive_state* state, const float* values) {
@@ -1206,15 +1206,15 @@ void capstan_adaptive_restart(capstan_adaptive_state* state, const float* values
   float angles[1];
   int i, known = 1;
   for (i = 0; i < 1; ++i) {
-    const float angle = state->carry[i];
+    const float angle = state->kernel_state[i];
     known &= angle >= -50.0f && angle <= 50.0f;
     angles[i] = angle < reach[i][0] ? reach[i][0] : angle > reach[i][1] ? reach[i][1] : angle;
   }
   known &= state->samples > 0;
   capstan_adaptive_begin(state, values);
   for (i = 0; i < 1; ++i) {
-    float* variance = &state->carry[8 + i * (8 + 1)];
-    if (known) state->carry[i] = angles[i];
+    float* variance = &state->kernel_state[8 + i * (8 + 1)];
+    if (known) state->kernel_state[i] = angles[i];
     if (*variance < 0.25f) *variance = 0.25f;
   }
 }
@@ -1240,12 +1240,12 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
       x[1 + i] = there && (last || led) ? values[i] : 0.0f;
       x[1 + 2 + i] = !there ? 0.0f : last ? 1.0f : led ? -(float)k : 0.0f;
     }
-    adaptive(state->carry, x, numbers, y);
+    adaptive(state->kernel_state, x, numbers, y);
   }
   if (state->samples < 2) state->samples += 1;
   if (out) {
-    out->angle = state->carry[0];
-    out->angle_std = root(state->carry[8]);
+    out->angle = state->kernel_state[0];
+    out->angle_std = root(state->kernel_state[8]);
     for (i = 0; i < 1; ++i) {
       out->innovations[i] = is_there(values[measured[i]]) ? y[i] : NAN;
       out->innovation_variances[i] = y[1 + i];
@@ -1253,11 +1253,11 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
   }
   for (i = 0; i < 8; ++i) {
     /* neither infinite nor undefined, and no negative variance */
-    if (!(state->carry[i] - state->carry[i] == 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
-    if (!(state->carry[8 + i * (8 + 1)] >= 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->kernel_state[i] - state->kernel_state[i] == 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->kernel_state[8 + i * (8 + 1)] >= 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
   }
   for (i = 0; i < 1; ++i)
-    if (!(state->carry[i] >= -50.0f && state->carry[i] <= 50.0f)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->kernel_state[i] >= -50.0f && state->kernel_state[i] <= 50.0f)) return CAPSTAN_ADAPTIVE_LOST;
   return CAPSTAN_ADAPTIVE_OK;
 }
 
@@ -1286,8 +1286,8 @@ int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptiv
     sample[9 + i] = out->innovation_variances[i];
   }
   for (i = 0; i < 6; ++i) { /* numbers of the rig */
-    sample[10 + i] = state->carry[watched[i]];
-    sample[16 + i] = state->carry[8 + watched[i] * (8 + 1)];
+    sample[10 + i] = state->kernel_state[watched[i]];
+    sample[16 + i] = state->kernel_state[8 + watched[i] * (8 + 1)];
   }
   sample[22] = 0.0f;
 

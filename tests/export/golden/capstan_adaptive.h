@@ -7,7 +7,7 @@
  *   0  motor_angle: position of motor [rad]
  *   1  motor_torque: force of motor [N m]
  *
- * states, in this order (means first in `carry`, then the covariance, 8 x 8, then what is remembered):
+ * states, in this order (means first in `kernel_state`, then the covariance, 8 x 8, then what is remembered):
  *    0  theta [rad]
  *    1  theta_dot [rad/s]
  *    2  friction coefficient of joint jaw [1]
@@ -30,14 +30,14 @@ extern "C" {
 #define CAPSTAN_ADAPTIVE_CHANNELS 2
 #define CAPSTAN_ADAPTIVE_STATES 8
 #define CAPSTAN_ADAPTIVE_MEASURED 1
-#define CAPSTAN_ADAPTIVE_CARRY 83
+#define CAPSTAN_ADAPTIVE_KERNEL_STATE 83
 #define CAPSTAN_ADAPTIVE_INTERVAL 0.005f /* nominal time between samples [s] */
 
 typedef float capstan_adaptive_real;
 
 /* What the filter believes; copy it, keep it, restore it. */
 typedef struct {
-  capstan_adaptive_real carry[CAPSTAN_ADAPTIVE_CARRY];
+  capstan_adaptive_real kernel_state[CAPSTAN_ADAPTIVE_KERNEL_STATE];
   int samples; /* how many were taken in, at most 2 is kept */
 } capstan_adaptive_state;
 

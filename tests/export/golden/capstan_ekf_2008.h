@@ -7,7 +7,7 @@
  *   0  motor_angle: position of motor [rad]
  *   1  motor_torque: force of motor [N m]
  *
- * states, in this order (means first in `carry`, then the covariance, 4 x 4, then what is remembered):
+ * states, in this order (means first in `kernel_state`, then the covariance, 4 x 4, then what is remembered):
  *    0  theta [rad]
  *    1  position_motor [rad]
  *    2  theta_dot [rad/s]
@@ -26,14 +26,14 @@ extern "C" {
 #define CAPSTAN_EKF_2008_CHANNELS 2
 #define CAPSTAN_EKF_2008_STATES 4
 #define CAPSTAN_EKF_2008_MEASURED 1
-#define CAPSTAN_EKF_2008_CARRY 21
+#define CAPSTAN_EKF_2008_KERNEL_STATE 21
 #define CAPSTAN_EKF_2008_INTERVAL 0.005f /* nominal time between samples [s] */
 
 typedef float capstan_ekf_2008_real;
 
 /* What the filter believes; copy it, keep it, restore it. */
 typedef struct {
-  capstan_ekf_2008_real carry[CAPSTAN_EKF_2008_CARRY];
+  capstan_ekf_2008_real kernel_state[CAPSTAN_EKF_2008_KERNEL_STATE];
   int samples; /* how many were taken in, at most 2 is kept */
 } capstan_ekf_2008_state;
 

@@ -86,7 +86,7 @@ class Residual:
         value: measured minus expected, without friction.
         limit: friction limit, the mean of both directions.
         asymmetry: by how much it is larger against motion to +, and smaller against motion to −.
-        variance: of the sensor and of the drive's place.
+        variance: of the sensor and of the drive's position.
         limit_variance: of the limit by the state's, l_x P l_xᵀ.
         value_variance: of the residual by the state's, r_x P r_xᵀ.
         memory: what is remembered of the drive's force.

@@ -1,8 +1,8 @@
 """Track the drives: where each is and how it moves, from readings that may be missing or wild.
 Equations (1) to (6).
 
-What is remembered of a drive: place, doubt, mean and mean square speed, variance of the place, time
-without a reading.
+What is remembered of a drive: position, doubt, mean and mean square speed, variance of the
+position, time without a reading.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ PULL_STD = 0.1
 """
 
 WANDERING = 1.0
-"""Where no reading comes back, a drive's place becomes unknown by a usual one (`UNKNOWN_PLACE`) in
-this time [s].
+"""Where no reading comes back, a drive's position becomes unknown by a usual one (`UNKNOWN_PLACE`)
+in this time [s].
 """
 
 LEAST_DOUBT = 0.25
-"""A jump that no force judges leaves the place in doubt by at least this share of (1 − Π) times the
-jump squared [1].
+"""A jump that no force judges leaves the position in doubt by at least this share of (1 − Π) times
+the jump squared [1].
 """
 
 MEMORY = len(REMEMBERED)
@@ -70,18 +70,19 @@ class Drive:
     """What is known of a drive after a reading, all scalars.
 
     Args:
-        place: that its sensor reads or should read, at the end of the interval [m, rad].
+        position: that its sensor reads or should read, at the end of the interval [m, rad].
         doubt: for how long readings have been far from where they should be [s].
         speed: mean, over `MOTION_TIME`.
         square: mean square speed.
-        unknown: variance of the place beyond the sensor's noise: grows while it is missing.
+        unknown: variance of the position beyond the sensor's noise: grows while it is missing.
         lost: time since the last good reading [s].
         shift: by which the zero of its sensor has jumped [m, rad].
         shift_std: std of that, where nothing says whether the drive jumped or the zero [m, rad].
         effort: what its force sensor read last [N, N m].
         bend: change of displacement between two intervals: what a straight line between samples
             leaves out.
-        variance: of the place, for the filter: noise, what is unknown, what a straight line misses.
+        variance: of the position, for the filter: noise, what is unknown, what a straight line
+        misses.
     """
 
     position: Scalar
@@ -132,7 +133,7 @@ class Tracks(Generic[Expression]):
 
     @property
     def variances(self) -> Expression:
-        """Variances of the places, (n_drives,)."""
+        """Variances of the positions, (n_drives,)."""
         return self.vector[(MEMORY + 1) * self._n :]
 
 
@@ -147,8 +148,8 @@ def remembered_position(drive: int, name: str) -> int:
 class Silence:
     """What it means that a drive's reading is missing for long, all scalars.
 
-    It may not come back after a time `dead` [s]; then the place becomes unknown, its std as fast as
-    `wandering` [m/s, rad/s].
+    It may not come back after a time `dead` [s]; then the position becomes unknown, its std as fast
+    as `wandering` [m/s, rad/s].
     """
 
     dead: Scalar
@@ -301,8 +302,8 @@ def track(
     fades.
 
     A reading that is far from where the mean speed leads is a real jump with a chance Π, else wild:
-    its force says so where it has one, and the longer it stays, the likelier it is real. The place
-    is the mean of both, with their variance.
+    its force says so where it has one, and the longer it stays, the likelier it is real. The
+    position is the mean of both, with their variance.
 
     Args:
         memory: of the last interval, (MEMORY,).

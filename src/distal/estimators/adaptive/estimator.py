@@ -276,8 +276,8 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def positions(self) -> tuple[int | None, ...]:
-        """For each channel where in the carry its drive's place stands; None for one that is read
-        as it comes.
+        """For each channel where in the kernel state its drive's position stands; None for one that
+        is read as it comes.
         """
         context = self._states.context
         channels = context.channels
@@ -291,14 +291,16 @@ class AdaptiveFilter(KernelEstimator):
 
     @property
     def touched(self) -> tuple[int, ...]:
-        """Where in the carry the share stands that a touch has of each joint."""
+        """Where in the kernel state the share stands that a touch has of each joint."""
         at = adaptive_layout(self._states)["torques"].start + TORQUE["share"].start
         joints = range(len(self._states.context.touchable))
         return tuple(at + TORQUE.size * k for k in joints)
 
     @property
     def contacts(self) -> dict[str, list[int]]:
-        """Joint → where in the carry stand the probability of a touch, and since when it is [s]."""
+        """Joint → where in the kernel state stand the probability of a touch, and since when it is
+        [s].
+        """
         at = adaptive_layout(self._states)["torques"].start
         parts = ("probability", "since")
         joints = (self.rig.joints[joint].name for joint in self._states.context.touchable)

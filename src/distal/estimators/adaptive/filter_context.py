@@ -47,7 +47,7 @@ MOST_JOINT_SUBSTEPS = 50
 """More sub-steps than this would cost more than they bring: a stiffer joint follows its tendons."""
 
 SETTLING_SUBSTEPS = 8
-"""Where the joints come to rest within an interval, they do so at so many places of the drives
+"""Where the joints come to rest within an interval, they do so at so many positions of the drives
 along it.
 """
 
@@ -257,7 +257,7 @@ class FilterContext:
     def credible(self, sensor: Sensor, reading: Scalar) -> Scalar:
         """Return 1 where a drive could be where its sensor says, 0 where the `reading` is wild.
 
-        Geometry is not defined at a place `MOST_TRAVELS` times the travel away, so that no later
+        Geometry is not defined at a position `MOST_TRAVELS` times the travel away, so that no later
         guard would stop it. What measures no position is always credible.
         """
         if sensor.measures != "position" or not self.robustness.asks_positions:

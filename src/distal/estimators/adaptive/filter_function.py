@@ -1,7 +1,7 @@
 """The adaptive filter, whole: an interval, then a sample. The equations are those of
 docs/reference/adaptive-equations.md.
 
-The carry is the mean, the covariance, what is remembered of each drive's motion, and of each
+The kernel state is the mean, the covariance, what is remembered of each drive's motion, and of each
 drive's force.
 """
 
@@ -29,8 +29,8 @@ from distal.kernels import Layout, kernel_state_layout
 
 
 def adaptive_layout(states: StateVector) -> Layout:
-    """Return the layout of the carry: mean, covariance, what is remembered of each drive's motion,
-    of forces, and of torques on the joints.
+    """Return the layout of the kernel state: mean, covariance, what is remembered of each drive's
+    motion, of forces, and of torques on the joints.
     """
     context = states.context
     drives = MEMORY * context.n_drives
@@ -41,8 +41,8 @@ def adaptive_layout(states: StateVector) -> Layout:
 def adaptive_function(
     states: StateVector, resolution: float | None = None, trace: bool = False
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of the displacement-driven filter; y = (innovations,
-    variances).
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of the displacement-driven filter; y =
+    (innovations, variances).
 
     The `resolution` is of the joints' motion; see `FilterContext.substeps`. With `trace` the
     predicted mean, its covariance and the transition stand behind y, for smoothing.

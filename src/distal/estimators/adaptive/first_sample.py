@@ -40,9 +40,10 @@ def prior_function(
 
     Args:
         maps: that are reported.
-        places: for each channel where in the carry its drive's place stands, None for what is read.
+        positions: for each channel where in the kernel state its drive's position stands, None for
+        what is read.
         inputs: length of p.
-        touched: where in the carry stands what share a touch has of each joint.
+        touched: where in the kernel state stands what share a touch has of each joint.
     """
     context = states.context
     names = context.channels.names
@@ -77,7 +78,7 @@ def prior_function(
             (at,) = states.indices(block)
             mean[at] = first[0]
             variances[at] = first[1] ** 2
-    # maps read the places of drives as the filter has them, without a known offset
+    # maps read the positions of drives as the filter has them, without a known offset
     placed = [
         values[k] if at is None else context.corrected(sensors[names[k]], values[k])
         for k, at in enumerate(positions)
@@ -93,7 +94,7 @@ def prior_function(
 
 
 def _memory(context: FilterContext, read: Read, is_there: Callable[[Sensor], Scalar]) -> Vector:
-    """Return what is remembered of the drives and their forces; a place is unknown where none
+    """Return what is remembered of the drives and their forces; a position is unknown where none
     `is_there`.
     """
     lengths = touch_layout(context)
@@ -117,7 +118,7 @@ def _by_affine_map(
     context: FilterContext, values: Vector, mask: Vector, mean: Vector, variances: Vector
 ) -> None:
     """Let the map that logs taught say the start, where it knows it better than the rig, in
-    place.
+    position.
     """
     affine = context.mechanism.rig.affine
     names = context.channels.names

@@ -1,5 +1,5 @@
-"""Guards: outliers of places and forces, jumps, lost places. Equations (1), (2), (12), (16), (23);
-numbers in `tuning`.
+"""Guards: outliers of positions and forces, jumps, lost positions. Equations (1), (2), (12), (16),
+(23); numbers in `tuning`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from distal.estimators.adaptive.tuning import Robustness
 from distal.expressions import Scalar
 
 STILL_LOST = 3
-"""Power with which a lost place comes to move its joint: one missing sample does no harm."""
+"""Power with which a lost position comes to move its joint: one missing sample does no harm."""
 
 
 def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) -> Scalar:
@@ -20,8 +20,8 @@ def is_far(robustness: Robustness, away: Scalar, motion: Scalar, noise: Scalar) 
     have led: (1).
 
     It is `away` [m, rad] from where the mean speed leads; `motion` is the mean square of the recent
-    motion and what is unknown of the place [m², rad²], `noise` the variance of the sensor's random
-    error.
+    motion and what is unknown of the position [m², rad²], `noise` the variance of the sensor's
+    random error.
     """
     if not robustness.guards_displacements:
         return ca.SX(0)
@@ -41,7 +41,7 @@ def jump_evidence(change: Scalar, expected: Scalar, variance: Scalar, least: flo
     it to twice as far.
 
     Args:
-        change: of the force since the last place that was believed [N, N m].
+        change: of the force since the last position that was believed [N, N m].
         expected: change that the jump would make, ∂F/∂s times it.
         variance: of the difference of both.
         least: smallest share of the expected change that a real jump may show.
@@ -70,19 +70,19 @@ def chance_of_jump(
 
 
 def followed_share(robustness: Robustness, lost: Scalar) -> Scalar:
-    """Return how far a joint has followed a drive whose place is lost for a time [s], from 0 to 1:
-    (12).
+    """Return how far a joint has followed a drive whose position is lost for a time [s], from 0 to
+    1: (12).
     """
     return (lost / (lost + robustness.follow_time)) ** STILL_LOST
 
 
 def extra_variance(robustness: Robustness, lost: Scalar, unknown: Scalar) -> Scalar:
-    """Return the variance to add to a place that is long lost, so that its force does not speak of
-    the joint: (16).
+    """Return the variance to add to a position that is long lost, so that its force does not speak
+    of the joint: (16).
 
-    The joint went where the drive went: its error and the place's are one, and cancel in the
+    The joint went where the drive went: its error and the position's are one, and cancel in the
     tension. The filter, to which they are independent, would otherwise share the residual between
-    them. The place is `lost` for so long [s], with the variance `unknown` [m², rad²].
+    them. The position is `lost` for so long [s], with the variance `unknown` [m², rad²].
     """
     return robustness.followed_variance * followed_share(robustness, lost) * unknown
 

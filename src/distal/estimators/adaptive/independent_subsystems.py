@@ -151,7 +151,7 @@ def _stretches(which: Indices, size: int) -> Indices:
 def filter_by_parts(
     states: StateVector, filters: Sequence[tuple[Apart, ca.Function]], layout: Layout, trace: bool
 ) -> ca.Function:
-    """Return (carry, x, p) → (carry⁺, y) of a rig from the filters of its parts.
+    """Return (kernel_state, x, p) → (kernel_state⁺, y) of a rig from the filters of its parts.
 
     With `trace` the predicted mean, its covariance and the transition stand behind y.
     """

@@ -21,8 +21,8 @@ from distal.expressions import Matrix, Scalar
 from distal.model import clip_moments
 
 TINY_STD = 1e-12
-"""Added to the standard deviation of a place, so that its moments stay finite where it is certain
-[m, rad].
+"""Added to the standard deviation of a position, so that its moments stay finite where it is
+certain [m, rad].
 """
 
 

@@ -25,15 +25,15 @@ class Moved:
     """The joints after an interval, symbolic.
 
     They move with fewer numbers than there are states: their own motion, the states that enter the
-    model, and the places of the drives. What changes a drive's place alone, such as its sensor's
-    curve, moves the joints as the place does.
+    model, and the positions of the drives. What changes a drive's position alone, such as its
+    sensor's curve, moves the joints as the position does.
 
     Args:
         angles: θ, (n_joints,).
         speeds: ω, (n_joints,).
         slopes: of θ and ω by the numbers that they move with, transposed, (numbers, 2 n_joints).
-        chosen: which states are among these numbers; the drives' places come behind them.
-        places: which states change a drive's place, and its slopes by these, of each drive.
+        chosen: which states are among these numbers; the drives' positions come behind them.
+        positions: which states change a drive's position, and its slopes by these, of each drive.
         speed_variances: what an uncertain torque adds to those of ω beyond its slope, (n_joints,).
         rates: mean speed of each drive over the interval, (n_drives,).
     """
@@ -126,7 +126,7 @@ def _changing(expression: Vector, state: Vector) -> list[int]:
 
 
 def _position_slopes(states: StateVector) -> Matrix:
-    """Return the pattern of ∂(places of the drives)/∂state, (n_drives, n)."""
+    """Return the pattern of ∂(positions of the drives)/∂state, (n_drives, n)."""
     mean = ca.SX.sym("mean", len(states))
     reading = ca.SX.sym("reading", states.context.n_drives)
     return ca.vertcat(
@@ -140,9 +140,9 @@ def _position_slopes(states: StateVector) -> Matrix:
 def _interval(states: StateVector, count: int) -> ca.Function:
     """Return what an interval needs before its sub-steps.
 
-    (mean, P, memory, tracks, x, p) → places of the drives at its start, their speeds, external
-    torques, slopes of the places with respect to states (`_place_slopes`); then, the same for all
-    sub-steps, stds of torques and friction limits, the model's parameters, the responses of the
+    (mean, P, memory, tracks, x, p) → positions of the drives at its start, their speeds, external
+    torques, slopes of the positions with respect to states (`_place_slopes`); then, the same for
+    all sub-steps, stds of torques and friction limits, the model's parameters, the responses of the
     bodies, and, where a state changes them, slopes of the joints' responses.
     """
     context = states.context

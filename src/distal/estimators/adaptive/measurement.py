@@ -42,7 +42,7 @@ class MeasurementRow:
     Args:
         name: of its sensor, or of the drive where the pull is only nominal.
         residual: measured minus expected without friction.
-        variance: of the sensor and of the drive's place.
+        variance: of the sensor and of the drive's position.
         mask: 0 where it does not count, else see `distal.kernels.mask`.
         limit: friction limit of the drive, the mean of both directions.
         asymmetry: by how much the limit is larger against motion to +, and smaller against motion
@@ -157,8 +157,8 @@ def measurement_rows_of(
 
 
 def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Scalar:
-    """Return 1 where the `place` of a drive is certainly not at a stop: there the contact force is
-    unknown, (17).
+    """Return 1 where the `position` of a drive is certainly not at a stop: there the contact force
+    is unknown, (17).
     """
     part = context.mechanism.rig.drives[drive]
     sensor = context.position_sensor(drive)
@@ -167,7 +167,7 @@ def away_from_stops(context: FilterContext, drive: int, position: Scalar) -> Sca
     p = context.mechanism.parameters
     path = context.path(sensor)
     low, high = (p[f"drives.{drive}.stops.{end}"] for end in ("low", "high"))
-    # one that is held by its stop may read a place before it
+    # one that is held by its stop may read a position before it
     unknown = context.noise(sensor) + context.number(f"{path}.unknown_bias") ** 2
     wrong = context.number(f"{path}.linearity") + 2 * ca.sqrt(unknown)
     return ca.if_else(ca.logic_and(position > low + wrong, position < high - wrong), 1, 0)

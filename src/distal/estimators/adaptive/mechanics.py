@@ -1,5 +1,5 @@
-"""What the rig's equations say at given places of its bodies, as one function that several steps of
-the filter share.
+"""What the rig's equations say at given positions of its bodies, as one function that several steps
+of the filter share.
 """
 
 from __future__ import annotations

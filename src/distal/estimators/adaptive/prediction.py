@@ -64,8 +64,8 @@ def _corner(context: FilterContext) -> ca.Function:
     """Return (M P Mᵀ, S_drives, added to ω, tracks, memory, x, p) → the covariance of angles and
     speeds.
 
-    Places err by their variances, unknown torques and unmodelled ones shake the speeds, lost places
-    may have been followed.
+    Positions err by their variances, unknown torques and unmodelled ones shake the speeds, lost
+    positions may have been followed.
     """
     nj = context.n_joints
     nd = context.n_drives
@@ -115,10 +115,11 @@ def _corner(context: FilterContext) -> ca.Function:
 
 
 def followed_variance(context: FilterContext, joint: int, tracks: Vector, memory: Vector) -> Scalar:
-    """Return the variance of θ by `tracks` of drives, and `memory`, whose place is not known: the
-    joint follows at its arm.
+    """Return the variance of θ by `tracks` of drives, and `memory`, whose position is not known:
+    the joint follows at its arm.
 
-    What an unknown place does within one interval is small, but it stays wrong until it is measured
+    What an unknown position does within one interval is small, but it stays wrong until it is
+    measured
     again: the longer it is missing, the more the joint has followed it. One missing sample does no
     harm. Equation (12).
     """

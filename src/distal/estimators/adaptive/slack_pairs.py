@@ -28,8 +28,8 @@ def within_play(
 
     A drive that pulls with no more than U_most stretches each tendon of a pair by no more than
     U_most/(r k), so that the joint lies within a width w. Where the filter is less sure than if all
-    places of that were alike, w²/12, it is as sure as that. The rule says the same at every sample,
-    so that it is counted once.
+    positions of that were alike, w²/12, it is as sure as that. The rule says the same at every
+    sample, so that it is counted once.
     """
     updates = Downdate(covariance)
     numbers = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
@@ -52,8 +52,8 @@ def within_play(
 
 
 def slack_pairs(context: FilterContext) -> Iterator[tuple[int, int, int]]:
-    """Yield drive and tendons of each pair that may be slack on both sides, of drives whose place
-    and force are read.
+    """Yield drive and tendons of each pair that may be slack on both sides, of drives whose
+    position and force are read.
     """
     rig = context.mechanism.rig
     p = context.mechanism.parameters

@@ -129,7 +129,7 @@ class Remembered:
 
     @classmethod
     def of(cls, context: FilterContext, layout: Layout, kernel_state: VectorNode) -> Remembered:
-        """Return what a carry remembers."""
+        """Return what a kernel state remembers."""
         names = [sensor.name for sensor in compared_forces(context)]
         torques = _each(TORQUE, layout.part(kernel_state, "torques"), len(context.touchable))
         forces = _each(FORCE, layout.part(kernel_state, "evidence"), len(names))
@@ -150,7 +150,7 @@ class Remembered:
         return reduce(ca.fmax, (torque["since"] > 0 for torque in self.torques.values()), ca.MX(0))
 
     def joined(self) -> dict[str, VectorNode]:
-        """Return the parts of a carry."""
+        """Return the parts of a kernel state."""
         return {
             "forces": ca.vertcat(*(DRIVE.joined(**drive) for drive in self.drives)),
             "evidence": ca.vertcat(ca.MX(0, 1), *(FORCE.joined(**f) for f in self.forces.values())),
@@ -309,7 +309,7 @@ def opening_function(count: int) -> ca.Function:
 
 
 def touch_layout(context: FilterContext) -> dict[str, int]:
-    """Return the lengths of what is remembered of forces and torques, for the carry."""
+    """Return the lengths of what is remembered of forces and torques, for the kernel state."""
     return {
         "forces": DRIVE.size * context.n_drives,
         "evidence": FORCE.size * len(compared_forces(context)),

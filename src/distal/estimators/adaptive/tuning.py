@@ -28,8 +28,9 @@ class Robustness:
             judge it [s].
         persistence_alone: the same where no force can [s].
         bend_share: share of the bend between samples that a straight line may miss [1].
-        follow_time: time in which the joint follows a drive whose place is not known [s].
-        followed_variance: how often the variance of a place that is lost is added to its force [1].
+        follow_time: time in which the joint follows a drive whose position is not known [s].
+        followed_variance: how often the variance of a position that is lost is added to its force
+        [1].
         wild_force: a squared innovation beyond this times its variance counts less [1].
         sticking_time: for so long friction of a drive that sticks is the same [s].
         turning_time: the same while a drive turns back [s].
@@ -49,7 +50,7 @@ class Robustness:
         unmodelled: share of the rig's `unmodelled` torque that is added [1].
         angle_walk: random walk of the joints' angles, which a stuck joint's model does not have
             [rad/√s].
-        dead_time: a place that is silent for so long, and for five intervals, may not come back
+        dead_time: a position that is silent for so long, and for five intervals, may not come back
             [s].
         opens_torques: a torque that the rig does not declare may act on a joint once forces say so
             (29).
@@ -118,7 +119,7 @@ class Robustness:
     angle_walk: float = 0.0
     """docs/results/chains.md: of one joint, `unmodelled` does the same"""
     dead_time: float = DEAD
-    """docs/results/chains.md: in a chain a force whose place is unknown misleads at once"""
+    """docs/results/chains.md: in a chain a force whose position is unknown misleads at once"""
     opens_torques: bool = False
     """docs/results/chains.md, "Something happens"; of one joint friction and a torque cannot be
     told apart so soon
@@ -128,7 +129,7 @@ class Robustness:
     moving_only: bool = False
     """docs/explanation/learning.md, "The criterion\""""
     asks_positions: bool = True
-    """Whether places that no drive can have are missing; a fit leaves them out before: rigs of a
+    """Whether positions that no drive can have are missing; a fit leaves them out before: rigs of a
     kind share its kernel.
     """
 

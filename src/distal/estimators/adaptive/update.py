@@ -134,7 +134,7 @@ def updated(
                 along(slopes.residual, change) if declared else 0
             )
         if row.measured and row.name in kept.forces:
-            # a place that is lost says nothing of torques
+            # a position that is lost says nothing of torques
             position_is_read = 1 if row.drive is None else Tracks(tracks, nd)[row.drive].lost == 0
             path = states.context.path_of(row.name)
             outputs = watch(

@@ -37,12 +37,12 @@ next [1].
 
 @dataclass(frozen=True)
 class ForceEvidence:
-    """What the force of a drive says of a jump of its place, all scalars.
+    """What the force of a drive says of a jump of its position, all scalars.
 
     Args:
         missing: what is read less what is expected where the mean speed leads, U − F [N, N m].
         mask: of the force, see `distal.kernels.mask`.
-        stiffness: change of the drive's pull with its place, ∂F/∂s.
+        stiffness: change of the drive's pull with its position, ∂F/∂s.
         variance: of how far both may differ where there was no jump: noise, friction, and what is
             not known of the pull.
         effort: what is read, U.

@@ -92,7 +92,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None) -> Cells:
 
 
 def _vectors(path: Path, file: Any) -> dict[str, tuple[str, int]]:
-    """Return name → column and place of each number in a column of vectors, all of the length of
+    """Return name → column and position of each number in a column of vectors, all of the length of
     the first.
     """
     from pyarrow import types

@@ -218,8 +218,8 @@ def _draw_wheels(sheet: Sheet, rig: Rig, joint: Joint, stand: Stand, scale: floa
 def _draw_cam(
     sheet: Sheet, joint: Joint, cams: Sequence[Meeting], stand: Stand, scale: float
 ) -> None:
-    """Draw a pulley that is not round: at each place the arm of the angle at which a tendon leaves
-    it there.
+    """Draw a pulley that is not round: at each position the arm of the angle at which a tendon
+    leaves it there.
     """
     from matplotlib.patches import Polygon
 

@@ -12,7 +12,7 @@ from distal.reports.drawing.sheet import Point
 from distal.rig import Joint, Rig
 
 APART = 3.4
-"""Distance of joints that stand at one place, in the largest moment arm."""
+"""Distance of joints that stand at one position, in the largest moment arm."""
 
 STUB = 2.6
 """Length of a link that the rig does not describe, in the largest moment arm."""
@@ -27,7 +27,7 @@ class Stand:
         centre: its axis.
         turn: +1 where a positive angle turns counter-clockwise on paper, −1 clockwise.
         parent: index of the joint on whose link it sits, None for the base.
-        drawn_apart: whether it is drawn away from its place, where another joint stands.
+        drawn_apart: whether it is drawn away from its position, where another joint stands.
         towards: direction of its link at zero [rad].
         reach: length of its link.
         mass_at: where the centre of mass is, None where nothing is said of it.

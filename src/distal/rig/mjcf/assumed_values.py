@@ -9,7 +9,7 @@ from math import hypot
 from distal.rig.imported import Guess
 
 DRIVE_MASS = Guess(0.02, "the drive's mass")
-"""[kg]; a filter follows the place that is measured."""
+"""[kg]; a filter follows the position that is measured."""
 
 PATH_FRICTION = Guess({"value": 0.05, "std": 0.1}, "friction along the path")
 NOMINAL_FORCE = Guess({"value": "5 N", "std": "5 N"}, "usual force")

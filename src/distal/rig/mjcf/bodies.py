@@ -86,8 +86,8 @@ def parent_of(
 def described_joints(
     model: mujoco.MjModel, joints: Sequence[int], units: Units
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
-    """Return the raw base and joints, in the model's order: axes, places, links, armature, damping,
-    friction, stops.
+    """Return the raw base and joints, in the model's order: axes, positions, links, armature,
+    damping, friction, stops.
     """
     mujoco = mujoco_module()
     data = mujoco.MjData(model)

@@ -48,7 +48,7 @@ class Motion(Protocol):
         """Return the torque on a joint from outside [N m]."""
 
     def position(self, drive: int) -> Scalar:
-        """Return a drive's place [m, rad]."""
+        """Return a drive's position [m, rad]."""
 
     def rate(self, drive: int) -> Scalar:
         """Return a drive's speed [m/s, rad/s]."""
@@ -73,7 +73,7 @@ class Role(Enum):
     """What estimators do with a measurement."""
 
     POSITION = "position"
-    """It moves the model: the place of a drive."""
+    """It moves the model: the position of a drive."""
 
     EFFORT = "effort"
     """What a displacement-driven filter compares: a drive's force or torque."""

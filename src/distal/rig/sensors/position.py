@@ -1,4 +1,4 @@
-"""The place of a drive: of a slider a displacement, of a capstan an angle."""
+"""The position of a drive: of a slider a displacement, of a capstan an angle."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Position(Measurand):
     def read(
         self, sensor: SensorBase, motion: Motion, part: int, unknowns: Mapping[str, Scalar]
     ) -> Scalar:
-        """Return the place of the drive, or of what commands it."""
+        """Return the position of the drive, or of what commands it."""
         position = motion.position(part)
         return position + sensor.lag * motion.rate(part) if sensor.lag > 0.0 else position
 
@@ -43,8 +43,8 @@ class Position(Measurand):
 def drive_travel(rig: Parts, drive: int) -> tuple[float, float]:
     """Return the ends of a drive's travel: its stops, or what it can use [m, rad].
 
-    Without stops: ±`REACH` of the joint about the place that the nominal force stretches the tendon
-    to; of a tendon over several joints what their own stops allow.
+    Without stops: ±`REACH` of the joint about the position that the nominal force stretches the
+    tendon to; of a tendon over several joints what their own stops allow.
     """
     part = rig.drives[drive]
     if part.stops is not None:

@@ -1,4 +1,4 @@
-"""The place of a drive that no sensor measures: its force tells of it."""
+"""The position of a drive that no sensor measures: its force tells of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from distal.expressions import Scalar, Vector
 from distal.rig import drive_travel
 
 POSITION_WALK = 1.0
-"""Random walk of a drive's place that nothing measures, in its travel per √s: it may cross it
+"""Random walk of a drive's position that nothing measures, in its travel per √s: it may cross it
 within a second.
 """
 

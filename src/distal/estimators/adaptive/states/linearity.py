@@ -36,8 +36,8 @@ class Linearity(State):
 
     A Gaussian process over the travel with a squared-exponential spectrum: the stds of w_j fall off
     as exp(−(j/j₀)²/2), scaled so that the mean variance over the travel is that of the linearity. A
-    bias with a std adds to the constant. A posture that lasts is one place of the curve: references
-    teach it slowly.
+    bias with a std adds to the constant. A posture that lasts is one position of the curve:
+    references teach it slowly.
     """
 
     kind: ClassVar[StateKind] = StateKind.LINEARITY

@@ -1,9 +1,9 @@
 """What a kind of state is: a block of numbers that the filter does not know, and what they do.
 
 A block says its names, its prior, how it fades and walks, and what it adds: to the model's
-parameters, to the torque on a joint, to the place of a drive, to friction, to what a sensor reads.
-Each of these has the default "nothing". `StateVector` puts blocks side by side and adds up what
-they do.
+parameters, to the torque on a joint, to the position of a drive, to friction, to what a sensor
+reads. Each of these has the default "nothing". `StateVector` puts blocks side by side and adds up
+what they do.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Fading:
 class Begin:
     """What is read at a log's first sample.
 
-    It is the places of the drives [m, rad], 0 where nothing is read, their efforts [N, N m], and
+    It is the positions of the drives [m, rad], 0 where nothing is read, their efforts [N, N m], and
     the tensions of the tendons [N]; None where no sensor is.
     """
 
@@ -175,8 +175,8 @@ class State(ABC):
         return 0
 
     def position(self, drive: int, numbers: Vector) -> Scalar | None:
-        """Return the place of a drive that nothing measures by its `numbers` [m, rad], None where
-        it does not say.
+        """Return the position of a drive that nothing measures by its `numbers` [m, rad], None
+        where it does not say.
         """
         return None
 

@@ -169,8 +169,8 @@ class StateVector:
         )
 
     def position(self, drive: int, reading: Scalar, state: Vector) -> Scalar:
-        """Return the place of a drive [m, rad]: its `reading` less what its sensor errs by, or the
-        state for it.
+        """Return the position of a drive [m, rad]: its `reading` less what its sensor errs by, or
+        the state for it.
         """
         for block, numbers in self._numbers(state):
             position = block.position(drive, numbers)
