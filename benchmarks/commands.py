@@ -303,8 +303,8 @@ def judge(name: str, seed: int, with_fit: bool, with_loops: bool) -> Result:
     if with_fit:
         fitted, affine = calibrated(name, seed, rig)
         inverses["fitted inverse"] = Inverse(fitted, least_tension=LEAST_TENSION)
-        numbers = replace_maps(fitted)
-        inverses["fitted, no map"] = Inverse(numbers, least_tension=LEAST_TENSION)
+        parameters = replace_maps(fitted)
+        inverses["fitted, no map"] = Inverse(parameters, least_tension=LEAST_TENSION)
     free = inverses["inverse"].model.free
     for kind in KINDS:
         rng = np.random.default_rng([seed, KINDS.index(kind), 3])

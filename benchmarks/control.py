@@ -85,11 +85,11 @@ def summary(found: Found) -> list[list[str]]:
     for name, each in found.items():
         rms, wrong, cycles = (np.array(column) for column in zip(*each))
         ratio = rms / base
-        numbers = [np.median(rms), np.median(ratio), ratio.max(), np.median(wrong)]
+        parameters = [np.median(rms), np.median(ratio), ratio.max(), np.median(wrong)]
         rows.append(
             [
                 name,
-                *(f"{value:.2f}" for value in numbers),
+                *(f"{value:.2f}" for value in parameters),
                 f"{int(np.sum(cycles > 0))} of {len(cycles)}",
             ]
         )

@@ -33,7 +33,7 @@ def scan_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median
     rows, _ = estimator.checked_rows(estimator.initial(log.time[0], samples[0]), log.time, samples)
     kernel_state = estimator.initial(log.time[0], samples[0]).kernel_state
     return _timed(
-        lambda: estimator.kernel.scan(kernel_state, rows, estimator.numbers), summary
+        lambda: estimator.kernel.scan(kernel_state, rows, estimator.parameters), summary
     ) / len(rows)
 
 
@@ -45,7 +45,7 @@ def lane_time(estimator: KernelEstimator, log: Log, summary: Summary = np.median
     start = estimator.initial(log.time[0], samples[0])
     rows, _ = estimator.checked_rows(start, log.time, samples)
     kernel = LaneKernel(Recipe(lambda: estimator.kernel.function))
-    runs = kernel.lanes * [Feed(start.kernel_state, rows, estimator.numbers)]
+    runs = kernel.lanes * [Feed(start.kernel_state, rows, estimator.parameters)]
     return _timed(lambda: kernel.scan(runs, [0]), summary) / len(rows) / kernel.lanes
 
 
@@ -96,7 +96,7 @@ def casadi_time(estimator: KernelEstimator, log: Log, summary: Summary = np.medi
         arrays = [
             np.array(start.kernel_state),
             np.ascontiguousarray(rows),
-            np.array(estimator.numbers),
+            np.array(estimator.parameters),
         ]
         arrays += [np.zeros((len(rows), function.numel_out(i))) for i in range(2)]
         arguments = [
@@ -125,7 +125,7 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
         arrays = [
             np.array(start.kernel_state),
             np.ascontiguousarray(rows),
-            np.array(estimator.numbers),
+            np.array(estimator.parameters),
         ]
         arrays += [np.zeros((len(rows), 44)), np.zeros((len(rows), 4))]
         arguments = [
@@ -133,7 +133,7 @@ def handwritten_time(rig: Rig, log: Log) -> tuple[float, float]:
             *(ctypes.c_void_p(array.ctypes.data) for array in arrays),
         ]
         taken = _timed(lambda: scan(*arguments)) / len(rows)
-        known, _ = estimator.kernel.scan(start.kernel_state, rows, estimator.numbers)
+        known, _ = estimator.kernel.scan(start.kernel_state, rows, estimator.parameters)
     return taken, float(np.abs(arrays[3][:, 0] - known[:, 0]).max())
 
 

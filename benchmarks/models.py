@@ -308,7 +308,7 @@ def hands() -> list[list[str]]:
         rig = hand(["finger-underactuated"] * count)
         estimator, live = make_estimator("adaptive", rig), LiveEstimator(rig)
         sample = np.array([0.2 if name.endswith("phi_flexor") else 0.02 for name in live.channels])
-        loop, best = estimator.kernel.loop(estimator.numbers), [np.inf, np.inf]
+        loop, best = estimator.kernel.loop(estimator.parameters), [np.inf, np.inf]
         loop.kernel_state[:] = estimator.initial(0.0, sample).kernel_state
         loop.x[:] = [0.005, *sample, *np.ones(len(sample))]
         live.step(0.0, sample)

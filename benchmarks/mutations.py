@@ -258,13 +258,13 @@ class _Finder(ast.NodeVisitor):
 
     def visit_BinOp(self, node: ast.BinOp) -> None:
         signed, operation = self.signed, type(node.op)
-        numbers = not (_is_sequence(node.left) or _is_sequence(node.right))
+        parameters = not (_is_sequence(node.left) or _is_sequence(node.right))
         left, right = self.end(node.left), self.start(node.right)
-        if operation in SIGNS and numbers:
+        if operation in SIGNS and parameters:
             sign, after = SIGNS[operation]
             if not _is_number(node.right, 0):  # x + 0 is x − 0
                 self.add("sign", self.between(left, right, sign), sign, *after)
-        elif operation in FACTORS and numbers:
+        elif operation in FACTORS and parameters:
             sign, after = FACTORS[operation]
             if not _is_number(node.right, 1):  # x * 1 is x / 1
                 self.add("operator", self.between(left, right, sign), sign, *after)
@@ -275,7 +275,7 @@ class _Finder(ast.NodeVisitor):
             isinstance(node.left, (ast.Name, ast.Attribute, ast.Call, ast.Subscript))
             and not self.whole
         )
-        if numbers and first and (additive or (operation in FACTORS and not signed)):
+        if parameters and first and (additive or (operation in FACTORS and not signed)):
             self.add(
                 "sign", self.start(node.left), self.text(node.left), f"-{self.text(node.left)}"
             )

@@ -185,7 +185,7 @@ def run(case: str, longer: bool) -> dict[str, Any]:
         children = os.times()
         taken = time.process_time() - begun + children.children_user + children.children_system
         passes = counted.rows / (sum(len(log) for log in logs) * (len(found.correlated) + 1))
-        numbers = [p for p in found.fitted if p.identified and not p.noise]
+        parameters = [p for p in found.fitted if p.identified and not p.noise]
         return {
             "seconds": taken,
             "loops": 2 * taken / (before + loop()),
@@ -194,10 +194,10 @@ def run(case: str, longer: bool) -> dict[str, Any]:
             "converged": found.converged,
             "chosen": found.candidates[0].name,
             "far": max(
-                (abs(p.value - p.start) / p.prior_std for p in numbers if p.prior_std > 0),
+                (abs(p.value - p.start) / p.prior_std for p in parameters if p.prior_std > 0),
                 default=0.0,
             ),
-            "numbers": {p.name: (p.value, p.error) for p in numbers},
+            "numbers": {p.name: (p.value, p.error) for p in parameters},
             "angles": {
                 kind: {
                     "fitted": judged(found.rig, own),

@@ -353,19 +353,19 @@ def check(path: Path, compiled: bool, names: tuple[str, ...], tolerance: float) 
                 )
                 same = found.theta <= tolerance and found.theta_std <= tolerance
                 fine = fine and same
-                numbers = (
+                parameters = (
                     found.theta,
                     found.theta_std,
                     found.states,
                     found.in_stds,
                     found.innovations,
                 )
-                numbers += (found.innovation_stds, apart)
+                parameters += (found.innovation_stds, apart)
                 rows.append(
                     [
                         entry["case"],
                         name,
-                        *(f"{n:.1e}" for n in numbers),
+                        *(f"{n:.1e}" for n in parameters),
                         found.note,
                         "" if same else "DIFFERS",
                     ]

@@ -101,12 +101,12 @@ def main() -> None:
         memory = max(part[2] for part in parts)
         if memory > MOST:
             failed.append(f"{kind}: a process had {memory:.1f} GB")
-        numbers = [f"{came[word]:,}" for word in ("taken", "refused", "broken")]
+        parameters = [f"{came[word]:,}" for word in ("taken", "refused", "broken")]
         rows.append(
             (
                 kind,
                 f"{sum(came.values()):,}",
-                *numbers,
+                *parameters,
                 f"{memory:.2f}",
                 f"{time.perf_counter() - began:.0f}",
             )

@@ -60,7 +60,7 @@ def main() -> None:
             times[i], values[i] = reader.json(line)
         belief = belief if belief is not None else offline.initial(times[0], values[0])
         rows, _ = offline.checked_rows(belief, times, values)
-        kernel_states, _ = offline.kernel.scan(belief.kernel_state, rows, offline.numbers)
+        kernel_states, _ = offline.kernel.scan(belief.kernel_state, rows, offline.parameters)
         worst = max(worst, float(np.abs(kernel_states[:, 0] - angles).max()))
         belief = type(belief)(float(times[-1]), kernel_states[-1].copy(), belief.size, done + count)
         done += count

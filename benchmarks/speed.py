@@ -157,7 +157,7 @@ def everything() -> None:
                 estimator.kernel,
                 estimator.initial(0.0, samples[0]).kernel_state,
                 rows,
-                estimator.numbers,
+                estimator.parameters,
             )
             found.append((f"{name}, {estimator.kernel.backend}, one step", *_both(times)))
     found.append(("adaptive, LiveEstimator.step in Python", *_both(live_times(rig, log))))

@@ -143,7 +143,7 @@ def steps() -> None:
             begun = estimator.initial(0.0, samples[0])
             times = estimator.interval * np.arange(1, SAMPLES + 1)
             rows, _ = estimator.checked_rows(begun, times, samples)
-            feeds.append(Feed(begun.kernel_state, rows, estimator.numbers))
+            feeds.append(Feed(begun.kernel_state, rows, estimator.parameters))
         for way, count in (("scan", 1), ("lanes", lanes_here())):
             least = [inf, inf]
             for _ in range(ROUNDS):

@@ -33,7 +33,7 @@ def finite_difference(
     return np.column_stack(columns)
 
 
-def at_numbers(context: FilterContext, expression: ca.SX) -> float:
+def at_parameters(context: FilterContext, expression: ca.SX) -> float:
     """Return an expression of the filter's inputs at the numbers of its rig."""
     parameters = context.mechanism.parameters
     return float(ca.Function("f", [parameters.symbols], [expression])(parameters.values))

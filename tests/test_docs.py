@@ -46,7 +46,7 @@ def public_callables(name: str) -> list[tuple[str, object]]:
     return found
 
 
-NUMBERS = re.compile(r"\b(Floats|Bools|NDArray|Scalar|Vector|Matrix|float)\b")
+PARAMETERS = re.compile(r"\b(Floats|Bools|NDArray|Scalar|Vector|Matrix|float)\b")
 """Types whose unit or shape a name does not say."""
 
 FILLER = re.compile(
@@ -71,7 +71,7 @@ def test_arguments_are_documented_where_their_names_and_types_do_not_say_it(name
             if k not in ("self", "cls")
         }  # type: ignore[arg-type]
         for argument, parameter in arguments.items():
-            needs = len(arguments) > 1 and NUMBERS.search(str(parameter.annotation))
+            needs = len(arguments) > 1 and PARAMETERS.search(str(parameter.annotation))
             if needs and not re.search(rf"(?m)(^\s+{argument}: |\b{argument}\b|`{argument}`)", doc):
                 missing.append(f"{path}: {argument}")
         section = re.search(r"(?ms)^Args:\n(.*?)(^\S|\Z)", doc)

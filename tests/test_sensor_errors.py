@@ -35,8 +35,8 @@ def sensor(rig: Rig, **values: float) -> Sensor:
 
 def drawn(seed: int, largest: float, true: Floats) -> Floats:
     weights, phases = drawn_curve(TRAVEL, largest, np.random.default_rng(seed))
-    numbers = {"low": TRAVEL[0], "high": TRAVEL[1], "weights": weights, "phases": phases}
-    curve: Floats = np.array(linearity_curve(ca.DM(true), numbers)).ravel()
+    parameters = {"low": TRAVEL[0], "high": TRAVEL[1], "weights": weights, "phases": phases}
+    curve: Floats = np.array(linearity_curve(ca.DM(true), parameters)).ravel()
     return curve
 
 

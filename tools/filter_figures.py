@@ -82,7 +82,7 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
         mean, memory = (
             np.array(layout.part(ca.DM(before), name)).ravel() for name in ("mean", "drives")
         )
-        vector = Tracks(track(mean, memory, x, estimator.numbers), n_drives)
+        vector = Tracks(track(mean, memory, x, estimator.parameters), n_drives)
         drives = [
             Drive(**dict(zip(TRACKED, np.array(vector.of(i)).ravel()))) for i in range(n_drives)
         ]
@@ -92,7 +92,7 @@ def steps(log: Log, rig: Rig, robustness: Robustness | None = None) -> list[Step
             (d.position - old) / max(time - last, 1e-9)
             for d, old in zip(drives, memory[:: len(memory) // n_drives])
         ]
-        found = rows.function(predicted, vector.vector, rates, x, estimator.numbers)
+        found = rows.function(predicted, vector.vector, rates, x, estimator.parameters)
         each = [np.array(found[4 * k]).ravel() for k in range(len(rows.rows))]
         values = [{part: float(row[i]) for i, part in enumerate(ROW.names)} for row in each]
         variances = np.diag(belief.covariance)

@@ -121,7 +121,7 @@ NUMBER = {
 """What a number that has a std may be written with."""
 
 
-def numbers() -> str:
+def parameters() -> str:
     """Return the table of the keys of a number."""
     if set(NUMBER) != set(KEYS):
         raise ValueError(f"NUMBER has to describe {', '.join(KEYS)}")
@@ -163,7 +163,7 @@ def written(page: str) -> str:
     """Return a page as it should be."""
     root, title, first = PAGES[page]
     text = f"# {title}\n\n{first} `python -m tools.reference` writes this page.\n\n{tables(root)}"
-    return f"{text}\n{numbers()}\n" if root is Rig else text
+    return f"{text}\n{parameters()}\n" if root is Rig else text
 
 
 if __name__ == "__main__":

@@ -114,7 +114,7 @@ def iterated_update(
     """
     prior, covariance = prediction.state, Downdate(prediction.covariance)
     tracks, x, p, nd = interval.tracks, interval.x, interval.p, states.context.n_drives
-    table, nominal = Rows.of(states), states.context.numbers(p, ["interval"])
+    table, nominal = Rows.of(states), states.context.parameters(p, ["interval"])
     mean, kept, innovations, spreads = ca.MX(prior), list(memory), list[Any](), list[Any]()
     for k, row in enumerate(table.rows):
         compare, weigh = (

@@ -35,7 +35,7 @@ from benchmarks.strangers.drawn_plants import (
     STEP,
     identified,
     nudged,
-    numbers_of,
+    parameters_of,
     ramps,
     simulated,
 )
@@ -77,7 +77,7 @@ def positions_of(rig: Drawn, wish: Floats, level: Floats) -> Floats:
         wish: angles [rad], (k, j).
         level: share of the usual tension, where tendons pull against each other, (k,).
     """
-    p = numbers_of(rig.raw, {})
+    p = parameters_of(rig.raw, {})
     own = [np.flatnonzero(column) for column in p["levers"].T]
     single = np.array([len(tendons) == 1 for tendons in own])
     lever = np.array([p["levers"][tendons[0], d] for d, tendons in enumerate(own)])

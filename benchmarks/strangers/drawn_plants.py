@@ -15,10 +15,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.drawn_rigs import RATE, Raw, numbers, settled, spread, units
+from benchmarks.strangers.drawn_rigs import RATE, Raw, parameters, settled, spread, units
 
 Floats = NDArray[np.float64]
-Numbers = dict[str, Floats]
+Parameters = dict[str, Floats]
 """The arrays of plants; the first axis is that of the plants, then joints j, tendons t or drives d.
 """
 
@@ -42,7 +42,7 @@ CLEAR = 0.5
 """A number is told if its marginal std is below this share of that of its prior."""
 
 
-def numbers_of(raw: Raw, values: Mapping[str, float]) -> Numbers:
+def parameters_of(raw: Raw, values: Mapping[str, float]) -> Parameters:
     """Return the arrays of one plant."""
     rig = settled(raw, values)
     joints, drives, tendons = rig["joints"], rig["drives"], rig["tendons"]
@@ -108,7 +108,7 @@ def soft(value: Floats, limit: Floats) -> Floats:
     return value - np.minimum(np.maximum(value, -limit), limit)
 
 
-def loads(p: Numbers, ends: Floats, angles: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def loads(p: Parameters, ends: Floats, angles: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return torques (b, j), limits of friction (b, j), stretches and tensions (b, t); `ends` are
     places of tendons.
     """
@@ -125,7 +125,7 @@ def loads(p: Numbers, ends: Floats, angles: Floats) -> tuple[Floats, Floats, Flo
     )
 
 
-def balanced(p: Numbers, ends: Floats, angles: Floats, rubbing: float = 1.0) -> Floats:
+def balanced(p: Parameters, ends: Floats, angles: Floats, rubbing: float = 1.0) -> Floats:
     """Return where joints come to rest, (b, j): each stays unless more than friction turns it;
     Newton from kink to kink.
     """
@@ -166,7 +166,7 @@ def balanced(p: Numbers, ends: Floats, angles: Floats, rubbing: float = 1.0) -> 
     raise ArithmeticError("a plant does not come to rest")
 
 
-def prepared(p: Numbers) -> Numbers:
+def prepared(p: Parameters) -> Parameters:
     """Return the arrays with what the loops need beside them."""
     stiff = np.einsum("bt,btj->bj", p["stiffness"], p["arms"] ** 2) + p["spring"]
     return {
@@ -177,7 +177,7 @@ def prepared(p: Numbers) -> Numbers:
     }
 
 
-def at_rest(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def at_rest(p: Parameters, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return angles (k, b, j) and tensions (k, b, t) without inertia; `ends` of tendons are (PARTS
     k, logs, t).
     """
@@ -192,7 +192,7 @@ def at_rest(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, F
     return np.array(turned), np.array(pulls)
 
 
-def moving(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def moving(p: Parameters, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return angles (k, b, j) and tensions (k, b, t) with inertia; `ends` of tendons are (steps,
     logs, t).
     """
@@ -214,7 +214,7 @@ def moving(p: Numbers, ends: Floats, logs: NDArray[np.intp]) -> tuple[Floats, Fl
     return np.array(turned), np.array(pulls)
 
 
-def efforts(p: Numbers, positions: Floats, tensions: Floats) -> Floats:
+def efforts(p: Parameters, positions: Floats, tensions: Floats) -> Floats:
     """Return what force and torque sensors read without noise, (k, b, d), of places (k, b, d) and
     tensions (k, b, t).
     """
@@ -253,7 +253,7 @@ def simulated(
             interval.
         inert: whether joints have inertia and damping.
     """
-    made = [numbers_of(raw, plant) for plant in plants]
+    made = [parameters_of(raw, plant) for plant in plants]
     rows = [one for one, own in zip(made, of) for _ in own]
     p = {name: np.stack([one[name] for one in rows]) for name in made[0]}
     logs = np.array([log for own in of for log in own])
@@ -269,7 +269,7 @@ def simulated(
 
 def nudged(raw: Raw, truth: Mapping[str, float]) -> list[dict[str, float]]:
     """Return the true numbers with each unit a little higher, and a little lower, in turn."""
-    known = numbers(raw)
+    known = parameters(raw)
     steps = [{path: NUDGE * spread(known[path]) for path in paths} for paths in units(raw).values()]
     return [
         {**truth, **{k: truth[k] + sign * v for k, v in step.items()}}
@@ -287,7 +287,7 @@ def identified(
     Forces err by their sensor and by what the noise of places does to tensions, encoders by theirs
     and by an offset.
     """
-    p = numbers_of(raw, {})
+    p = parameters_of(raw, {})
     positions, forces, encoders = (
         [one for one in raw["sensors"] if one["measures"] == kind]
         for kind in ("position", "force", "angle")

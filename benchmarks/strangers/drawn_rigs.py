@@ -68,7 +68,7 @@ class Drawn:
     offsets: Floats
 
 
-def numbers(part: Any, path: str = "") -> dict[str, Raw]:
+def parameters(part: Any, path: str = "") -> dict[str, Raw]:
     """Return what of a raw rig has a std, by path, but for what is of a log or an encoder: first
     angles, offsets, loads.
     """
@@ -80,7 +80,7 @@ def numbers(part: Any, path: str = "") -> dict[str, Raw]:
     if isinstance(part, (dict, list)):
         for key, inner in part.items() if isinstance(part, dict) else enumerate(part):
             if key not in ("initial", "nominal_force"):
-                found |= numbers(inner, f"{path}.{key}".lstrip("."))
+                found |= parameters(inner, f"{path}.{key}".lstrip("."))
     return found
 
 
@@ -90,7 +90,7 @@ def units(raw: Raw) -> dict[str, list[str]]:
     """
     found: dict[str, list[str]] = {}
     first: dict[str, str] = {}
-    for path, number in numbers(raw).items():
+    for path, number in parameters(raw).items():
         name = number["shared"]["name"] if "shared" in number else path
         found.setdefault(first.setdefault(name, path), []).append(path)
     return found
@@ -101,11 +101,11 @@ def spread(number: Raw) -> float:
     return float(number["value"] * number["shared"]["std"] if "shared" in number else number["std"])
 
 
-def true_numbers(raw: Raw, rng: np.random.Generator) -> dict[str, float]:
+def true_parameters(raw: Raw, rng: np.random.Generator) -> dict[str, float]:
     """Return numbers by path, normal about those of a rig; what is positive there stays above a
     tenth of itself.
     """
-    known, found = numbers(raw), dict[str, float]()
+    known, found = parameters(raw), dict[str, float]()
     for paths in units(raw).values():
         least = [
             0.1 * known[path]["value"] if known[path]["value"] > 0.0 else -np.inf for path in paths
@@ -348,5 +348,5 @@ def drawn_rig(seed: int, stops: bool) -> Drawn:
     off = [one["bias"]["std"] for one in raw["sensors"] if one["measures"] == "angle"]
     pressed = draw.ends + 1.5 * draw.turn + np.deg2rad(2) if stops else np.zeros(draw.n)
     kind = f"{draw.layout}, {'capstans' if draw.capstan else 'sliders'}"
-    truth, offsets = true_numbers(raw, draw.rng), np.array(off) * draw.rng.normal(size=draw.n)
+    truth, offsets = true_parameters(raw, draw.rng), np.array(off) * draw.rng.normal(size=draw.n)
     return Drawn(raw, truth, draw.inert, kind, draw.tension, draw.reach, pressed, offsets)

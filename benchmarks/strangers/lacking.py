@@ -31,11 +31,11 @@ from benchmarks.strangers.drawn_plants import (
     balanced,
     efforts,
     loads,
-    numbers_of,
+    parameters_of,
     prepared,
     ramps,
 )
-from benchmarks.strangers.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, numbers
+from benchmarks.strangers.drawn_rigs import RATE, WIDER, Drawn, Raw, drawn_rig, parameters
 from distal import Log, fit
 from distal.logs import FROM_SENSOR
 from distal.rig import build_rig
@@ -146,7 +146,7 @@ def logs_of(
         wave = 2.0 * np.pi * (own.uniform(0.05, 0.2) * np.arange(len(wish)) / rate + own.uniform())
         moves.append(positions_of(rig, wish, 1.0 + 0.35 * np.sin(wave)))
     positions = np.stack(moves, axis=1)
-    one = numbers_of(rig.raw, rig.truth)
+    one = parameters_of(rig.raw, rig.truth)
     p = prepared({name: np.stack([value] * count) for name, value in one.items()})
     p["mass"] = 0.0 * p["mass"]
     ends = positions @ one["levers"].T
@@ -212,7 +212,7 @@ def run_rig(seed: int) -> Raw:
     parts = [
         part for part in found.fitted if part.identified and not part.noise and part.prior_std > 0
     ]
-    known = numbers(rig.raw)
+    known = parameters(rig.raw)
     said["values"] = [
         {
             "path": path,

@@ -21,7 +21,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.strangers.drawn_plants import PARTS, at_rest, efforts, numbers_of
+from benchmarks.strangers.drawn_plants import PARTS, at_rest, efforts, parameters_of
 from benchmarks.strangers.drawn_rigs import Raw
 from distal import Log
 from distal.logs import FROM_SENSOR
@@ -69,7 +69,7 @@ def _guessed(rng: np.random.Generator, true: float, factor: float) -> Raw:
     return {"value": guess, "std": guess * 0.5 * (factor - 1.0 / factor) / 2.0}
 
 
-class _Numbers:
+class _Parameters:
     """True numbers by path as they are drawn, and what the user takes them for."""
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -92,7 +92,7 @@ class _Numbers:
 
 
 def _wrist_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
-    forces, n = kind == "held", _Numbers(rng)
+    forces, n = kind == "held", _Parameters(rng)
     joints, drives, tendons, sensors = list[Raw](), list[Raw](), list[Raw](), list[Raw]()
     for j in range(3):
         friction = {
@@ -174,7 +174,7 @@ def _wrist_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, floa
     }, n.truth
 
 
-def _pair(n: _Numbers, kind: str, radius: float, stiffness: float, extra: Raw) -> Raw:
+def _pair(n: _Parameters, kind: str, radius: float, stiffness: float, extra: Raw) -> Raw:
     """Return one joint between two tendons, each with its own slider and load cell."""
     tendons, drives, sensors, rate = list[Raw](), list[Raw](), list[Raw](), RATE[kind]
     arm = n.both("tendons.{}.insertion.radius", radius, 1.5, 0.03)
@@ -224,7 +224,7 @@ def _pair(n: _Numbers, kind: str, radius: float, stiffness: float, extra: Raw) -
 
 
 def _sheath_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
-    n = _Numbers(rng)
+    n = _Parameters(rng)
     friction = n.both("tendons.{}.path.friction", 0.12, 3.0, 0.1)
     raw = _pair(
         n, kind, 8e-3, 4e3, {"path": {"friction": friction, "wrap": {"value": 2.4, "std": 1.5}}}
@@ -234,7 +234,7 @@ def _sheath_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, flo
 
 
 def _rolling_rig(rng: np.random.Generator, kind: str) -> tuple[Raw, dict[str, float]]:
-    n = _Numbers(rng)
+    n = _Parameters(rng)
     raw = _pair(n, kind, HALF_WIDTH, 6e3, {})
     raw["joints"][0]["external_torque"] = {"std": 0.03}
     return raw, n.truth
@@ -316,7 +316,7 @@ def _balanced(
     """Return angles (k, j), places and efforts (k, d); drives go where stiff tendons would bring
     the joints to the wish.
     """
-    made = numbers_of(raw, truth)
+    made = parameters_of(raw, truth)
     p = {name: value[None] for name, value in made.items()}
     levers, arms = made["levers"], made["arms"]
     lengths = wish @ arms.T

@@ -34,7 +34,7 @@ TORQUE_CONSTANT = 0.5
 """What a catalogue says [N m/A]; of each motor it is another."""
 
 
-NUMBERS = (
+PARAMETERS = (
     "arms",
     "spools",
     "low",
@@ -167,8 +167,8 @@ class Hands:
         servo = np.array([self.stiffness, self.damping, self.dead_band])
         tendons, joints = d.arms.shape[1:]
         sizes = (tendons, joints, d.spools.shape[2], steps)
-        numbers = [getattr(d, name) for name in NUMBERS]
-        given = [*numbers, self.broken, self.slips, self.limits, self.goals, *moving]
+        parameters = [getattr(d, name) for name in PARAMETERS]
+        given = [*parameters, self.broken, self.slips, self.limits, self.goals, *moving]
         for hand in range(len(d.arms)):
             called(function, sizes, STEP, servo, *(array[hand] for array in given))
         for name, array in zip(MOVING, moving):

@@ -73,10 +73,10 @@ def _function(of: Callable[..., ca.SX]) -> ca.Function:
     `linearity_curve`.
     """
     true = ca.SX.sym("true")
-    numbers = ca.SX.sym("numbers", SENSOR.size)
+    values = ca.SX.sym("numbers", SENSOR.size)
     draw = ca.SX.sym("draw")
-    inputs = [true, numbers, draw][: 3 if of is reading else 2]
-    return ca.Function(of.__name__, inputs, [of(true, SENSOR.parts(numbers), *inputs[2:])])
+    inputs = [true, values, draw][: 3 if of is reading else 2]
+    return ca.Function(of.__name__, inputs, [of(true, SENSOR.parts(values), *inputs[2:])])
 
 
 def drawn_curve(
@@ -87,9 +87,9 @@ def drawn_curve(
     """
     weights = rng.normal(size=HARMONICS) / np.arange(1, HARMONICS + 1)
     phases = rng.uniform(0.0, 2.0 * np.pi, HARMONICS)
-    numbers = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], weights, phases])
+    values = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 1.0], weights, phases])
     peak = np.abs(
-        np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], numbers))
+        np.array(_function(linearity_curve)(np.linspace(0.0, 1.0, 501)[None], values))
     ).max()
     return (largest / peak if ends[1] > ends[0] else 0.0) * weights, phases
 
@@ -119,9 +119,9 @@ class SensorErrors:
             rows.append(
                 np.concatenate([fixed, [low, high if high > low else low + 1.0], weights, phases])
             )
-        self.numbers = np.array(rows)
+        self.values = np.array(rows)
         """The numbers of `SENSOR` of each sensor, (n, 12)."""
-        self._columns = ca.DM(self.numbers.T)
+        self._columns = ca.DM(self.values.T)
         self._drawn = np.zeros((0, len(sensors)))
 
     def draws(self, count: int) -> Floats:
@@ -144,7 +144,7 @@ class SensorErrors:
             return np.array(function(true, self._columns, draws))
         each = [
             function(true[:, [k]].T, self._columns[:, k], draws[:, [k]].T)
-            for k in range(len(self.numbers))
+            for k in range(len(self.values))
         ]
         read: Floats = np.array(ca.vertcat(*each)).T
         return read

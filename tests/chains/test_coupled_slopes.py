@@ -30,7 +30,7 @@ def test_the_transition_of_coupled_joints_is_that_of_differences() -> None:
 
     def predicted(mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         y = np.array(
-            whole(np.concatenate([mean, kernel_state[n:]]), row, estimator.numbers)[1]
+            whole(np.concatenate([mean, kernel_state[n:]]), row, estimator.parameters)[1]
         ).ravel()[outputs:]
         return y[:n], y[n + n * n :].reshape(n, n, order="F")
 

@@ -142,7 +142,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
         for j, o in enumerate(kept_open)
     }
     remembered = Remembered([], {}, torque)
-    interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(estimator.numbers)))
+    interval = Interval(ca.MX(), ca.MX(), ca.MX(ca.DM([dt])), ca.MX(ca.DM(estimator.parameters)))
     name = states.context.channels.forces[0].name
     most = 4e-6
     evidence = {name: Evidence(*map(ca.MX, (0, 0, 0, excess, normal, most, 1)))}

@@ -18,7 +18,7 @@ from distal.estimators.adaptive.drive_tracking import MEMORY, REMEMBERED, Drive,
 from distal.estimators.adaptive.guards import followed_share, jump_evidence
 from distal.estimators.adaptive.prediction import followed_variance
 from distal.rig import build_rig
-from tests.helpers import at_numbers
+from tests.helpers import at_parameters
 
 
 def test_a_chain_has_guards_of_its_own() -> None:
@@ -44,8 +44,8 @@ def test_a_force_beyond_friction_counts_once_in_a_while(time: float, factor: flo
     still = Drive(*(ca.SX(x) for x in (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1e-9)))
     residual = Residual(*(ca.SX(x) for x in (0.5, 0.01, 0.0, 1e-6, 0.0, 1e-3, 0.5, 1.0)))
     found = compared(context, 0, still, residual, ca.SX(0.005))
-    assert at_numbers(context, found.variance) == pytest.approx(factor * 1e-6, rel=1e-9)
-    assert at_numbers(context, found.innovation) == pytest.approx(0.49, rel=1e-9)
+    assert at_parameters(context, found.variance) == pytest.approx(factor * 1e-6, rel=1e-9)
+    assert at_parameters(context, found.innovation) == pytest.approx(0.49, rel=1e-9)
 
 
 def test_angles_walk() -> None:
@@ -71,7 +71,7 @@ def test_a_joint_follows_a_lost_drive_by_its_share_of_the_arms() -> None:
     arms = np.array([8e-3, 7e-3, 6e-3])
     share = float(followed_share(context.robustness, lost))
     for j in range(3):
-        found = at_numbers(context, followed_variance(context, j, vector, memory))
+        found = at_parameters(context, followed_variance(context, j, vector, memory))
         assert found == pytest.approx(share * grown * (arms[j] / np.sum(arms**2)) ** 2, rel=1e-9)
 
 

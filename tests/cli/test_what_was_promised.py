@@ -212,8 +212,8 @@ def test_fifty_thousand_episodes_are_found_at_once(tmp_path: Path) -> None:
     (tmp_path / "meta").mkdir()
     (tmp_path / "meta" / "info.json").write_text("{}")
     (tmp_path / "data").mkdir()
-    numbers = np.arange(50_000)
-    parquet.write_table(pa.table({"episode_index": numbers}), tmp_path / "data" / "a.parquet")
+    parameters = np.arange(50_000)
+    parquet.write_table(pa.table({"episode_index": parameters}), tmp_path / "data" / "a.parquet")
     began = process_time()
     found = episodes_of(tmp_path)
     assert process_time() - began < 3.0

@@ -134,7 +134,7 @@ class Terms:
         known = [term for term in self.terms if fits(term)]
         return known[int(len(known) * sqrt(self.rng.uniform()))]
 
-    def numbers(self, *shape: int) -> np.ndarray:
+    def ids(self, *shape: int) -> np.ndarray:
         """Return random numbers: whole ones of up to 3, smooth ones of up to 1."""
         if self.whole:
             return self.rng.integers(-3, 4, size=shape).astype(float)
@@ -215,7 +215,7 @@ def scalar_graph(seed: int) -> ca.Function:
     kernel_state, x = ca.SX.sym("kernel_state", 5), ca.SX.sym("x", 4)
     graph.terms = [
         Term(v, graph.size)
-        for v in (*ca.vertsplit(kernel_state), *ca.vertsplit(x), ca.SX(float(graph.numbers(1)[0])))
+        for v in (*ca.vertsplit(kernel_state), *ca.vertsplit(x), ca.SX(float(graph.ids(1)[0])))
     ]
     for _ in range(graph.rng.integers(8, 40)):
         graph.some([graph.unary, graph.binary])()
@@ -309,7 +309,7 @@ class Matrices(Terms):
         b = self.drawn(lambda v: v.shape[1] == m)
         c = self.drawn(lambda v: v.shape[0] == n)
         middle, right = int(self.rng.integers(1, n)), int(self.rng.integers(0, m + 1))
-        constant = Term(ca.MX(ca.DM(self.numbers(n, m))), self.size)
+        constant = Term(ca.MX(ca.DM(self.ids(n, m))), self.size)
         options = [
             (ca.vertcat(a.value, b.value), a, b),
             (ca.vertcat(ca.vec(b.value), ca.vec(a.value)), a, b),
@@ -363,8 +363,8 @@ class Matrices(Terms):
         if not there.any() or there.all():
             return False
         pattern = ca.sparsify(ca.DM(there.astype(float))).sparsity()
-        numbers = self.numbers(pattern.nnz())
-        factor: Any = ca.DM(pattern, numbers)
+        ids = self.ids(pattern.nnz())
+        factor: Any = ca.DM(pattern, ids)
         b = Term(factor, self.size)
         if self.rng.uniform() < 0.5:
             scale = self.drawn(lambda v: v.numel == 1)
@@ -427,7 +427,7 @@ class Matrices(Terms):
     def constant(self) -> bool:
         """Add a constant matrix."""
         return self.add(
-            Term(ca.MX(ca.DM(self.numbers(N, int(self.rng.integers(1, N + 1))))), self.size)
+            Term(ca.MX(ca.DM(self.ids(N, int(self.rng.integers(1, N + 1))))), self.size)
         )
 
 
@@ -488,4 +488,4 @@ def given(function: ca.Function, seed: int) -> list[np.ndarray]:
         seed: the one that it was made with.
     """
     drawn = Terms(seed, None)
-    return [drawn.numbers(function.numel_in(i)) for i in range(function.n_in())]
+    return [drawn.ids(function.numel_in(i)) for i in range(function.n_in())]

@@ -253,8 +253,8 @@ def test_a_constant_in_pieces() -> None:
 def test_zeros_keep_their_sign() -> None:
     """Zero equals −0, but 1/x, copysign and atan2 tell them apart."""
     assert [Plain().constant(zero) for zero in (0.0, -0.0, 0.0)] == ["0.0", "(-0.0)", "0.0"]
-    assert Value(None, 0, 2, numbers=(0.0, 0.0)).is_uniform
-    assert not Value(None, 0, 2, numbers=(0.0, -0.0)).is_uniform
+    assert Value(None, 0, 2, ids=(0.0, 0.0)).is_uniform
+    assert not Value(None, 0, 2, ids=(0.0, -0.0)).is_uniform
 
 
 def test_lanes_have_constants_that_are_no_numbers() -> None:

@@ -350,18 +350,19 @@ def test_a_cause_says_what_takes_it_off(finger: Rig) -> None:
     (scale,) = _likeliest(doubled, finger, ERROR)[:1]
     by_reading, by_number = scale.undone
     assert by_reading.channels == {"x_mcp_f": pytest.approx(0.5)}
-    assert by_number.numbers == {"tendons.0.crossings.0.radius": pytest.approx(2.0)}
+    assert by_number.parameters == {"tendons.0.crossings.0.radius": pytest.approx(2.0)}
     soft = log_of(stiffness=STIFFNESS / 2)
     force = next(one for one in _likeliest(soft, finger, ERROR) if one.subject == "F_mcp_f")
     by_reading, by_number = force.undone
     assert by_reading.channels == {"F_mcp_f": pytest.approx(2.0, rel=0.05)}
-    assert by_number.numbers == {"tendons.0.stiffness": pytest.approx(0.5, rel=0.05)}
+    assert by_number.parameters == {"tendons.0.stiffness": pytest.approx(0.5, rel=0.05)}
     (arm,) = (
         one for one in _likeliest(log_of(arms=turned(1, 1.3)), finger, ERROR) if one.kind == "arm"
     )
-    assert [*arm.undone[0].numbers.values()] == [pytest.approx(1.3, rel=0.05)]
+    assert [*arm.undone[0].parameters.values()] == [pytest.approx(1.3, rel=0.05)]
     assert all(
-        path.startswith("tendons.") and path.endswith(".radius") for path in arm.undone[0].numbers
+        path.startswith("tendons.") and path.endswith(".radius")
+        for path in arm.undone[0].parameters
     )
 
 

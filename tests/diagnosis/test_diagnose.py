@@ -71,7 +71,7 @@ class TestRerun:
     def test_a_number(self, rig: Rig, log: Log) -> None:
         rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         path = "tendons.0.insertion.radius"
-        other = rerun(ModelChange(numbers={path: 1.1}))
+        other = rerun(ModelChange(parameters={path: 1.1}))
         radius = rig.tendons[0].insertion.radius.value
         # the joint's own load is computed from the rig's values, and a float factor rounds: not to
         # the last bit
@@ -83,7 +83,7 @@ class TestRerun:
         rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         doubled = rig.with_values({path: 2.0 * rig.joints[0].friction.coefficient.value})
         np.testing.assert_allclose(
-            rerun(ModelChange(numbers={path: 2.0})).means[:, 0],
+            rerun(ModelChange(parameters={path: 2.0})).means[:, 0],
             estimate(log, doubled).theta,
             atol=2e-4,
         )
@@ -120,7 +120,7 @@ class TestRerun:
         rerun = Rerun(log, estimator_for(log, rig, "adaptive"))  # type: ignore[arg-type]
         factors = np.linspace(0.8, 1.2, 9)  # more than there are lanes
         changes = [
-            ModelChange(channels={"u1": factor}, numbers={"tendons.0.stiffness": factor})
+            ModelChange(channels={"u1": factor}, parameters={"tendons.0.stiffness": factor})
             for factor in factors
         ]
         for change, one in zip(changes, rerun.each(changes), strict=True):

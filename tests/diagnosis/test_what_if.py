@@ -22,7 +22,7 @@ from distal.diagnosis.explanations import _best_ratio
 from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.rerun import OUTLIER, ModelChange, Rerun
 from distal.diagnosis.untested import _changes, _unseen, untestable
-from distal.diagnosis.what_if import moved_by_starts, overconfidence, with_learned_numbers
+from distal.diagnosis.what_if import moved_by_starts, overconfidence, with_learned_parameters
 from distal.estimators import AdaptiveFilter, StateKind
 from distal.rig import build_rig
 from distal.run.offline import estimator_for
@@ -39,7 +39,7 @@ def test_each_scale_is_tried_with_its_inverse_and_each_zero_to_both_sides() -> N
     for group, drives, change in _changes(rerun):
         for kind, values in (
             ("channel", change.channels),
-            ("number", change.numbers),
+            ("number", change.parameters),
             ("added", change.added),
         ):
             for name, value in values.items():
@@ -352,7 +352,7 @@ def test_what_a_log_teaches_within_its_std_contradicts_nothing(
     result = estimate(log, rig)
     assert channel_statistics_of(result).findings()[0].contradicts
     again = channel_statistics_of(
-        with_learned_numbers(result, Rerun(log, estimator_for(log, rig, "adaptive")))
+        with_learned_parameters(result, Rerun(log, estimator_for(log, rig, "adaptive")))
     )  # type: ignore[arg-type]
     assert (not any(finding.contradicts for finding in again.findings())) is consistent
     assert diagnose(result, log, rig).consistent is consistent

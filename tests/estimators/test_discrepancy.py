@@ -175,7 +175,7 @@ def test_the_correction_and_its_band(plain: Rig, rig: Rig, log: Log) -> None:
     samples = samples_of(log, estimator.channels)
     belief = estimator.initial(log.time[0], samples[0])
     rows, last = estimator.checked_rows(belief, log.time, samples)
-    position = estimator.kernel.scan(belief.kernel_state, rows, estimator.numbers)[0][last][
+    position = estimator.kernel.scan(belief.kernel_state, rows, estimator.parameters)[0][last][
         :, estimator.positions[0]
     ]
     deltas, variances = naive(

@@ -56,11 +56,11 @@ def test_what_is_compared_only_has_an_innovation_and_corrects_nothing(
     width, force = len(estimator.channels), estimator.channels.index(estimator.measured[0])
     row = np.concatenate([[0.01], sample, np.full(width, READ)])
     n = belief.size
-    (read,), _ = estimator.kernel.scan(belief.kernel_state, row, estimator.numbers)
+    (read,), _ = estimator.kernel.scan(belief.kernel_state, row, estimator.parameters)
     row[1 + width + force] = mask
-    (kernel_state,), (y,) = estimator.kernel.scan(belief.kernel_state, row, estimator.numbers)
+    (kernel_state,), (y,) = estimator.kernel.scan(belief.kernel_state, row, estimator.parameters)
     row[1 + width + force] = MISSING
-    (missing,), _ = estimator.kernel.scan(belief.kernel_state, row, estimator.numbers)
+    (missing,), _ = estimator.kernel.scan(belief.kernel_state, row, estimator.parameters)
     np.testing.assert_array_equal(kernel_state[: n + n * n], missing[: n + n * n])
     assert np.isfinite(y[0]) == (mask == COMPARED_ONLY)
     assert not np.array_equal(read[:n], missing[:n])

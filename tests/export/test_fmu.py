@@ -302,11 +302,11 @@ def test_under_sanitizers(path: Path, made: Fmu, rig: Rig, log: Log, tmp_path: P
         archive.extractall(tmp_path)
         token = fmpy.read_model_description(str(path)).guid
     rows = samples_of(log, made.inputs)[:100]
-    name, numbers = made.exported.name, ",".join(f"{value:.17g}" for value in rows.ravel())
+    name, parameters = made.exported.name, ",".join(f"{value:.17g}" for value in rows.ravel())
     (tmp_path / "sources" / "main.c").write_text(f"""
 #include "{name}_fmi3.c"
 #include <stdio.h>
-static const double rows[] = {{{numbers}}};
+static const double rows[] = {{{parameters}}};
 int main(void) {{
   fmi3ValueReference inputs[INPUTS], angle = INPUTS + 1;
   bool no;

@@ -19,7 +19,7 @@ from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, plain_value
 from distal.fitting.learn import Judged, Learned, learned_by
 from distal.fitting.missing_terms import MissingTerm
-from distal.fitting.parameter_estimates import among_models, numbers_of, problem_of
+from distal.fitting.parameter_estimates import among_models, parameters_of, problem_of
 from distal.fitting.result import Fit
 from distal.rig import build_rig, parse_toml
 
@@ -60,7 +60,7 @@ class Found:
         self.logs = [replace(finger_log(seed, 3.0), source=f"log {seed}") for seed in range(2)]
         self.training = Training.of(self.logs, rig, OPTIONS)
         self.line = line_map(self.training)
-        self.solutions = numbers_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
+        self.solutions = parameters_of(problem_of(self.logs, rig, OPTIONS), OPTIONS, None)
         play = [MissingTerm("play", BACKLASH)]
         _, self.candidates, self.models = learning._chosen(
             self.logs, self.training, self.line, self.solutions, play, None
@@ -121,11 +121,11 @@ def test_an_encoders_zero_that_no_score_shows_is_said(
 
 
 def test_other_models_widen_the_report_alone(found: Found) -> None:
-    numbers = found.solutions[0]
-    wider = among_models(numbers, found.models)
-    assert any(a.error > b.error for a, b in zip(wider.fitted, numbers.fitted))
+    parameters = found.solutions[0]
+    wider = among_models(parameters, found.models)
+    assert any(a.error > b.error for a, b in zip(wider.fitted, parameters.fitted))
     assert [a.held_error for a in wider.fitted] == pytest.approx(
-        [b.held_error for b in numbers.fitted], nan_ok=True
+        [b.held_error for b in parameters.fitted], nan_ok=True
     )
 
 
@@ -142,8 +142,8 @@ def test_a_file_of_its_own_is_written_anew(found: Found, tmp_path: Path) -> None
 
 def test_one_that_was_interrupted_is_written(found: Found, text: str, tmp_path: Path) -> None:
     """Ctrl-C while candidates are judged leaves the best numbers so far."""
-    numbers = found.solutions[-1]
-    stopped = replace(numbers, optimum=replace(numbers.optimum, interrupted=True))
+    parameters = found.solutions[-1]
+    stopped = replace(parameters, optimum=replace(parameters.optimum, interrupted=True))
     chosen, candidates, models = learning._chosen(
         found.logs, found.training, found.line, [stopped], None, None
     )
@@ -163,10 +163,10 @@ def test_without_an_angle_parameters_alone_are_written(
 
 def test_a_factor_gives_way_to_a_std(found: Found, text: str, tmp_path: Path) -> None:
     assert "factor = 2.0" in text
-    candidate = next(c for c in found.candidates if c.numbers is not None)
-    assert candidate.numbers is not None
+    candidate = next(c for c in found.candidates if c.parameters is not None)
+    assert candidate.parameters is not None
     written = check(found, found.learned(candidate), text, tmp_path / "fitted.toml")
-    stiffness = next(p for p in candidate.numbers.fitted if "tendons.0.stiffness" in p.paths)
+    stiffness = next(p for p in candidate.parameters.fitted if "tendons.0.stiffness" in p.paths)
     assert ("factor" in written.replace("factors", "")) == (not stiffness.identified)
 
 
@@ -184,8 +184,8 @@ def test_what_does_not_fit_into_the_text_is_written_anew(
 ) -> None:
     """A result is not lost for the comments of a file."""
     monkeypatch.setattr("distal.fitting.fitted_file._put_into", lambda *_: text)
-    candidate = next(c for c in found.candidates if c.numbers is not None)
-    assert candidate.numbers is not None
+    candidate = next(c for c in found.candidates if c.parameters is not None)
+    assert candidate.parameters is not None
     result = Fit.of(found.learned(candidate), found.rig, found.logs, OPTIONS, ())
     with pytest.warns(DistalWarning, match="written anew"):
         result.save(tmp_path / "fitted.toml", text)

@@ -85,7 +85,7 @@ def test_the_fit_counts_as_the_filter_does(rig: Rig) -> None:
     samples = np.column_stack([log.channels[name] for name in estimator.channels])
     rows, _ = estimator.rows(np.diff(log.time, prepend=log.time[0]), samples)
     begun = estimator.initial(float(log.time[0]), samples[0])
-    run = advance(estimator.kernel, Feed(begun.kernel_state, rows, estimator.numbers))
+    run = advance(estimator.kernel, Feed(begun.kernel_state, rows, estimator.parameters))
     layout, count = adaptive_layout(estimator.states), len(estimator.measured)
     kept = layout.view(run.kernel_states, "evidence").reshape(len(log), -1, FORCE.size)
     paces = layout.view(run.kernel_states, "forces").reshape(len(log), -1, DRIVE.size)
@@ -173,7 +173,7 @@ def test_what_lasts_learns_nothing_while_touched(rig: Rig, pushed: Log) -> None:
     rows, _ = estimator.rows(np.diff(pushed.time, prepend=pushed.time[0]), samples)
     begun = estimator.initial(float(pushed.time[0]), samples[0])
     kernel_states = advance(
-        estimator.kernel, Feed(begun.kernel_state, rows, estimator.numbers)
+        estimator.kernel, Feed(begun.kernel_state, rows, estimator.parameters)
     ).kernel_states
     moved = np.abs(np.diff(kernel_states[:, states], axis=0)).max(axis=1)
     touched = kernel_states[:-1, estimator.contacts["finger"][1]] > 0.0
@@ -191,13 +191,13 @@ def test_a_map_is_carried_on_and_fades_while_touched() -> None:
     free = reporting_function(inner, maps, 2, [None, None], 1)
     held = reporting_function(inner, maps, 2, [None, None], 1, touched=[1])
     sizes = free.size1_in(0) - 2
-    numbers = np.concatenate([[0.0], map_coefficients_of(learned)])
+    parameters = np.concatenate([[0.0], map_coefficients_of(learned)])
     sample = [dt, 0.1, 0.02, READ, READ]
     for share in (0.0, 0.4, 1.0):
         start = [0.2, share, *np.zeros(sizes)]
-        _, y = free(start, sample, numbers)
+        _, y = free(start, sample, parameters)
         value, gain, variance = np.array(y).ravel()[1:]
-        following, y = held([*start, 0.03], sample, numbers)
+        following, y = held([*start, 0.03], sample, parameters)
         carried = (1 - share) * (value - 0.2) + share * np.exp(-dt / 0.3) * 0.03
         expected = [0.2 + carried, (1 - share) * gain + share, variance + share * 0.03**2]
         np.testing.assert_allclose(np.array(y).ravel()[1:], expected, rtol=1e-12)

@@ -22,7 +22,7 @@ from distal.fitting.inverse_dynamics import (
     InverseProblem,
     inverse_problem,
 )
-from distal.fitting.jackknife import numbers_without
+from distal.fitting.jackknife import parameters_without
 from distal.fitting.missing_terms import Tried, terms_of, tried_parts
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
@@ -270,7 +270,7 @@ def test_a_newton_step_leaves_a_log_out() -> None:
     a fifth of an error.
     """
     logs, found = ropes()
-    (quick,) = (one for one in numbers_without(found, logs, [0, 1, 1])[:1])
+    (quick,) = (one for one in parameters_without(found, logs, [0, 1, 1])[:1])
     whole = by_equations(problem_of(logs[1:], ropes_rig(), Options()), Options(), None)
     assert whole is not None
     compared = [
@@ -295,36 +295,36 @@ def test_the_part_that_a_rig_lacks_is_named() -> None:
     """
     logs, found = ropes()
     silent = ropes_rig().with_values({f"drives.{i}.backlash": None for i in (0, 1)})
-    numbers = by_equations(problem_of(logs, silent, Options()), Options(), None)
-    assert numbers is not None
-    tried = tried_parts(logs, silent, Options(), numbers)
+    parameters = by_equations(problem_of(logs, silent, Options()), Options(), None)
+    assert parameters is not None
+    tried = tried_parts(logs, silent, Options(), parameters)
     (part, better), *_ = tried.named
     assert part.name == "play between drives and tendons"
     assert set(part.values) == {f"drives.{name}.backlash.width" for name in ("flexor", "extensor")}
     # named are those that leave less than 85 % in the geometric mean of all rows, the least first,
     # and no others
-    single = tried.numbers[:4]
-    left = [left_by(own) / left_by(numbers) for own in single]
+    single = tried.parameters[:4]
+    left = [left_by(own) / left_by(parameters) for own in single]
     alone = [
-        left_by(own) / left_by(numbers)
+        left_by(own) / left_by(parameters)
         for _, own in tried.named
         if any(own is each for each in single)
     ]
     assert alone == pytest.approx(sorted(share for share in left if share < 0.85)[:2])
     assert sum(share >= 0.85 for share in left) >= 2
     assert tried_parts(logs, ropes_rig(), Options(), found).named == ()
-    quiet = replace(numbers, nis=(numbers.nis[0], tuple(0.5 for _ in numbers.nis[1])))
+    quiet = replace(parameters, nis=(parameters.nis[0], tuple(0.5 for _ in parameters.nis[1])))
     assert tried_parts(logs, silent, Options(), quiet) == Tried()
-    assert tried_parts(logs, silent, Options(free=("tendons.*.stiffness",)), numbers) == Tried()
-    models_widen_errors(numbers, better)
+    assert tried_parts(logs, silent, Options(free=("tendons.*.stiffness",)), parameters) == Tried()
+    models_widen_errors(parameters, better)
 
 
-def left_by(numbers: ParameterEstimates) -> float:
+def left_by(parameters: ParameterEstimates) -> float:
     """Return the geometric mean of the rows' √(mean ν²/S), no row counting as less than its
     sensors' noise.
     """
     return float(
-        np.prod([max(ratio, 1.0) for ratio in numbers.nis[1]]) ** (0.5 / len(numbers.nis[1]))
+        np.prod([max(ratio, 1.0) for ratio in parameters.nis[1]]) ** (0.5 / len(parameters.nis[1]))
     )
 
 

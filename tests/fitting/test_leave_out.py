@@ -24,7 +24,7 @@ from distal.fitting.candidates import (
     line_map,
 )
 from distal.fitting.fit_options import Options
-from distal.fitting.jackknife import numbers_without
+from distal.fitting.jackknife import parameters_without
 from distal.fitting.learn import Learned, learn
 from distal.fitting.leave_out import leave_out
 from distal.fitting.map_samples import discrepancy_of, filtered, partly_homed
@@ -106,7 +106,7 @@ def test_workers_change_no_number(others: list[Log], alone: Learned) -> None:
 
 @pytest.fixture(scope="module")
 def two(others: list[Log], alone: Learned) -> list[ParameterEstimates]:
-    return numbers_without(alone.numbers, others, [0, 1])
+    return parameters_without(alone.parameters, others, [0, 1])
 
 
 def test_maps_learn_from_numbers_that_have_not_seen_the_log(
@@ -115,7 +115,7 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
     """Each half of a cross-fit is of the other logs alone, likelier on these, and leaves what stays
     at its prior.
     """
-    whole = alone.numbers
+    whole = alone.parameters
     for own, left_out in zip(two, others):
         assert [data.log.source for data in own.problem.data] == [
             log.source for log in others if log is not left_out
@@ -127,7 +127,7 @@ def test_maps_learn_from_numbers_that_have_not_seen_the_log(
         moved = own.optimum.z != whole.optimum.z[shared]
         assert moved.any()
         assert not moved[whole.left[shared]].any()
-    assert numbers_without(whole, others, [0, 0]) == [whole]
+    assert parameters_without(whole, others, [0, 0]) == [whole]
 
 
 @pytest.mark.parametrize("replaced", [True, False])
@@ -135,7 +135,7 @@ def test_a_line_replaces_the_filters_angle_only_where_that_errs_clearly_more(
     replaced: bool, others: list[Log], alone: Learned
 ) -> None:
     training = Training(tuple(others), ("0", "1"), finger_rig().bare(), OPTIONS)
-    physics, line = filter_candidate("numbers", training, alone.numbers), line_map(training)
+    physics, line = filter_candidate("numbers", training, alone.parameters), line_map(training)
     straight = line_candidate(training, line, physics)
     assert straight.name == AFFINE_MAP
     physics = replace(
@@ -165,8 +165,8 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
 
     def interrupted(rest: object, fold: int) -> Learned:
         calls.append(fold)
-        found = replace(alone.numbers.optimum, interrupted=True)
-        return replace(alone, numbers=replace(alone.numbers, optimum=found))
+        found = replace(alone.parameters.optimum, interrupted=True)
+        return replace(alone, parameters=replace(alone.parameters, optimum=found))
 
     assert leave_out(others, finger_rig(), [0, 1], interrupted, None) == []
     assert calls == [1]
@@ -196,7 +196,7 @@ def test_ctrl_c_is_not_taken_for_an_answer(
     assert found.interrupted
     assert len(calls) == 1
     assert found.kept
-    assert [part.value for part in found.fitted] == [part.value for part in alone.numbers.fitted]
+    assert [part.value for part in found.fitted] == [part.value for part in alone.parameters.fitted]
 
 
 def test_each_joint_is_homed_by_its_own_truth() -> None:

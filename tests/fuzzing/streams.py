@@ -21,7 +21,7 @@ from distal.rig import Rig
 from distal.run import HEALTH, LiveEstimator, Monitor
 from tests.fuzzing.outcome import TAKEN, Outcome, broken, refusal
 
-NUMBERS = (
+PARAMETERS = (
     0,
     1,
     -1,
@@ -175,12 +175,12 @@ class Stream:
         kind = rng.randrange(6)
         if kind == 0:
             return bytes(rng.randrange(256) for _ in range(rng.randrange(60)))
-        stamp = self._at + self.live.interval if rng.random() < 0.6 else rng.choice(NUMBERS)
+        stamp = self._at + self.live.interval if rng.random() < 0.6 else rng.choice(PARAMETERS)
         if self._csv:
             cells = [
                 repr(stamp),
                 *(
-                    rng.choice([repr(rng.choice(NUMBERS)), rng.choice(CELLS), "2.0"])
+                    rng.choice([repr(rng.choice(PARAMETERS)), rng.choice(CELLS), "2.0"])
                     for _ in self._columns
                 ),
             ]
@@ -191,7 +191,7 @@ class Stream:
             message: object = {
                 self._time: stamp if rng.random() < 0.7 else rng.choice(JSON_TYPES),
                 **{
-                    name: rng.choice([rng.choice(NUMBERS), rng.choice(JSON_TYPES), 2.0])
+                    name: rng.choice([rng.choice(PARAMETERS), rng.choice(JSON_TYPES), 2.0])
                     for name in self._columns
                 },
             }
@@ -225,8 +225,10 @@ class Stream:
         only, or takes it.
         """
         width = len(self.live.channels)
-        time = rng.choice([*NUMBERS, *JSON_TYPES, np.float32(1), np.array([1.0]), self._at + 1e-3])
-        odd = np.array([_float(rng.choice(NUMBERS)) for _ in range(width)])
+        time = rng.choice(
+            [*PARAMETERS, *JSON_TYPES, np.float32(1), np.array([1.0]), self._at + 1e-3]
+        )
+        odd = np.array([_float(rng.choice(PARAMETERS)) for _ in range(width)])
         plain = rng.choice(
             [np.full(width, np.nan), np.zeros(width, dtype=rng.choice(["f4", "f8", "i2", "u8"]))]
         )

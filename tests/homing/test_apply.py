@@ -11,8 +11,8 @@ import pytest
 
 from distal import Log, Rig, estimate, load_rig
 from distal.estimators import AdaptiveFilter, Belief, first_values
-from distal.homing import Window, numbers_homed, plain_samples, with_references
-from distal.homing.apply import held, numbers_filtered, torque_samples
+from distal.homing import Window, parameters_homed, plain_samples, with_references
+from distal.homing.apply import held, parameters_filtered, torque_samples
 from distal.homing.window import START_STD
 from distal.kernels import covariance_of
 from distal.logs import FROM_SENSOR
@@ -61,7 +61,7 @@ def test_the_rigs_numbers_are_where_two_passes_leave_them(
     samples = np.column_stack([samples_of(log, estimator.channels[:2]), log.truth["theta"]])
     samples[log.time >= 0.5, 2] = np.nan
     start, truths = estimator.initial(0.0, first_values(samples)), log.truth["theta"][:, None]
-    found = numbers_homed(Window.of(estimator, start, log, samples, truths, 0.5))
+    found = parameters_homed(Window.of(estimator, start, log, samples, truths, 0.5))
     lasting = np.flatnonzero(estimator.states.lasting)
     belief = start
     for _ in range(2):
@@ -153,7 +153,7 @@ def test_numbers_are_used_whose_errors_are_one_and_a_half_variances_at_most(
         return found, np.full((len(kernel_states), 1), 0.01)
 
     monkeypatch.setattr(Window, "errors", errors)
-    assert (numbers_filtered(window) is not None) is used
+    assert (parameters_filtered(window) is not None) is used
 
 
 def test_a_window_is_judged_by_what_its_angle_errs_beyond_its_references_offset(

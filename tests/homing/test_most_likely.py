@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from distal import Log, Rig, estimate, load_rig, simulate
 from distal.estimators import AdaptiveFilter, Belief, first_values
 from distal.homing import with_references
-from distal.homing.apply import homing_prior, numbers_filtered
+from distal.homing.apply import homing_prior, parameters_filtered
 from distal.homing.most_likely import EVALUATIONS, INDEPENDENT, KEPT, most_likely_start
 from distal.homing.window import Window
 from distal.logs import frozen
@@ -129,9 +129,9 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
     unaided = window.samples.copy()
     unaided[:, -1] = np.nan
 
-    def run(numbers: Floats) -> tuple[Floats, Floats]:
+    def run(parameters: Floats) -> tuple[Floats, Floats]:
         kernel_state = window.start.kernel_state.copy()
-        kernel_state[lasting], kernel_state[0] = numbers, log.truth["theta"][0]
+        kernel_state[lasting], kernel_state[0] = parameters, log.truth["theta"][0]
         covariance = kernel_state[n : n + n * n].reshape(n, n)
         for i in (*lasting, 0):
             covariance[i, :] = covariance[:, i] = 0.0
@@ -153,12 +153,12 @@ def test_it_is_a_minimum_of_its_criterion(log: Log, found: tuple[Window, Belief]
         INDEPENDENT * log.rate, correlated_samples(ratios)
     )
 
-    def criterion(numbers: Floats) -> float:
-        angles, _ = run(numbers)
+    def criterion(parameters: Floats) -> float:
+        angles, _ = run(parameters)
         return (
             float(
                 np.sum((true - angles) ** 2) / base / weight
-                + np.sum(((numbers - means) / stds) ** 2)
+                + np.sum(((parameters - means) / stds) ** 2)
             )
             / 2
         )
@@ -206,7 +206,7 @@ def test_where_the_filter_keeps_to_its_band_it_goes_on_from_its_prior(log: Log) 
         3,
     )
     window = window_of(servo, rig, 0.6)
-    assert numbers_filtered(window, passes=1) is not None
+    assert parameters_filtered(window, passes=1) is not None
     assert homing_prior(window) is window.start
 
 

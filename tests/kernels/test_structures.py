@@ -86,8 +86,8 @@ class Harness(State):
     def stds(self) -> Floats:
         return np.zeros(1)
 
-    def torque(self, joint: int, numbers: ca.SX) -> ca.SX:
-        return self.size * numbers[0]
+    def torque(self, joint: int, parameters: ca.SX) -> ca.SX:
+        return self.size * parameters[0]
 
 
 def test_states_of_others_have_kernels_of_their_own() -> None:

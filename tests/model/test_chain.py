@@ -68,17 +68,17 @@ def urdf(rig: Rig) -> str:
         link = joint.link
         assert link is not None
         ixx, iyy, izz = link.inertia
-        numbers = [
+        parameters = [
             " ".join(map(repr, vector)) for vector in (link.centre, joint.offset, joint.axis)
         ]
         parts.append(
-            f"<link name='{joint.name}_link'><inertial><origin xyz='{numbers[0]}' rpy='0 0 0'/>"
+            f"<link name='{joint.name}_link'><inertial><origin xyz='{parameters[0]}' rpy='0 0 0'/>"
             f"<mass value='{link.mass.value!r}'/>"
             f"<inertia ixx='{ixx!r}' iyy='{iyy!r}' izz='{izz!r}' ixy='0' ixz='0' "
             "iyz='0'/></inertial></link>"
             f"<joint name='{joint.name}' type='revolute'><parent link='{before}'/><child "
             f"link='{joint.name}_link'/>"
-            f"<origin xyz='{numbers[1]}' rpy='0 0 0'/><axis xyz='{numbers[2]}'/>"
+            f"<origin xyz='{parameters[1]}' rpy='0 0 0'/><axis xyz='{parameters[2]}'/>"
             "<limit lower='-9' upper='9' effort='9' velocity='9'/></joint>"
         )
         before = f"{joint.name}_link"
@@ -583,13 +583,16 @@ def test_the_arms_of_a_polynomial_are_the_slopes_of_its_length() -> None:
     ]
     raw = {**polynomial(terms, [(-0.4, 1.0), (-0.2, 1.2)]), "scale": 1.3}
     shape = Polynomial.model_validate(raw)
-    numbers = {f"terms.{k}.coefficient": term["coefficient"] for k, term in enumerate(terms)} | {
+    parameters = {f"terms.{k}.coefficient": term["coefficient"] for k, term in enumerate(terms)} | {
         "scale": 1.3
     }
 
     def length(angles: np.ndarray) -> np.ndarray:
         found = shape.elongation(
-            lambda name: ca.SX(numbers[name]), 1, [ca.SX(a) for a in angles.tolist()], ca.SX(0.01)
+            lambda name: ca.SX(parameters[name]),
+            1,
+            [ca.SX(a) for a in angles.tolist()],
+            ca.SX(0.01),
         )
         return np.array([float(ca.Function("l", [], [found])()["o0"])])
 

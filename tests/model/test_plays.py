@@ -155,14 +155,14 @@ def rest_of(mechanism: Mechanism, ways: list[list[float]]) -> list[tuple[Any, An
     )
     still = Mechanism(mechanism.rig)
     start, own = still.internal_state(q).inside, still.parameters
-    numbers = np.array(mechanism.parameters.values)
+    parameters = np.array(mechanism.parameters.values)
     at = [mechanism.parameters.names.index(name) for name in mechanism.plays]
     begin = ca.Function("begin", [q, own.symbols], [ca.vertcat(*start)])
-    numbers[at] = np.array(begin(ways[0], own.values)).ravel()
+    parameters[at] = np.array(begin(ways[0], own.values)).ravel()
     found = []
     for way in ways:
-        tied, inside, *forces = (np.array(each).ravel() for each in function(way, numbers))
-        numbers[at] = inside
+        tied, inside, *forces = (np.array(each).ravel() for each in function(way, parameters))
+        parameters[at] = inside
         found.append((tied, inside, forces))
     return found
 

@@ -355,7 +355,7 @@ def _stop(rebound: float, implicitness: float = 1.0) -> Stop:
     )
 
 
-def _numbers(*values: object) -> list[float]:
+def _parameters(*values: object) -> list[float]:
     return [
         float(value) for value in ca.Function("f", [], [ca.vertcat(*values)])()["o0"].full().ravel()
     ]  # type: ignore[arg-type]
@@ -387,13 +387,13 @@ def test_a_body_flies_off_a_stop_along_the_parabola_of_its_kick() -> None:
         hit = min(hits)
         left, away = h - hit, -e * (start + a * hit)
         end = position + away * left + a * left**2 / 2
-        flies, after, bounced = _numbers(
+        flies, after, bounced = _parameters(
             *bounce(e, ca.SX(high), ca.SX(position), Flight(free, x, before, length, h))
         )
         assert bool(flies) == (side * (end - position) < 0.0)
         assert bounced == pytest.approx(end, abs=1e-12)
         assert after == pytest.approx(away + a * left - a * h / 2, rel=1e-9, abs=1e-9)
-        assert not _numbers(
+        assert not _parameters(
             *bounce(0.0, ca.SX(high), ca.SX(position), Flight(free, x, before, length, h))
         )[0]
         flown += bool(flies)
@@ -430,12 +430,12 @@ def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() ->
             1 + b * (drag + stop.implicitness * 1e5 * h + 3.0),
         )
         free = (max(z - up, 0) + min(z + down, 0)) / (1 + b * drag)
-        assert _numbers(push.free)[0] == pytest.approx(free, abs=1e-14)
+        assert _parameters(push.free)[0] == pytest.approx(free, abs=1e-14)
         end = x + h * free
         at_high = end > 3e-3 and 1e5 * (end - 3e-3) + 3.0 * free > 0
         at_low = end < -2e-3 and 1e5 * (end + 2e-3) + 3.0 * free < 0
         of_kind["high" if at_high else "low" if at_low else "loose"] += 1
-        v, final = _numbers(*kick_at_stops(stop, push, x, ca.SX(0), ca.SX(h), h))
+        v, final = _parameters(*kick_at_stops(stop, push, x, ca.SX(0), ca.SX(h), h))
         assert final == pytest.approx(x + h * v, abs=1e-15)
         inside = x - 3e-3 if at_high else x + 2e-3
         if at_high or at_low:
@@ -446,7 +446,7 @@ def test_a_body_at_a_stop_obeys_the_inclusion_of_spring_damper_and_friction() ->
         is_beyond, pushed = not -2e-3 <= x <= 3e-3, z - b * 1e5 * inside
         pressed = (max(pushed - up, 0) + min(pushed + down, 0)) / held
         expected = pressed if is_beyond and side * pressed < side * free else free
-        assert _numbers(velocity_in_stops(stop, push, x, h))[0] == pytest.approx(
+        assert _parameters(velocity_in_stops(stop, push, x, h))[0] == pytest.approx(
             expected, abs=1e-13
         )
         of_kind["held"] += expected != free
@@ -459,12 +459,12 @@ def test_a_bounce_is_taken_only_where_a_stop_is_met() -> None:
     """
     h, push = 1e-3, Push(2.0, Limit(0.0, 0.0), 1e-3, 0.0)
     stop = _stop(rebound=ca.SX(0.5))  # type: ignore[arg-type]
-    far = _numbers(*kick_at_stops(stop, push, ca.SX(0.0), ca.SX(2.0), ca.SX(h), h))
+    far = _parameters(*kick_at_stops(stop, push, ca.SX(0.0), ca.SX(2.0), ca.SX(h), h))
     assert far == pytest.approx([2.0, 2e-3])
     # after 0.5 ms at the stop 1 mm away, it goes back at half its speed for the other half
-    v, x = _numbers(*kick_at_stops(stop, push, ca.SX(2e-3), ca.SX(2.0), ca.SX(h), h))
+    v, x = _parameters(*kick_at_stops(stop, push, ca.SX(2e-3), ca.SX(2.0), ca.SX(h), h))
     assert (v, x) == pytest.approx((-1.0, 3e-3 - 0.5e-3))
-    v, x = _numbers(
+    v, x = _parameters(
         *kick_at_stops(
             stop, Push(-2.0, Limit(0.0, 0.0), 1e-3, 0.0), ca.SX(-1e-3), ca.SX(-2.0), ca.SX(h), h
         )

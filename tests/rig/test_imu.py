@@ -19,7 +19,7 @@ from distal.errors import RigError
 from distal.estimators import AdaptiveFilter, first_values
 from distal.fitting.fitted_file import fitted_text
 from distal.rig import build_rig, independent_parts, rig_text
-from distal.rig.sensors.imu import NUMBERS as IMU_NUMBERS
+from distal.rig.sensors.imu import VALUES as IMU_VALUES
 from distal.run import samples_of
 from distal.study.plants import built_values, draws_of, scores
 
@@ -34,7 +34,7 @@ mounting = { value = 0.0, std = "3 deg" }
 noise = { rate = "0.5 deg/s", force = "0.3 m/s^2" }
 bias = { rate = { value = 0.0, std = "1 deg/s", drift = "0.05 deg/s" }, force = { value = 0.0, std = "0.1 m/s^2" } }
 """
-NUMBERS = ("imu_rate_y", "imu_force_x", "imu_force_z")
+VALUES = ("imu_rate_y", "imu_force_x", "imu_force_z")
 MOUNTED = 0.05
 
 
@@ -50,7 +50,7 @@ def rig() -> Rig:
 @pytest.fixture(scope="module")
 def logs(rig: Rig) -> list[Log]:
     """Logs of a plant whose IMU is mounted at another angle than the rig says."""
-    plant = rig.with_values({f"sensors.{name}.mounting": MOUNTED for name in NUMBERS})
+    plant = rig.with_values({f"sensors.{name}.mounting": MOUNTED for name in VALUES})
     scenario = load_scenario("finger", ['duration="6 s"'])
     return [simulate(plant, scenario, seed) for seed in (21, 22, 23, 24)]
 
@@ -60,7 +60,7 @@ def test_its_numbers_are_those_of_two_turns_about_one_axis() -> None:
     −z.
     """
     exact = with_imu(re.sub(r"(noise|bias) = .*\n", "", TABLE))
-    rig = exact.with_values({f"sensors.{name}.mounting": MOUNTED for name in NUMBERS})
+    rig = exact.with_values({f"sensors.{name}.mounting": MOUNTED for name in VALUES})
     log = simulate(rig, load_scenario("finger", ['duration="3 s"']), 1)
     turned = log.truth["theta_mcp"] + log.truth["theta_pip"] + MOUNTED
     np.testing.assert_allclose(log.channels["imu_force_x"], -9.80665 * np.sin(turned), atol=1e-9)
@@ -108,7 +108,7 @@ SEEDS = range(301, 311)
 """Seeds that were not looked at before the filter was as it is."""
 
 WRIST = TABLE.replace("pip", "jaw").replace(
-    '["rate_y", "force_x", "force_z"]', str([*IMU_NUMBERS]).replace("'", '"')
+    '["rate_y", "force_x", "force_z"]', str([*IMU_VALUES]).replace("'", '"')
 )
 
 
@@ -190,7 +190,7 @@ def test_an_estimator_that_cannot_use_it_says_so(name: str, rig: Rig, logs: list
     bare = estimate(logs[0], load_rig("finger-2n"), name)
     result = estimate(logs[0], rig, name)
     np.testing.assert_array_equal(result.angles, bare.angles)
-    assert f"{name} does not read {', '.join(NUMBERS)}; adaptive does" in result.notes
+    assert f"{name} does not read {', '.join(VALUES)}; adaptive does" in result.notes
 
 
 def test_a_fit_writes_its_numbers_into_the_users_file(rig: Rig) -> None:
@@ -265,7 +265,7 @@ def test_a_sensor_of_a_new_kind_is_one_file_and_a_line_in_a_list() -> None:
 def test_the_first_sample_may_miss_it(rig: Rig, logs: list[Log]) -> None:
     estimator = AdaptiveFilter(rig, compiled=False)
     samples = samples_of(logs[0], estimator.channels)[:30].copy()
-    samples[:10, [estimator.channels.index(name) for name in NUMBERS]] = np.nan
+    samples[:10, [estimator.channels.index(name) for name in VALUES]] = np.nan
     means, *_ = estimator.scan(
         estimator.initial(0.0, first_values(samples)), logs[0].time[:30], samples
     )

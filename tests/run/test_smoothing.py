@@ -64,7 +64,7 @@ def conditional(log: Log, rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     samples = samples_of(log, estimator.channels)
     belief = estimator.initial(log.time[0], first_values(samples))
     rows, _ = estimator.checked_rows(belief, log.time, samples)
-    kernel_states, ys = estimator.kernel.scan(belief.kernel_state, rows, estimator.numbers)
+    kernel_states, ys = estimator.kernel.scan(belief.kernel_state, rows, estimator.parameters)
     n, m, count = belief.size, len(estimator.measured), len(rows)
     means, covariances = kernel_states[:, :n], kernel_states[:, n : n + n * n].reshape(-1, n, n)
     before, rest = ys[:, 2 * m : 2 * m + n], ys[:, 2 * m + n :].reshape(-1, 2, n, n)

@@ -16,7 +16,7 @@ from distal.logs import Log
 from distal.model import Mechanism
 from distal.run import Hour, PieceEstimate, by_hour, estimate_pieces, plot_hours
 from distal.simulation import Scenario, build_scenario, simulate_pieces, simulate_plant
-from distal.simulation.drifting_plant import numbers_at
+from distal.simulation.drifting_plant import parameters_at
 
 SWING = {"mean": "5 N", "amplitude": "2 N", "frequency": "0.2 Hz"}
 RAW: dict[str, Any] = {
@@ -164,10 +164,10 @@ def test_what_is_wrong_is_said() -> None:
     described = scenario()
     with pytest.raises(EstimationError, match="elastic does not take known angles"):
         next(iter(estimate_pieces(simulate_pieces(rig, described), rig, "elastic", 0.1)))
-    assert numbers_at(Mechanism(rig), "tendons.left.stiffness") == numbers_at(
+    assert parameters_at(Mechanism(rig), "tendons.left.stiffness") == parameters_at(
         Mechanism(rig), "tendons.0.stiffness"
     )
-    assert len(numbers_at(Mechanism(rig), "tendons.*.stiffness")) == 2
+    assert len(parameters_at(Mechanism(rig), "tendons.*.stiffness")) == 2
 
 
 def test_hours_are_counted(tmp_path: Path) -> None:

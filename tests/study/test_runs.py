@@ -55,7 +55,7 @@ def test_rigs_that_differ_in_numbers_share_a_kernel() -> None:
     alone = Kernel(adaptive_function(taken.states), False)
     start = taken.initial(log.time[0], samples_of(log, taken.channels)[0])
     rows, _ = taken.checked_rows(start, log.time, samples_of(log, taken.channels))
-    kernel_states, _ = alone.scan(start.kernel_state, rows, taken.numbers)
+    kernel_states, _ = alone.scan(start.kernel_state, rows, taken.parameters)
     np.testing.assert_allclose(found.angles[:, 0], kernel_states[:, 0], atol=1e-12)
     assert np.abs(estimate(log, other, known).angles - found.angles).max() > 1e-4
     # load cells so bad that they do not see the friction of the sliders: there are fewer states

@@ -63,8 +63,8 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     mechanism = Mechanism(description)
     rate = max((sensor.rate for sensor in description.sensors), default=100.0)
     count = substeps(mechanism, 1.0 / rate)
-    numbers = mechanism.parameters
-    uncertain = [name for name, std in zip(numbers.names, numbers.stds) if std > 0.0]
+    values = mechanism.parameters
+    uncertain = [name for name, std in zip(values.names, values.stds) if std > 0.0]
     say(f"{rig}: ok, '{description.name}'")
     lists = (description.joints, description.drives, description.tendons, description.sensors)
     counts = [
@@ -93,7 +93,7 @@ def check_command(rig: RigArgument, set_: SetOption = None) -> None:
     say(f"  uncertain: {in_words(description, *uncertain) or 'nothing (no parameter has a std)'}")
     exact = [
         name
-        for name, value, std in zip(numbers.names, numbers.values, numbers.stds)
+        for name, value, std in zip(values.names, values.values, values.stds)
         if std == 0.0
         and value != 0.0
         and not name.startswith(("sensors.", "base."))

@@ -227,14 +227,12 @@ class Session:
         if self._json or not self.csv:
             self._write(json.dumps(message))
         else:
-            numbers = ",".join(
+            line = ",".join(
                 "" if value is None else repr(value) for value in list(message.values())[:-2]
             )
             detail = printable(reading.detail).replace('"', "'")
             self._write(
-                f'{numbers},{reading.health},"{detail}"'
-                if detail
-                else f"{numbers},{reading.health},"
+                f'{line},{reading.health},"{detail}"' if detail else f"{line},{reading.health},"
             )
         if self._target is not None:
             sent = json.dumps({"timestamp": message["t"], **message}).encode()

@@ -38,30 +38,30 @@ class Value:
         offset: of the first number in its home; for scratch, within its own block.
         size: how many.
         block: which block of scratch it is in, else -1.
-        numbers: of a constant.
+        ids: of a constant.
     """
 
     home: str | None
     offset: int
     size: int
     block: int = -1
-    numbers: tuple[float, ...] = ()
+    ids: tuple[float, ...] = ()
 
     def part(self, offset: int, size: int) -> Value:
         """Return some of the numbers, as a view."""
         if self.home is None:
-            return replace(self, size=size, numbers=self.numbers[offset : offset + size])
+            return replace(self, size=size, ids=self.ids[offset : offset + size])
         return Value(self.home, self.offset + offset, size, self.block)
 
     @property
     def is_zero(self) -> bool:
         """Whether all numbers are constants and zero."""
-        return self.home is None and not any(self.numbers)
+        return self.home is None and not any(self.ids)
 
     @cached_property
     def is_uniform(self) -> bool:
         """Whether all numbers are constants and the same, zeros with their sign."""
-        return self.home is None and len({str(number) for number in self.numbers}) == 1
+        return self.home is None and len({str(number) for number in self.ids}) == 1
 
 
 @dataclass
@@ -140,20 +140,17 @@ class Tables:
         self._names: dict[tuple[str, str], str] = {}
         self.lines: list[str] = []
 
-    def constants(self, numbers: tuple[float, ...]) -> str:
+    def constants(self, ids: tuple[float, ...]) -> str:
         """Return the name of a table of constants."""
-        return self._table(
-            "c", self._dialect.type, [self._dialect.entry(number) for number in numbers]
-        )
+        return self._table("c", self._dialect.type, [self._dialect.entry(number) for number in ids])
 
-    def indices(self, numbers: list[int]) -> str:
+    def indices(self, ids: list[int]) -> str:
         """Return the name of a table of indices, where their type holds them."""
-        if numbers and max(numbers) > LARGEST_INDEX:
+        if ids and max(ids) > LARGEST_INDEX:
             raise CodeError(
-                f"an index of {max(numbers)} does not fit into '{INDEX}'; matrices that large "
-                "have no C"
+                f"an index of {max(ids)} does not fit into '{INDEX}'; matrices that large have no C"
             )
-        return self._table("t", INDEX, [str(number) for number in numbers])
+        return self._table("t", INDEX, [str(number) for number in ids])
 
     def _table(self, letter: str, kind: str, entries: list[str]) -> str:
         body = f"[{len(entries)}] = {{{', '.join(entries)}}};"
@@ -177,7 +174,7 @@ class Memory:
         if value.size == 0:
             return "0"
         if value.home is None:
-            return self.tables.constants(value.numbers)
+            return self.tables.constants(value.ids)
         if value.home == "w":
             return f"«A{value.block}:{value.offset}:»"
         return f"{value.home} + {value.offset}" if value.offset else value.home
@@ -186,10 +183,10 @@ class Memory:
         """Return the C of the number of a value at an index, which is an integer or C."""
         if value.home is None:
             if value.is_uniform:
-                return self.dialect.constant(value.numbers[0])
+                return self.dialect.constant(value.ids[0])
             if isinstance(index, int):
-                return self.dialect.constant(value.numbers[index])
-            return f"{self.tables.constants(value.numbers)}[{index}]"
+                return self.dialect.constant(value.ids[index])
+            return f"{self.tables.constants(value.ids)}[{index}]"
         if isinstance(index, int):
             if value.home == "w":
                 return f"«E{value.block}:{value.offset + index}:»"

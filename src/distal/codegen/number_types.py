@@ -36,7 +36,7 @@ _LANES = FORMS | {
 
 @dataclass(frozen=True)
 class Plain:
-    """C of plain numbers: float with float functions only if `single`, else double; long but fast
+    """C of plain ids: float with float functions only if `single`, else double; long but fast
     code if `quick`.
     """
 

@@ -86,7 +86,7 @@ def rank_one(work: Workspace, step: Step) -> list[str]:
     at = work.memory.at
     work.cost.operations += 2 * rows * columns
     to, lines = work.placement.over_the_first(step.k)
-    sign = "-=" if alpha.home is None and alpha.numbers[0] == -1.0 else f"+= {at(alpha, 0)} *"
+    sign = "-=" if alpha.home is None and alpha.ids[0] == -1.0 else f"+= {at(alpha, 0)} *"
     loops = f"for (j = 0; j < {columns}; ++j) for (i = 0; i < {rows}; ++i)"
     return [*lines, f"  {loops} {at(to, f'i + {rows} * j')} {sign} {at(x, 'i')} * {at(y, 'j')};"]
 

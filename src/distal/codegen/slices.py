@@ -25,8 +25,8 @@ def argument(work: Workspace, step: Step) -> list[str]:
 
 def constant(work: Workspace, step: Step) -> list[str]:
     """Keep constants until they are used: then they are literals, or in a table."""
-    numbers = tuple(float(x) for x in step.node.to_DM().nonzeros())
-    return _seen(work, step, Value(None, 0, len(numbers), numbers=numbers))
+    ids = tuple(float(x) for x in step.node.to_DM().nonzeros())
+    return _seen(work, step, Value(None, 0, len(ids), ids=ids))
 
 
 def shape(work: Workspace, step: Step) -> list[str]:

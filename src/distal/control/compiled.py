@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from distal.arrays import Floats
-from distal.control.controlled_plant import ControlledPlant, drive_numbers
+from distal.control.controlled_plant import ControlledPlant, drive_parameters
 from distal.control.pid import GAINS, memory_layout, pid_function, pid_gains_of
 from distal.estimators import KernelEstimator
 from distal.kernels import Feed, Kernel, Layout, advance, variances_of
@@ -119,14 +119,14 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     x = ca.MX.sym("x", x_of.size)
     p = ca.MX.sym("p", p_of.size)
     before = kernel_state_of.parts(kernel_state)
-    numbers = p_of.parts(p)
+    parameters = p_of.parts(p)
     sample = x_of.parts(x)
-    period, tension, encoder = (numbers["general"][i] for i in range(3))
+    period, tension, encoder = (parameters["general"][i] for i in range(3))
     state = (before[name] for name in ("angles", "stds", "pid"))
-    fixed = numbers["gains"], period, tension, numbers["rig"]
+    fixed = parameters["gains"], period, tension, parameters["rig"]
     memory = pid_function(shape.rig, shape.controlled)(*state, sample["reference"], *fixed)
     asked = memory_layout(shape.rig).part(memory, "commands")
-    share, low, high = (numbers["drives"][i, :].T for i in range(3))
+    share, low, high = (parameters["drives"][i, :].T for i in range(3))
     desired = ca.fmin(ca.fmax(before["waiting"], low), high)
     moving = before["plant"]
     efforts = before["efforts"]
@@ -137,8 +137,8 @@ def loop_kernel(shape: LoopShape) -> Kernel:
     for i in range(shape.intervals):
         efforts = efforts + share * (desired - efforts)
         row = ca.vertcat(rows[:nj, i], rows[nj:bodies, i] + efforts, rows[bodies:, i])
-        moving, y = step(moving, row, numbers["plant"])
-    read = reading_function(shape.plant)(y, numbers["sensors"], sample["draws"])
+        moving, y = step(moving, row, parameters["plant"])
+    read = reading_function(shape.plant)(y, parameters["sensors"], sample["draws"])
     if shape.filter is None:
         true = y[:nj]
         belief = before["filter"]
@@ -146,7 +146,7 @@ def loop_kernel(shape: LoopShape) -> Kernel:
         stds = ca.MX.ones(nj) * encoder * quantisation_variance(1.0) ** 0.5
     else:
         row = ca.vertcat(period, read[list(shape.read)], ca.MX.ones(len(shape.read)))
-        belief, _ = shape.filter(before["filter"], row, numbers["filter"])
+        belief, _ = shape.filter(before["filter"], row, parameters["filter"])
         angles = belief[:nj]
         n = shape.states
         stds = ca.sqrt(ca.fmax(belief[[n + j * (n + 1) for j in range(nj)]], 0))
@@ -224,7 +224,7 @@ def scan_loop(
         row = np.concatenate([[0.0], sample, np.ones(len(read))])
         belief = advance(
             estimator.kernel,
-            Feed(estimator.initial(0.0, sample).kernel_state, row, estimator.numbers),
+            Feed(estimator.initial(0.0, sample).kernel_state, row, estimator.parameters),
         ).kernel_states[0]
         angles = belief[:nj]
         stds = np.sqrt(np.maximum(variances_of(belief, states)[:nj], 0.0))
@@ -234,14 +234,14 @@ def scan_loop(
     time: Floats = period * np.arange(count, dtype=np.float64)
     desired = np.column_stack([joint.reference.at(time) for joint in control.joints.values()])
     rows = rows_of(prepared.inputs, prepared.dt)[: count * intervals].reshape(count, -1)
-    parts = [plant.parameters.values, np.zeros(1) if estimator is None else estimator.numbers]
+    parts = [plant.parameters.values, np.zeros(1) if estimator is None else estimator.parameters]
     parts += [
         Mechanism(rig).parameters.values,
-        errors.numbers.ravel(),
+        errors.values.ravel(),
         pid_gains_of(control.joints).T.ravel(),
     ]
     parts += [
-        drive_numbers(plant.rig, prepared.dt).T.ravel(),
+        drive_parameters(plant.rig, prepared.dt).T.ravel(),
         np.array([period, control.co_contraction, encoder]),
     ]
     ys = advance(

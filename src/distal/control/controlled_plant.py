@@ -107,7 +107,9 @@ class ControlledPlant:
         self._per_period = round(period / prepared.dt)
         self._all_rows = rows_of(prepared.inputs, prepared.dt)
         self._stamps = stamps_of(prepared.plant.rig, prepared.scenario.duration)
-        self._shares, self._lowest, self._highest = drive_numbers(prepared.plant.rig, prepared.dt)
+        self._shares, self._lowest, self._highest = drive_parameters(
+            prepared.plant.rig, prepared.dt
+        )
         self.reset()
 
     def of_plant(self, values: Mapping[str, object]) -> ControlledPlant:
@@ -128,12 +130,12 @@ class ControlledPlant:
         described = scenario.model_copy(update={"plant": {**values, **scenario.plant}})
         other.plant = plant = Mechanism(described.plant_rig(self.rig), remembers=True)
         inputs = self.prepared.inputs
-        numbers = plant.parameters.values
+        parameters = plant.parameters.values
         start = equilibrium(plant, initial_angles(scenario, plant), inputs)
         other.prepared = replace(self.prepared, plant=plant, start=start)
         other._drives = plant.rig.drives
-        other.begin = at_rest(alike, inputs, start, self._kernel, numbers)
-        other._shares, other._lowest, other._highest = drive_numbers(plant.rig, self.prepared.dt)
+        other.begin = at_rest(alike, inputs, start, self._kernel, parameters)
+        other._shares, other._lowest, other._highest = drive_parameters(plant.rig, self.prepared.dt)
         return other
 
     def errors(self, seed: int) -> SensorErrors | None:
@@ -279,7 +281,7 @@ class _Rate:
         return readings
 
 
-def drive_numbers(rig: Rig, dt: float) -> Floats:
+def drive_parameters(rig: Rig, dt: float) -> Floats:
     """Return of each drive the share of a command that an interval `dt` [s] brings, and its bounds,
     (3, n_drives).
     """

@@ -155,8 +155,8 @@ class PID:
         self._law = Evaluation(pid_function(rig, tuple(names.index(name) for name in joints)))
         self._references = [joint.reference for joint in joints.values()]
         self._period = period
-        numbers = Mechanism(rig).parameters.values
-        self._fixed = (pid_gains_of(joints).T.ravel(), period, co_contraction, numbers)
+        parameters = Mechanism(rig).parameters.values
+        self._fixed = (pid_gains_of(joints).T.ravel(), period, co_contraction, parameters)
         self.memory = np.zeros(self._layout.size)
         self.held: tuple[Held, ...] = ()
 

@@ -107,13 +107,13 @@ class Cause:
         if factor == 0.0:
             return []
         if self.kind in ("arm", "friction"):
-            return [ModelChange(numbers=dict.fromkeys(self.paths, factor))]
+            return [ModelChange(parameters=dict.fromkeys(self.paths, factor))]
         is_position = self.kind == "scale"
         reading = ModelChange(channels={self.subject: 1 / factor if is_position else factor})
         if not self.paths or factor < 0.0:
             return [reading]
         number = factor if is_position else 1 / factor
-        return [reading, ModelChange(numbers=dict.fromkeys(self.paths, number))]
+        return [reading, ModelChange(parameters=dict.fromkeys(self.paths, number))]
 
     @property
     def beyond(self) -> bool:

@@ -50,11 +50,11 @@ def _part_of(rerun: Rerun, change: ModelChange) -> int | None:
     """Return the part that a change concerns alone; None where there is no such part."""
     estimator = rerun.estimator
     states = [estimator.state_names.index(name) for name in change.shifts]
-    numbers = [estimator.parameter_names.index(path) for path in change.numbers]
+    parameters = [estimator.parameter_names.index(path) for path in change.parameters]
     read = {*change.channels, *change.added, *change.later, *change.exchanged}
     for k, part in enumerate(estimator.parts):
         channels = set(part.states.context.channels.names)
-        if set(states) <= {*part.at} and set(numbers) <= {*part.numbers} and read <= channels:
+        if set(states) <= {*part.at} and set(parameters) <= {*part.parameters} and read <= channels:
             return k
     return None
 

@@ -20,7 +20,7 @@ from distal.diagnosis.gears import out_of_reach
 from distal.diagnosis.of_estimate import Diagnosis, diagnose_estimate
 from distal.diagnosis.rerun import Rerun
 from distal.diagnosis.untested import untestable
-from distal.diagnosis.what_if import overconfidence, with_learned_numbers
+from distal.diagnosis.what_if import overconfidence, with_learned_parameters
 from distal.errors import EstimationError
 from distal.estimators import AdaptiveFilter
 from distal.logs import Log
@@ -90,7 +90,7 @@ def diagnose(
     )
     channels = channel_statistics_of(result)
     if what_if and any(finding.contradicts for finding in channels.findings()):
-        channels = channel_statistics_of(with_learned_numbers(result, rerun()))
+        channels = channel_statistics_of(with_learned_parameters(result, rerun()))
     first = diagnose_estimate(result, further, channels)
     if not what_if:
         return first

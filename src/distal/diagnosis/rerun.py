@@ -36,7 +36,7 @@ class ModelChange:
 
     channels: Mapping[str, float] = field(default_factory=dict)
     added: Mapping[str, float] = field(default_factory=dict)
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
     shifts: Mapping[str, float] = field(default_factory=dict)
     later: Mapping[str, float] = field(default_factory=dict)
     exchanged: tuple[str, ...] = ()
@@ -51,7 +51,7 @@ class ModelChange:
         return ModelChange(
             channels=_combined(self.channels, other.channels, operator.mul),
             added=_combined(self.added, other.added, operator.add),
-            numbers=_combined(self.numbers, other.numbers, operator.mul),
+            parameters=_combined(self.parameters, other.parameters, operator.mul),
             shifts=_combined(self.shifts, other.shifts, operator.add),
             later=_combined(self.later, other.later, operator.add),
             exchanged=self.exchanged or other.exchanged,
@@ -138,8 +138,8 @@ class Rerun:
     def _outcomes(self, inputs: list[tuple[Belief, Floats, Floats]]) -> list[Outcome]:
         """Return what the filter gives in some runs, each of a belief, samples and parameters."""
         estimator = self.estimator
-        (beliefs, samples, numbers) = zip(*inputs)
-        found = estimator.scan_all(beliefs, len(inputs) * [self.log.time], samples, numbers)
+        (beliefs, samples, parameters) = zip(*inputs)
+        found = estimator.scan_all(beliefs, len(inputs) * [self.log.time], samples, parameters)
         outcomes = []
         for (means, variances, ys), read in zip(found, samples):
             bounded = len(out_of_bounds(means, variances, len(estimator.rig.joints))) == 0
@@ -150,7 +150,7 @@ class Rerun:
         """Return the states that begin with a number of the rig, and where each of them does."""
         if path not in self._begun:
             estimator = self.estimator
-            number = float(estimator.numbers[estimator.parameter_names.index(path)])
+            number = float(estimator.parameters[estimator.parameter_names.index(path)])
             other = estimator.states_of(estimator.rig.with_values({path: 1.01 * number}))
             means = estimator.states.means
             moved = np.flatnonzero(other.means != means) if len(other) == len(means) else ()
@@ -163,7 +163,7 @@ class Rerun:
         run = self._run
         samples = run.samples
         begin = run.start
-        p = np.array(estimator.numbers)
+        p = np.array(estimator.parameters)
         if change.reads_otherwise:
             samples = samples.copy()
             pair = [estimator.channels.index(name) for name in change.exchanged]
@@ -182,7 +182,7 @@ class Rerun:
         for name, shift in change.shifts.items():
             i = estimator.state_names.index(name)
             kernel_state[i] = max(kernel_state[i] + shift, estimator.states.lowest[i])
-        for path, factor in change.numbers.items():
+        for path, factor in change.parameters.items():
             p[estimator.parameter_names.index(path)] *= factor
             for i, start in self._starts(path):
                 kernel_state[i] += (factor - 1.0) * start

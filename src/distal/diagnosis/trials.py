@@ -118,7 +118,7 @@ class _Score:
         constants are left out.
         """
         known = set(self._rerun.estimator.parameter_names)
-        possible = [trial for trial in trials if trial.change.numbers.keys() <= known]
+        possible = [trial for trial in trials if trial.change.parameters.keys() <= known]
         outcomes = self._rerun.each(trial.change for trial in possible)
         scored = []
         for trial, outcome in zip(possible, outcomes):

@@ -118,14 +118,14 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]
             yield texts.SCALE, (drive.name,), ModelChange(channels={str(position): factor})
         for factor in FACTORS:
             for path in arms.get(drive.name, ()):
-                yield texts.SCALE, (drive.name,), ModelChange(numbers={path: factor})
+                yield texts.SCALE, (drive.name,), ModelChange(parameters={path: factor})
         for factor in (*FACTORS, *GROSS) if force is not None else ():
             yield texts.COMPLIANCE, (drive.name,), ModelChange(channels={str(force): factor})
         for factor in FACTORS if springs.get(drive.name) else ():
             yield (
                 texts.COMPLIANCE,
                 (drive.name,),
-                ModelChange(numbers=dict.fromkeys(springs[drive.name], factor)),
+                ModelChange(parameters=dict.fromkeys(springs[drive.name], factor)),
             )
         for sign in (1.0, -1.0) if position is not None else ():
             shift = sign * ZERO * rerun.covered(str(position))
@@ -136,7 +136,7 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]
             yield (
                 group,
                 tuple(drive.name for drive in rig.drives),
-                ModelChange(numbers=dict.fromkeys(together, factor)),
+                ModelChange(parameters=dict.fromkeys(together, factor)),
             )
 
 

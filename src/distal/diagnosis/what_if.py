@@ -88,7 +88,7 @@ def _angles(rerun: Rerun) -> set[str]:
     return {name for name, kind in kinds if kind is StateKind.ANGLE}
 
 
-def with_learned_numbers(result: Estimate, rerun: Rerun) -> Estimate:
+def with_learned_parameters(result: Estimate, rerun: Rerun) -> Estimate:
     """Return a result with the innovations of the filter that begins with the numbers that it had
     learned at the end.
 

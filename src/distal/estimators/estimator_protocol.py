@@ -214,14 +214,14 @@ class KernelEstimator:
         beliefs: Sequence[Belief],
         times: Sequence[Floats],
         samples: Sequence[Floats],
-        numbers: Sequence[Floats],
+        parameters: Sequence[Floats],
     ) -> list[tuple[Floats, Floats, Floats]]:
         """Return the filter's own means and variances of the states, (k, n), and outputs, (k, n_y),
         of several runs.
 
         They are without what maps say (`report`), and go side by side where there are lanes for
         that. Of each run come belief, `times` and `samples` as for `checked_rows`, and its
-        parameters, `numbers`, (n_p,).
+        parameters, `parameters`, (n_p,).
 
         Raises:
             EstimationError: as `checked_rows`.
@@ -233,7 +233,8 @@ class KernelEstimator:
             *variances_of(np.arange(n + n * n), n),
         ]  # of each kernel state the mean and the variances
         feeds = [
-            Feed(belief.kernel_state, xs, p) for belief, (xs, _), p in zip(beliefs, rows, numbers)
+            Feed(belief.kernel_state, xs, p)
+            for belief, (xs, _), p in zip(beliefs, rows, parameters)
         ]
         driven = (
             at_samples(run, last)
@@ -322,7 +323,7 @@ class KernelEstimator:
         return 0
 
     @property
-    def numbers(self) -> Floats:
+    def parameters(self) -> Floats:
         """The kernel's parameters, (n_p,)."""
         return self._p
 

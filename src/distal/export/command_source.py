@@ -62,8 +62,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
     except CodeError as problem:
         raise ExportError(f"the inverse of '{rig.name}' has no C: {problem}") from None
     gains = gains_of(model, LEAST_TENSION, None, None)
-    of_filter = estimator.numbers[: len(estimator.parameter_names)]
-    numbers = np.concatenate([gains, of_filter, model.derived])
+    of_filter = estimator.parameters[: len(estimator.parameter_names)]
+    parameters = np.concatenate([gains, of_filter, model.derived])
     at = {sensor.of: estimator.channels.index(sensor.name) for sensor in rig.sensors_of("position")}
     crossed = crossed_joints(rig)
     moves = crossed @ (np.array(model.mechanism.spread) != 0.0)
@@ -91,7 +91,7 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
         "n_kernel_state": str(layout.kernel_state.size),
         "n_x": str(layout.x.size),
         "n_y": str(layout.y.size),
-        "numbers": ", ".join(real.constant(float(number)) for number in numbers),
+        "numbers": ", ".join(real.constant(float(number)) for number in parameters),
         "reported": "\n".join(
             f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
         ),

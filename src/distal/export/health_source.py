@@ -90,8 +90,8 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
     sample[$at_variances$ + i] = out->innovation_variances[i];
   }
   for (i = 0; i < $n_watched$; ++i) { /* numbers of the rig */
-    sample[$at_numbers$ + i] = state->kernel_state[watched[i]];
-    sample[$at_number_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
+    sample[$at_watched$ + i] = state->kernel_state[watched[i]];
+    sample[$at_watched_variances$ + i] = state->kernel_state[$n$ + watched[i] * ($n$ + 1)];
   }
   sample[$at_touched$] = $zero$;
 $touched$

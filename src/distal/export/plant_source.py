@@ -39,7 +39,7 @@ class ExportedPlant:
     source: str
     plant: Mechanism
     sensors: tuple[str, ...]
-    numbers: tuple[str, ...]
+    parameters: tuple[str, ...]
     start: Floats
     first: Floats
     interval: float
@@ -89,11 +89,11 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     except CodeError as problem:
         raise ExportError(f"the plant of '{rig.name}' has no C: {problem}") from None
     names = plant.parameters.names
-    numbers = plant.parameters.values
+    parameters = plant.parameters.values
     parts = round(interval / dt)
 
-    def table(numbers: Floats | list[float]) -> str:
-        return ", ".join(dialect.constant(float(number)) for number in numbers)
+    def table(parameters: Floats | list[float]) -> str:
+        return ", ".join(dialect.constant(float(number)) for number in parameters)
 
     values = {
         "name": name,
@@ -119,7 +119,7 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
         "interval": dialect.constant(interval),
         "dt": dialect.constant(dt),
         "parts": str(parts),
-        "numbers": table(numbers[: len(names)]),
+        "numbers": table(parameters[: len(names)]),
         "kernel_state": table(kernel_state),
         "first": table(first[0]),
         "errors": ",\n  ".join(f"{{{table(row)}}}" for row in _errors(plant)),

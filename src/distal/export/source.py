@@ -155,9 +155,9 @@ def _values(
         for state, unit in zip(chosen.state_names, state_units(chosen))
     ]
     measured = [f" *   {i}  {c}" for i, c in enumerate(chosen.measured)]
-    numbers = [dialect.constant(float(x)) for x in chosen.numbers]
+    parameters = [dialect.constant(float(x)) for x in chosen.parameters]
     travels = [joint.travel for joint in chosen.rig.joints]
-    rows = [", ".join(numbers[i : i + 6]) for i in range(0, len(numbers), 6)]
+    rows = [", ".join(parameters[i : i + 6]) for i in range(0, len(parameters), 6)]
     return {
         "nan": dialect.constant(float("nan")),
         "name": name,
@@ -174,7 +174,7 @@ def _values(
         "n_innovations": str(max(m, 1)),
         "n_outputs": str(max(chosen.kernel.n_y, 2 * m, 1)),
         "n_kernel_state": str(chosen.kernel.n_kernel_state),
-        "n_numbers": str(len(numbers)),
+        "n_numbers": str(len(parameters)),
         "n_bridged": str(chosen.bridged),
         "reach": ", ".join(
             f"{{{dialect.constant(low)}, {dialect.constant(high)}}}" for low, high in travels

@@ -172,7 +172,7 @@ def observability(
     belief = estimator.initial(log.time[0], first_values(samples))
     rows, last = estimator.rows(np.diff(log.time, prepend=log.time[0]), samples)
     kernel_states = advance(
-        estimator.kernel, Feed(belief.kernel_state, rows, estimator.numbers)
+        estimator.kernel, Feed(belief.kernel_state, rows, estimator.parameters)
     ).kernel_states
     std = estimated.angle_stds[:, at]
     regained = np.array(std)
@@ -189,7 +189,7 @@ def observability(
         covariance[at, at] = LOST**2
         after = advance(
             estimator.kernel,
-            Feed(kernel_state, rows[start : last[inside[-1]] + 1], estimator.numbers),
+            Feed(kernel_state, rows[start : last[inside[-1]] + 1], estimator.parameters),
         ).kernel_states
         regained[inside] = np.sqrt(
             np.maximum(variances_of(after[last[inside] - start], n)[:, at], 0.0)

@@ -11,7 +11,7 @@ from distal.arrays import Bools
 from distal.estimators import affine_of, affine_samples
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_parameter import assignments, described
-from distal.fitting.jackknife import numbers_without
+from distal.fitting.jackknife import parameters_without
 from distal.fitting.learned_maps import MapFit, map_of
 from distal.fitting.log_checks import unknown_joints
 from distal.fitting.map_samples import (
@@ -114,7 +114,7 @@ class Candidate:
 
     name: str
     rig: Rig
-    numbers: ParameterEstimates | None
+    parameters: ParameterEstimates | None
     hold: bool
     maps: Mapping[str, MapFit]
     error: float
@@ -140,7 +140,7 @@ class _Run:
 def filter_candidate(
     name: str,
     training: Training,
-    numbers: ParameterEstimates | None,
+    parameters: ParameterEstimates | None,
     previous: Sequence[Candidate] = (),
 ) -> Candidate:
     """Return the candidate of a filter with some numbers, None for the rig's own, and the map of
@@ -148,11 +148,11 @@ def filter_candidate(
 
     Where the filter of a candidate before it errs far less, it gets no map.
     """
-    run = _run(training, numbers, False)
+    run = _run(training, parameters, False)
     plain = Candidate(
         name,
         run.rig,
-        numbers,
+        parameters,
         False,
         {},
         np.inf,
@@ -169,7 +169,7 @@ def filter_candidate(
         return (
             replace(plain, error=mean_rms(run.data), beyond=mean_rms(run.data)) if judged else plain
         )
-    run = _surest(run, training, numbers)
+    run = _surest(run, training, parameters)
     homing = training.options.homing
     samples = list(run.data.values())
     ran = list(run.data)
@@ -194,13 +194,13 @@ def filter_candidate(
     )
 
 
-def _surest(run: _Run, training: Training, numbers: ParameterEstimates | None) -> _Run:
+def _surest(run: _Run, training: Training, parameters: ParameterEstimates | None) -> _Run:
     """Return what a filter makes of the logs that takes the numbers as they are, where it errs far
     less.
     """
-    if numbers is None or training.options.homing is not None:
+    if parameters is None or training.options.homing is not None:
         return run
-    surer = _run(training, numbers, True)
+    surer = _run(training, parameters, True)
     return (
         surer
         if len(surer.data) == len(run.data) and mean_rms(surer.data) < SURER * mean_rms(run.data)
@@ -218,16 +218,16 @@ def _rms(
     return error if np.isfinite(error) else unknown
 
 
-def _run(training: Training, numbers: ParameterEstimates | None, hold: bool) -> _Run:
+def _run(training: Training, parameters: ParameterEstimates | None, hold: bool) -> _Run:
     def described_by(source: ParameterEstimates) -> Rig:
         return described(training.rig, assignments(source.fitted, source.problem.filter.rig, hold))
 
     rig = training.rig
     rigs = [training.rig] * len(training.folds)
-    if numbers is not None:
-        of_folds = numbers_without(numbers, training.logs, training.folds)
+    if parameters is not None:
+        of_folds = parameters_without(parameters, training.logs, training.folds)
         fold_rigs = [described_by(of_fold) for of_fold in of_folds]
-        rig = described_by(numbers)
+        rig = described_by(parameters)
         rigs = [fold_rigs[fold] for fold in training.folds]
     return _Run(
         rig,

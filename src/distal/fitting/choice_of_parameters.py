@@ -114,12 +114,12 @@ def _uncertain(
             len(paths) == 1 and any(paths[0] in part.paths for part in free)
         ):
             continue  # what shares its error with nothing, and errs alone too, is varied once
-        numbers = [number(rig, path) for path in paths]
+        parameters = [number(rig, path) for path in paths]
         if state.acts == "factor" and len(paths) > 1:
             # what also errs alone is varied alone, with the spread of both
-            numbers = [parameter for parameter in numbers if parameter.independent_std == 0.0]
-        if numbers:
-            free.append(_free(rig, numbers, False))
+            parameters = [parameter for parameter in parameters if parameter.independent_std == 0.0]
+        if parameters:
+            free.append(_free(rig, parameters, False))
     taken = {path for part in free for path in part.paths} | per_log_paths
     alike: dict[tuple[str, float, float], list[Number]] = {}
     for path in _held(rig):
@@ -128,7 +128,7 @@ def _uncertain(
             # one pulley serves all its tendons: insertions with the same number are varied together
             shared = path.split(".", 2)[2] if ".insertion." in path else path
             alike.setdefault((shared, held.value, held.std), []).append(held)
-    return free + [_free(rig, numbers, False) for numbers in alike.values()]
+    return free + [_free(rig, parameters, False) for parameters in alike.values()]
 
 
 def _biases(rig: Rig, several: bool) -> list[Free]:
@@ -138,11 +138,13 @@ def _biases(rig: Rig, several: bool) -> list[Free]:
     read = [
         (i, sensor) for i, sensor in enumerate(rig.sensors) if sensor.measures not in REFERENCES
     ]
-    numbers = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
-    numbers += [
+    parameters = [(number(rig, f"sensors.{i}.bias"), several) for i, _ in read]
+    parameters += [
         (number(rig, f"sensors.{i}.gain"), False) for i, sensor in read if hasattr(sensor, "gain")
     ]
-    uncertain = [(bias, per_log) for bias, per_log in numbers if bias.std > 0.0 and not bias.hold]
+    uncertain = [
+        (bias, per_log) for bias, per_log in parameters if bias.std > 0.0 and not bias.hold
+    ]
     return [_free(rig, [bias], per_log) for bias, per_log in uncertain]
 
 
@@ -183,20 +185,20 @@ def paths_of(rig: Rig, desired: str) -> list[str]:
 
 def _asked(rig: Rig, desired: str, per_log: bool) -> Free:
     try:
-        numbers = [number(rig, path) for path in paths_of(rig, desired)]
+        parameters = [number(rig, path) for path in paths_of(rig, desired)]
     except RigError as problem:
         raise FitError(f"{'--per-log' if per_log else '--free'} {problem}") from None
-    return _free(rig, numbers, per_log)
+    return _free(rig, parameters, per_log)
 
 
-def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
-    first = numbers[0]
-    paths = tuple(parameter.path for parameter in numbers)
-    starts = tuple(parameter.value for parameter in numbers)
+def _free(rig: Rig, parameters: Sequence[Number], per_log: bool) -> Free:
+    first = parameters[0]
+    paths = tuple(parameter.path for parameter in parameters)
+    starts = tuple(parameter.value for parameter in parameters)
     name = in_words(rig, *paths)
     position = named(rig, first.path)
     if not first.is_parameter:
-        return _noise(rig, numbers)
+        return _noise(rig, parameters)
     if first.value == 0.0 and first.std == 0.0:
         raise FitError(
             f"'{position}' is zero without a std, so its size is unknown; give it one "
@@ -224,15 +226,15 @@ def _free(rig: Rig, numbers: Sequence[Number], per_log: bool) -> Free:
     )
 
 
-def _noise(rig: Rig, numbers: Sequence[Number], prior: bool = True) -> Free:
-    first = numbers[0]
+def _noise(rig: Rig, parameters: Sequence[Number], prior: bool = True) -> Free:
+    first = parameters[0]
     if first.value <= 0.0:
         raise FitError(
             f"'{named(rig, first.path)}' is zero; a noise that is fitted needs a size to start from"
         )
     start = first.value
-    paths = tuple(parameter.path for parameter in numbers)
-    starts = tuple(parameter.value for parameter in numbers)
+    paths = tuple(parameter.path for parameter in parameters)
+    starts = tuple(parameter.value for parameter in parameters)
     std = NOISE_PRIOR * start if prior else float("nan")
     low = start / NOISE_RANGE
     high = start * NOISE_RANGE

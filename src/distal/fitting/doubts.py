@@ -95,11 +95,11 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
     return doubts
 
 
-def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[str]:
+def far_from_priors(parameters: Sequence[FittedNumber], problem: Problem) -> list[str]:
     """Return warnings on values far from their priors, or at a bound."""
     free_by_name = {part.name: part for part in problem.free}
     lines = []
-    for part in numbers:
+    for part in parameters:
         if part.noise:
             continue
         free = free_by_name[part.name]
@@ -120,8 +120,8 @@ def far_from_priors(numbers: Sequence[FittedNumber], problem: Problem) -> list[s
 
 
 def parameter_contradictions(problem: Problem, optimum: Optimum) -> list[str]:
-    """Return a doubt about logs that can be explained only with their own numbers: one sentence, or
-    none.
+    """Return a doubt about logs that can be explained only with their own parameters: one sentence,
+    or none.
 
     A log is fitted alone, begun at the optimum of all, its noise as it is.
     """

@@ -141,7 +141,7 @@ def fit(
         done = with_written(done, by_folds)
         learned = _with_free_motion(learned, done, read, folds)
     learned = replace(learned, doubts=(*_touched(aside), *learned.doubts))
-    for line in far_from_priors(learned.numbers.fitted, learned.numbers.problem):
+    for line in far_from_priors(learned.parameters.fitted, learned.parameters.problem):
         warnings.warn(line, DistalWarning, stacklevel=2)
     return Fit.of(learned, start_rig, read, options, tuple(done), asked, servos)
 

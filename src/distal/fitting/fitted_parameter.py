@@ -100,7 +100,7 @@ class FittedNumber:
 
 
 def assignments(
-    numbers: Sequence[FittedNumber], start: Rig, hold: bool = False
+    parameters: Sequence[FittedNumber], start: Rig, hold: bool = False
 ) -> dict[str, object]:
     """Return path by names → value, with its std where it had one, of what the logs tell beside the
     `start` as it came.
@@ -108,7 +108,7 @@ def assignments(
     With `hold` estimators are to take the values as they are.
     """
     changed: dict[str, object] = {}
-    for part in numbers:
+    for part in parameters:
         if part.held:
             changed |= {
                 f"{path}.hold": True for path in part.paths if number(start, path).is_parameter

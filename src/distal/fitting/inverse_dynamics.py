@@ -142,10 +142,10 @@ class Equations:
             if mechanism.strains:
                 strains = crept(q, dt, remembering(ca.vertcat(plays, strains)))
             inside = ca.vertcat(plays, strains)
-            numbers = remembering(inside)
+            parameters = remembering(inside)
         else:
-            numbers = p
-        tensions, pulls, balance, up, down = self._forces()(q, v, a, numbers)
+            parameters = p
+        tensions, pulls, balance, up, down = self._forces()(q, v, a, parameters)
         friction = (up + down) / 2 * direction + (up - down) / 2 * ca.fabs(direction)
         rows = [
             context.corrected(s, read[k]) - pulls[nj + i] - friction[nj + i]
@@ -308,7 +308,7 @@ class InverseProblem(Problem):
         return tuple(motion.rows for motion in self.motions)
 
     def _feed(self, log: int, z: Floats) -> Feed:
-        p = self.numbers(z)
+        p = self.parameters(z)
         nb = self.equations.mechanism.n_bodies
         rows = self._rows[log]
         return Feed(

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from distal.fitting.likelihood_search import search
-from distal.fitting.parameter_estimates import ParameterEstimates, fitted_numbers
+from distal.fitting.parameter_estimates import ParameterEstimates, fitted_parameters
 from distal.logs import Log
 from distal.regression import splits
 
@@ -23,24 +23,24 @@ AISTATS 2019), where the slopes of each log are known.
 """
 
 
-def numbers_without(
-    numbers: ParameterEstimates, logs: Sequence[Log], folds: Sequence[int]
+def parameters_without(
+    parameters: ParameterEstimates, logs: Sequence[Log], folds: Sequence[int]
 ) -> list[ParameterEstimates]:
     """Return for each fold the numbers that the other logs, with a truth, tell; those of all where
     there is one fold.
     """
-    if len(set(folds)) < 2 or numbers.optimum.interrupted:
-        return [numbers] * len(set(folds))
-    return [without(numbers, [logs[i] for i in out]) for out, _ in splits(folds)]
+    if len(set(folds)) < 2 or parameters.optimum.interrupted:
+        return [parameters] * len(set(folds))
+    return [without(parameters, [logs[i] for i in out]) for out, _ in splits(folds)]
 
 
-def without(numbers: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
+def without(parameters: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstimates:
     """Return the numbers that the other logs tell; which of them are fitted, and their stds, stay
     those of all logs.
     """
-    problem = numbers.problem
-    optimum = numbers.optimum
-    uncertainty = numbers.uncertainty
+    problem = parameters.problem
+    optimum = parameters.optimum
+    uncertainty = parameters.uncertainty
     out = [any(data.log is log for log in logs) for data in problem.data]
     remaining = problem.among([j for j, gone in enumerate(out) if not gone])
     columns = np.array(
@@ -51,7 +51,11 @@ def without(numbers: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstima
     ]
     at = remaining.summed(of_logs, optimum.z[columns])
     again = search(
-        remaining, optimum.z[columns], most=NEWTON_STEPS, fixed=numbers.left[columns], at_start=at
+        remaining,
+        optimum.z[columns],
+        most=NEWTON_STEPS,
+        fixed=parameters.left[columns],
+        at_start=at,
     )
     if again.interrupted:
         raise KeyboardInterrupt  # a log that was not left out to its end judges nothing
@@ -60,13 +64,15 @@ def without(numbers: ParameterEstimates, logs: Sequence[Log]) -> ParameterEstima
     together = uncertainty.together[columns]
     covariance = uncertainty.covariance[square]
     errors = replace(uncertainty, covariance=covariance, determined=determined, together=together)
-    left = numbers.left[columns]
-    held = numbers.held[columns]
+    left = parameters.left[columns]
+    held = parameters.held[columns]
     fitted = tuple(
-        fitted_numbers(remaining, replace(again, converged=optimum.converged), errors, left, held)
+        fitted_parameters(
+            remaining, replace(again, converged=optimum.converged), errors, left, held
+        )
     )
     return replace(
-        numbers,
+        parameters,
         problem=remaining,
         optimum=again,
         uncertainty=errors,

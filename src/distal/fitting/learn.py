@@ -29,7 +29,7 @@ from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts, with_p
 from distal.fitting.parameter_estimates import (
     ParameterEstimates,
     among_models,
-    numbers_of,
+    parameters_of,
     problem_of,
 )
 from distal.fitting.progress import Progress, judging
@@ -55,7 +55,7 @@ class Learned:
     """
 
     rig: Rig
-    numbers: ParameterEstimates
+    parameters: ParameterEstimates
     kept: bool
     hold: bool
     curves: Mapping[str, object]
@@ -67,15 +67,15 @@ class Learned:
     @property
     def interrupted(self) -> bool:
         """Whether the user stopped it."""
-        return self.numbers.optimum.interrupted
+        return self.parameters.optimum.interrupted
 
     @property
     def fitted(self) -> tuple[FittedNumber, ...]:
         """Every free number as it is in the description."""
         return (
-            self.numbers.fitted
+            self.parameters.fitted
             if self.kept
-            else tuple(part.as_it_came for part in self.numbers.fitted)
+            else tuple(part.as_it_came for part in self.parameters.fitted)
         )
 
 
@@ -140,7 +140,7 @@ def judge(
     problem = problem_of(logs, rig, options)
     if line is not None and early is not None:
         early(line)
-    solutions = numbers_of(problem, options, progress)
+    solutions = parameters_of(problem, options, progress)
     chosen, candidates, models = _chosen(logs, training, line, solutions, parts, progress)
     return Judged(logs, training, line, solutions, models, chosen, candidates)
 
@@ -149,9 +149,11 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     """Return what a candidate teaches, with what was learned beside it from the same logs."""
     options = judged.training.options
     line = judged.line
-    alone = judged.solutions[-1] if chosen.numbers is None else chosen.numbers
-    numbers = among_models(alone, judged.models)
-    bends = dict(curves(numbers.problem.of_filter, numbers.optimum.z)) if options.curves else {}
+    alone = judged.solutions[-1] if chosen.parameters is None else chosen.parameters
+    parameters = among_models(alone, judged.models)
+    bends = (
+        dict(curves(parameters.problem.of_filter, parameters.optimum.z)) if options.curves else {}
+    )
     learned = described(chosen.rig.bare(), bends)
     maps = [
         *([] if line is None else [line]),
@@ -162,15 +164,15 @@ def learned_by(judged: Judged, chosen: Candidate) -> Learned:
     ranked = sorted(candidates, key=lambda candidate: (candidate is not chosen, candidate.error))
     return Learned(
         rig=learned.with_values({map_fit.table: map_fit.learned.model_dump() for map_fit in maps}),
-        numbers=numbers,
-        kept=chosen.numbers is not None,
+        parameters=parameters,
+        kept=chosen.parameters is not None,
         hold=chosen.hold,
         curves=bends,
         maps={map_fit.table: map_fit for map_fit in maps},
         part=chosen.part,
         candidates=tuple(replace(candidate, data={}) for candidate in ranked),
         doubts=(
-            *numbers.doubts,
+            *parameters.doubts,
             *_unknown(judged.training.unknown),
             *chosen.refused,
             *_as_given(chosen, candidates),
@@ -198,14 +200,16 @@ def _chosen(
             tried = tried_parts(logs, training.rig, training.options, solutions[0])
         else:
             named = with_parts(parts, logs, training.rig, training.options, solutions[0])
-            tried = Tried(named, tuple(numbers for _, numbers in named))
+            tried = Tried(named, tuple(parameters for _, parameters in named))
         return (
             *_judged(training, line, solutions, tried.named, progress),
-            [solutions[0], *tried.numbers],
+            [solutions[0], *tried.parameters],
         )
     except KeyboardInterrupt:
-        numbers = replace(solutions[-1], optimum=replace(solutions[-1].optimum, interrupted=True))
-        return _alone(numbers, training.rig), [], []
+        parameters = replace(
+            solutions[-1], optimum=replace(solutions[-1].optimum, interrupted=True)
+        )
+        return _alone(parameters, training.rig), [], []
 
 
 def _judged(
@@ -219,17 +223,19 @@ def _judged(
     these; and all of them.
     """
     ways = list[tuple[str, Training, ParameterEstimates | None]]()
-    for numbers in reversed(solutions):
-        if not numbers.optimum.interrupted:
-            ways.append((BY_EQUATIONS if numbers.by_equations else BY_FILTER, training, numbers))
-    for part, numbers in more:
+    for parameters in reversed(solutions):
+        if not parameters.optimum.interrupted:
+            ways.append(
+                (BY_EQUATIONS if parameters.by_equations else BY_FILTER, training, parameters)
+            )
+    for part, parameters in more:
         described_as = replace(training, rig=training.rig.with_values(part.values), part=part)
-        ways.append((f"{BY_EQUATIONS}, with {part.name}", described_as, numbers))
+        ways.append((f"{BY_EQUATIONS}, with {part.name}", described_as, parameters))
     ways.append((AS_GIVEN, training, None))
     filters = list[Candidate]()
-    for name, described_as, way_numbers in ways:
+    for name, described_as, way_parameters in ways:
         judging(progress, f"judging {name}", len(filters), len(ways))
-        filters.append(filter_candidate(name, described_as, way_numbers, filters))
+        filters.append(filter_candidate(name, described_as, way_parameters, filters))
     base = best_of([candidate for candidate in filters if candidate.maps] or filters)
     if not base.maps:
         return base, filters
@@ -241,12 +247,12 @@ def _judged(
     return best_of(candidates), candidates
 
 
-def _alone(numbers: ParameterEstimates, rig: Rig) -> Candidate:
+def _alone(parameters: ParameterEstimates, rig: Rig) -> Candidate:
     """Return the numbers as a description that nothing judges: no log has the angle of every
     joint.
     """
-    rig = described(rig, assignments(numbers.fitted, numbers.problem.filter.rig))
-    return Candidate("numbers", rig, numbers, False, {}, float("nan"), float("nan"), {})
+    rig = described(rig, assignments(parameters.fitted, parameters.problem.filter.rig))
+    return Candidate("numbers", rig, parameters, False, {}, float("nan"), float("nan"), {})
 
 
 def _unknown(joints: Sequence[str]) -> list[str]:
@@ -263,9 +269,9 @@ def _as_given(chosen: Candidate, candidates: Sequence[Candidate]) -> list[str]:
     fitted = [
         candidate.error
         for candidate in candidates
-        if candidate.numbers is not None and candidate.name != AFFINE_MAP
+        if candidate.parameters is not None and candidate.name != AFFINE_MAP
     ]
-    if not fitted or chosen.numbers is not None:
+    if not fitted or chosen.parameters is not None:
         return []
     return [
         f"{AS_GIVEN} errs less on held-out logs ({np.rad2deg(chosen.error):.2f}°) than the fitted "

@@ -1,4 +1,4 @@
-"""The search for the most likely numbers: Fisher scoring in a trust region, several steps tried
+"""The search for the most likely parameters: Fisher scoring in a trust region, several steps tried
 side by side.
 """
 

@@ -16,7 +16,7 @@ from distal.fitting.samples_in_stops import in_stops
 from distal.homing import (
     Window,
     check_homing,
-    numbers_homed,
+    parameters_homed,
     plain_samples,
     torque_samples,
     with_references,
@@ -199,7 +199,7 @@ def _filtered(
         aided = np.column_stack(
             [proximal, np.where(early[:, None], usable_truths[:, columns], np.nan)]
         )
-        start = numbers_homed(Window.of(estimator, start, log, aided, usable_truths, homing))
+        start = parameters_homed(Window.of(estimator, start, log, aided, usable_truths, homing))
     elif log.time[-1] - log.time[0] > 4 * SETTLING:
         # where the joint begins is not known yet: that is no error of the model
         truths = np.where(early[:, None], np.nan, truths)

@@ -88,44 +88,46 @@ class Tried:
     """
 
     named: tuple[tuple[MissingTerm, ParameterEstimates], ...] = ()
-    numbers: tuple[ParameterEstimates, ...] = ()
+    parameters: tuple[ParameterEstimates, ...] = ()
 
 
 def tried_parts(
-    logs: Sequence[Log], rig: Rig, options: Options, numbers: ParameterEstimates
+    logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
 ) -> Tried:
     """Return what comes of the parts that a rig may lack, where its equations lack more than its
     sensors' noise.
     """
-    if not numbers.by_equations or options.free:
+    if not parameters.by_equations or options.free:
         return Tried()
-    alone = _tried(logs, rig, options, numbers)
+    alone = _tried(logs, rig, options, parameters)
     if not alone.named:
         return alone
-    first, first_numbers = alone.named[0]
-    pairs = _tried(logs, rig.with_values(first.values), options, first_numbers)
+    first, first_parameters = alone.named[0]
+    pairs = _tried(logs, rig.with_values(first.values), options, first_parameters)
     together = tuple(
         (
             MissingTerm(f"{first.name} and {second.name}", {**first.values, **second.values}),
-            pair_numbers,
+            pair_parameters,
         )
-        for second, pair_numbers in pairs.named[:1]
+        for second, pair_parameters in pairs.named[:1]
     )
-    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.numbers, *pairs.numbers))
+    return Tried((*alone.named[:MOST_NAMED], *together), (*alone.parameters, *pairs.parameters))
 
 
-def _tried(logs: Sequence[Log], rig: Rig, options: Options, numbers: ParameterEstimates) -> Tried:
+def _tried(
+    logs: Sequence[Log], rig: Rig, options: Options, parameters: ParameterEstimates
+) -> Tried:
     """Return what comes of one part more; named are those that leave clearly less, the least
     first.
     """
-    if max(numbers.nis[1], default=0.0) < UNEXPLAINED:
+    if max(parameters.nis[1], default=0.0) < UNEXPLAINED:
         return Tried()
-    fits = with_parts(terms_of(rig), logs, rig, options, numbers)
-    limit = NAMED * _residual(numbers)
+    fits = with_parts(terms_of(rig), logs, rig, options, parameters)
+    limit = NAMED * _residual(parameters)
     named = sorted(
         (fit for fit in fits if _residual(fit[1]) < limit), key=lambda fit: _residual(fit[1])
     )
-    return Tried(tuple(named), tuple(part_numbers for _, part_numbers in fits))
+    return Tried(tuple(named), tuple(part_parameters for _, part_parameters in fits))
 
 
 def with_parts(
@@ -136,11 +138,11 @@ def with_parts(
     begin: ParameterEstimates,
 ) -> tuple[tuple[MissingTerm, ParameterEstimates], ...]:
     """Return the parts that the rig can have, with its numbers with each."""
-    fits = [(part, numbers_with(part, logs, rig, options, begin)) for part in parts]
-    return tuple((part, numbers) for part, numbers in fits if numbers is not None)
+    fits = [(part, parameters_with(part, logs, rig, options, begin)) for part in parts]
+    return tuple((part, parameters) for part, parameters in fits if parameters is not None)
 
 
-def numbers_with(
+def parameters_with(
     part: MissingTerm, logs: Sequence[Log], rig: Rig, options: Options, begin: ParameterEstimates
 ) -> ParameterEstimates | None:
     """Return the numbers of a rig's equations with a part more, None where the rig, as it came,
@@ -151,20 +153,20 @@ def numbers_with(
     if not part.values:
         return None
     try:
-        numbers = by_equations(
+        parameters = by_equations(
             problem_of(logs, rig.with_values(part.values), options), options, None, begin
         )
     except DistalError:
         return None
-    if numbers is not None and numbers.optimum.interrupted:
+    if parameters is not None and parameters.optimum.interrupted:
         # a search ends with the best so far; the caller has numbers without the part
         raise KeyboardInterrupt
-    return numbers
+    return parameters
 
 
-def _residual(numbers: ParameterEstimates) -> float:
+def _residual(parameters: ParameterEstimates) -> float:
     """Return the geometric mean over all rows of √(mean ν²/S), a row within its sensors' noise as
     if it were as large.
     """
-    ratios = np.maximum([ratio for ratio in numbers.nis[1] if np.isfinite(ratio)], 1.0)
+    ratios = np.maximum([ratio for ratio in parameters.nis[1] if np.isfinite(ratio)], 1.0)
     return float(np.exp(np.mean(0.5 * np.log(ratios))))

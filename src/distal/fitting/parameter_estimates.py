@@ -74,7 +74,7 @@ class ParameterEstimates:
         return self.problem.asks_equations
 
 
-def numbers_of(
+def parameters_of(
     problem: Problem, options: Options, progress: Progress | None
 ) -> list[ParameterEstimates]:
     """Return the numbers of a rig as logs tell them: those of its equations, and of its filter
@@ -159,7 +159,7 @@ def _start(problem: Problem, options: Options) -> Floats:
 
 
 def among_models(
-    numbers: ParameterEstimates, models: Sequence[ParameterEstimates]
+    parameters: ParameterEstimates, models: Sequence[ParameterEstimates]
 ) -> ParameterEstimates:
     """Return numbers of equations with errors that know of other models: what these make of the
     same logs is as likely.
@@ -168,23 +168,23 @@ def among_models(
     Society B 57, 1995). The stated errors of one model hold where it is right; numbers that a part
     more or less would move are known less well.
     """
-    if not numbers.by_equations or len(models) < 2:
-        return numbers
-    problem = numbers.problem
-    optimum = numbers.optimum
-    uncertainty = numbers.uncertainty
+    if not parameters.by_equations or len(models) < 2:
+        return parameters
+    problem = parameters.problem
+    optimum = parameters.optimum
+    uncertainty = parameters.uncertainty
     ends = np.array(
         [_translated(model.problem, model.optimum.z, problem, optimum.z) for model in models]
     )
     spread = np.atleast_2d(np.cov(ends, rowvar=False, bias=True))
     wider = replace(uncertainty, covariance=uncertainty.covariance + spread)
-    reported = fitted_numbers(problem, optimum, wider, numbers.left, numbers.held)
+    reported = fitted_parameters(problem, optimum, wider, parameters.left, parameters.held)
     # the file keeps the stds with which the candidates were judged (docs/results/fits.md)
     fitted = tuple(
         replace(widened, held_error=judged.held_error)
-        for widened, judged in zip(reported, numbers.fitted)
+        for widened, judged in zip(reported, parameters.fitted)
     )
-    return replace(numbers, uncertainty=wider, fitted=fitted)
+    return replace(parameters, uncertainty=wider, fitted=fitted)
 
 
 def _translated(
@@ -205,7 +205,7 @@ def _translated(
 def _searched(
     problem: Problem, start: Floats, progress: Callable[[int, float], None] | None
 ) -> ParameterEstimates:
-    """Return the most likely numbers: what the logs do not tell stays at its prior.
+    """Return the most likely parameters: what the logs do not tell stays at its prior.
 
     What the logs tell only together with others is held one by one until the rest is told.
     """
@@ -244,7 +244,7 @@ def _searched(
             doubts += parameter_contradictions(problem, optimum) if len(problem.data) > 1 else []
         except KeyboardInterrupt:
             optimum = replace(optimum, interrupted=True)
-    fitted = tuple(fitted_numbers(problem, optimum, uncertainty, left, held))
+    fitted = tuple(fitted_parameters(problem, optimum, uncertainty, left, held))
     begun = float(problem.costs([zero])[0])
     return ParameterEstimates(
         problem, optimum, uncertainty, fitted, left, held, tuple(doubts), (before, after), begun
@@ -338,7 +338,7 @@ def _next_held(
     return at if share[at] >= (CONFOUNDED if uncertainty.together[at] else IDENTIFIED) else None
 
 
-def fitted_numbers(
+def fitted_parameters(
     problem: Problem, optimum: Optimum, uncertainty: Uncertainty, left: Bools, held: Bools
 ) -> list[FittedNumber]:
     """Return what a search found of every free number, in its own unit; without convergence it has
@@ -351,7 +351,7 @@ def fitted_numbers(
     coordinates = [problem.columns(j) for j in range(len(logs))]
     errors_holding = uncertainty.errors_holding(held)
     has_errors = optimum.converged and not optimum.interrupted
-    numbers = [_by_scale(problem, optimum.z, part) for part in problem.noises]
+    parameters = [_by_scale(problem, optimum.z, part) for part in problem.noises]
     for k, part in enumerate(problem.free):
         positions = sorted({columns[k] for columns in coordinates})
         by_log = np.array([part.value(optimum.z[position]) for position in positions])
@@ -375,19 +375,19 @@ def fitted_numbers(
                 held_error=_error_of_mean(by_log, errors_holding[positions] * slopes),
             )
         is_held = bool(held[positions[0]])
-        numbers.append(
+        parameters.append(
             replace(fitted, value=mean if identified else part.start, held=is_held, per_log=per_log)
         )
-    return numbers
+    return parameters
 
 
-def _error_of_mean(numbers: Floats, errors: Floats) -> float:
+def _error_of_mean(parameters: Floats, errors: Floats) -> float:
     """Return the standard error of a mean over logs: what they scatter by, and the mean of their
     own errors.
     """
     return (
-        float(np.sqrt(numbers.var(ddof=1) + np.mean(errors**2)))
-        if len(numbers) > 1
+        float(np.sqrt(parameters.var(ddof=1) + np.mean(errors**2)))
+        if len(parameters) > 1
         else float(errors[0])
     )
 

@@ -190,17 +190,17 @@ class Problem:
 
     def _feed(self, log: int, z: Floats) -> Feed:
         """Return what the kernel is fed at a log's coordinates."""
-        p = self.numbers(z)
+        p = self.parameters(z)
         mean, covariance, memory = self.filter.estimator.prior(
             first_values(self.data[log].samples), p
         )
         return Feed(np.concatenate([mean, covariance.ravel(), memory]), self._rows[log], p)
 
-    def numbers(self, z: Floats) -> Floats:
+    def parameters(self, z: Floats) -> Floats:
         """Return the kernel's parameters, (n_p,), at a log's coordinates, one for each free
         number.
         """
-        p = np.array(self.filter.estimator.numbers)
+        p = np.array(self.filter.estimator.parameters)
         for part, positions, coordinate in zip(self.free, self.positions, z):
             p[positions] = part.values(float(coordinate))
         return p

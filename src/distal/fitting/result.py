@@ -117,8 +117,8 @@ class Fit:
         """
         part = {} if learned.part is None else learned.part.values
         servos = {} if servos is None else servos
-        numbers = learned.numbers
-        optimum = learned.numbers.optimum
+        parameters = learned.parameters
+        optimum = learned.parameters.optimum
         n_sensors = len(start.sensors)
 
         def of_rig(part: FittedNumber) -> bool:
@@ -136,13 +136,13 @@ class Fit:
             duration=float(sum(log.time[-1] - log.time[0] for log in logs)),
             samples=sum(len(log) for log in logs),
             homing=options.homing,
-            correlations=numbers.uncertainty.correlations,
-            correlated=tuple(part.name for part, _ in numbers.problem.parts),
-            combinations=numbers.uncertainty.combinations,
-            channels=numbers.problem.measured,
-            nis_before=numbers.nis[0],
-            nis_after=numbers.nis[1],
-            cost_before=numbers.begun,
+            correlations=parameters.uncertainty.correlations,
+            correlated=tuple(part.name for part, _ in parameters.problem.parts),
+            combinations=parameters.uncertainty.combinations,
+            channels=parameters.problem.measured,
+            nis_before=parameters.nis[0],
+            nis_after=parameters.nis[1],
+            cost_before=parameters.begun,
             cost_after=optimum.cost,
             iterations=optimum.iterations,
             converged=optimum.converged,

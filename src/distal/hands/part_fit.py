@@ -103,16 +103,16 @@ def part_values(
             starts = [{**starts[0], **springs.values}]
         prior = _prior(formed, drives, sweeps, starts, springs, form)
         problem = problem_of([cut], prior, Options(noise=False, workers=1))
-        numbers = from_starts(problem, [prior.with_values(start) for start in starts])
+        parameters = from_starts(problem, [prior.with_values(start) for start in starts])
         # what the channels' values are worth differs from search to search; the plain sums can be
         # compared
-        found.append((float(problem.costs([numbers.optimum.z])[0]), formed, numbers))
-    cost, formed, numbers = min(found, key=lambda one: one[0])
+        found.append((float(problem.costs([parameters.optimum.z])[0]), formed, parameters))
+    cost, formed, parameters = min(found, key=lambda one: one[0])
     if not np.isfinite(cost):
         raise FitError(
             f"{log.source}: no rig with the motors {', '.join(drives)} moves as this log does"
         )
-    fitted = numbers.problem.filter.rig
+    fitted = parameters.problem.filter.rig
     # what the routine did not tell beyond its contacts and slopes is what these say
     begun = {
         named(fitted, path): _spread(number(fitted, path))
@@ -120,7 +120,7 @@ def part_values(
     }
     values = {
         path: value
-        for path, value in assignments(numbers.fitted, fitted).items()
+        for path, value in assignments(parameters.fitted, fitted).items()
         if not path.endswith(".hold")
     }
     # the model misses more of a motor's torque than its sensor does, and more yet in motion that is

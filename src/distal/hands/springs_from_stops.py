@@ -97,9 +97,9 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
     guess = np.log(mechanism.parameters.values[at])
 
     def missed(z: Floats) -> Floats:
-        numbers = mechanism.parameters.values.copy()
-        numbers[at] = np.exp(z[:-1])
-        reached, pulls = (np.array(part).ravel() for part in curve(largest, numbers))
+        parameters = mechanism.parameters.values.copy()
+        parameters[at] = np.exp(z[:-1])
+        reached, pulls = (np.array(part).ravel() for part in curve(largest, parameters))
         away = z[:-1] - guess
         apart = away[:-1] - away[:-1].mean()
         together = away[:-1].mean()

@@ -1,6 +1,6 @@
 """Homing: adapt a filter to a run by its first moments, in which the joint's angle is known."""
 
-from distal.homing.apply import numbers_homed, plain_samples, torque_samples
+from distal.homing.apply import parameters_homed, plain_samples, torque_samples
 from distal.homing.reference import (
     added_reference,
     at_known_angle,
@@ -16,7 +16,7 @@ __all__ = [
     "at_known_angle",
     "check_homing",
     "homing_filter",
-    "numbers_homed",
+    "parameters_homed",
     "plain_samples",
     "torque_samples",
     "with_references",

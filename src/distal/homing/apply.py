@@ -70,13 +70,13 @@ def held(values: Floats) -> Floats:
     return filled
 
 
-def numbers_homed(window: Window) -> Belief:
+def parameters_homed(window: Window) -> Belief:
     """Return a belief before the first sample with the rig's numbers as found by a homing move.
 
     They are the filter's own if its angle stays in its band with them, else the `most_likely`. A
     learned map corrects the remaining error.
     """
-    filtered = numbers_filtered(window)
+    filtered = parameters_filtered(window)
     if filtered is not None:
         return filtered
     return most_likely_start(window, errors_last(float(window.time[-1] - window.time[0])))
@@ -97,12 +97,12 @@ def homing_prior(window: Window) -> Belief:
     """
     return (
         window.start
-        if numbers_filtered(window, passes=1) is not None
+        if parameters_filtered(window, passes=1) is not None
         else most_likely_start(window)
     )
 
 
-def numbers_filtered(window: Window, passes: int = PASSES) -> Belief | None:
+def parameters_filtered(window: Window, passes: int = PASSES) -> Belief | None:
     """Return a belief before the first sample with the numbers that the filter finds; None if its
     angle leaves its band.
 
@@ -145,7 +145,7 @@ def calibrated(
     window of `homing` s. The `truths` are as for `home`.
     """
     assert estimator.discrepancy is not None
-    begun = numbers_homed(Window.of(estimator, start, log, samples, truths, homing))
+    begun = parameters_homed(Window.of(estimator, start, log, samples, truths, homing))
     unaided = samples.copy()
     unaided[:, len(estimator.discrepancy.channels) :] = np.nan
     early = log.time - log.time[0] < homing

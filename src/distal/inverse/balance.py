@@ -17,7 +17,7 @@ from distal.arrays import Floats
 from distal.expressions import Matrix, Vector
 from distal.inverse.setpoint_inputs import DERIVED, command_inputs
 from distal.model import Mechanism
-from distal.model.parameters import Derived, Numbers
+from distal.model.parameters import Derived, Symbolic
 from distal.rig import Rig
 
 
@@ -238,7 +238,7 @@ class Balance:
             "tangent", arguments, ca.cse([lacking, ca.densify(ca.jacobian(lacking, free))])
         )
 
-    def number(self, p: Numbers, names: Sequence[str]) -> Numbers:
+    def number(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
         """Return numbers by their names, see `command_inputs`, of all inputs `p`."""
         return self.mechanism.parameters.of(p, [f"{DERIVED}{name}" for name in names])
 
@@ -249,14 +249,14 @@ class Balance:
         at = [i for i, name in enumerate(parameters.names) if name.startswith(DERIVED)]
         return parameters.values[at]
 
-    def within_stops(self, angles: Numbers, p: Numbers) -> Numbers:
+    def within_stops(self, angles: Symbolic, p: Symbolic) -> Symbolic:
         """Return angles of free joints, (n_free,) [rad], cut where their stops are."""
         low, high = (
             self.number(p, [f"joints.{j}.{end}" for j in self.free]) for end in ("low", "high")
         )
         return ca.fmin(ca.fmax(angles, low), high)
 
-    def of_drives(self, p: Numbers, key: str) -> Numbers:
+    def of_drives(self, p: Symbolic, key: str) -> Symbolic:
         """Return a number of each drive, (n_drives,), by its key."""
         return self.number(p, [f"drives.{d}.{key}" for d in range(self.nd)])
 

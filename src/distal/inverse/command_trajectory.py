@@ -178,11 +178,11 @@ class Inverse:
         feed = np.column_stack([parts[name] for name in layout.names])
         kernel = self._kernel_of("held", held_kernel)
         begin = np.append(angles[0], 0.0)
-        return advance(kernel, Feed(begin, feed, self._numbers)).ys
+        return advance(kernel, Feed(begin, feed, self._parameters)).ys
 
     def _run(self, time: Floats, angles: Floats) -> Advanced:
         rows = self._rows(time, angles)
-        return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._numbers))
+        return advance(self._kernel, Feed(self._begin(rows[0]), rows, self._parameters))
 
     @cached_property
     def _learned(self) -> LearnedShift | None:
@@ -233,7 +233,7 @@ class Inverse:
         positions = kernel_state[self.model.kernel_state["positions"]]
         inside = kernel_state[self.model.kernel_state["inside"]]
         found: Floats = (
-            self._stiffness(desired[0], positions, np.concatenate([self._numbers, inside]))
+            self._stiffness(desired[0], positions, np.concatenate([self._parameters, inside]))
             .full()
             .ravel()
         )
@@ -323,7 +323,7 @@ class Inverse:
         return np.column_stack([parts[name] for name in self.model.x.names])
 
     @property
-    def _numbers(self) -> Floats:
+    def _parameters(self) -> Floats:
         values = self.model.mechanism.parameters.values
         inside = self.model.kernel_state["inside"]
         return values[: len(values) - (inside.stop - inside.start)]
@@ -335,7 +335,7 @@ class Inverse:
         model = self.model
         kernel_state = np.zeros(self.model.kernel_state.size)
         for _ in range(SETTLES):
-            first = advance(self._kernel, Feed(kernel_state, row, self._numbers))
+            first = advance(self._kernel, Feed(kernel_state, row, self._parameters))
             kernel_state[model.kernel_state["positions"]] = model.y.view(first.ys[-1], "positions")
             kernel_state[model.kernel_state["pulls"]] = model.kernel_state.view(
                 first.kernel_states[-1], "pulls"
@@ -348,7 +348,7 @@ class Inverse:
                         kernel_state[model.kernel_state["positions"]],
                     ]
                 )
-                of_rig = self._numbers[: len(self._numbers) - len(model.derived)]
+                of_rig = self._parameters[: len(self._parameters) - len(model.derived)]
                 inside = inside_function(model.mechanism)(q, of_rig)
                 kernel_state[model.kernel_state["inside"]] = np.array(inside).ravel()
         return kernel_state
@@ -364,4 +364,4 @@ class Inverse:
         turned[cut] = 0.0
         unsure = np.tile(position_variances(self.rig), (len(angles), 1))
         rows = np.column_stack([angles, positions, turned, unsure, view(kernel_states, "inside")])
-        return advance(self._band, Feed(np.zeros(1), rows, self._numbers)).ys
+        return advance(self._band, Feed(np.zeros(1), rows, self._parameters)).ys

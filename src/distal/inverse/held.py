@@ -46,11 +46,13 @@ def held_kernel(model: CommandModel) -> ca.Function:
     p = ca.MX.sym("p", len(model.mechanism.parameters) - inside)
     came = layout.parts(x)
     behind = kernel_state[model.nf]
-    numbers = ca.vertcat(p, came["inside"]) if inside else p
+    parameters = ca.vertcat(p, came["inside"]) if inside else p
     step = _step(model)
     angles = kernel_state[: model.nf]
     for _ in range(ROUNDS):
-        angles = model.within_stops(angles + step(angles, came["positions"], numbers), numbers)
+        angles = model.within_stops(
+            angles + step(angles, came["positions"], parameters), parameters
+        )
     away = ca.MX(0)
     for error in ca.vertsplit(ca.fabs(angles - came["angles"])):
         away = ca.logic_or(away, error > BACK)

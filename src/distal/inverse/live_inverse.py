@@ -199,7 +199,7 @@ class LiveInverse:
         self._monitor = Monitor(self._live)
         self._loop = self._kernel.loop(
             np.concatenate(
-                [gains, estimator.numbers[: len(estimator.parameter_names)], model.derived]
+                [gains, estimator.parameters[: len(estimator.parameter_names)], model.derived]
             )
         )
         self._has_map = bool(estimator.report.states)

@@ -107,12 +107,12 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     # maps that are not trusted, far from where they were learned, are not followed, nor torques
     # from outside
     mapped = ca.if_else(came["trusted"] > 0, came["mapped"], mapped)
-    numbers, torques = _believed(model, states)(came["state"], own, p[n_gains + n_filter :])
+    parameters, torques = _believed(model, states)(came["state"], own, p[n_gains + n_filter :])
     inputs = {**{f"{name}_before": part for name, part in was.items()}, **gains}
     # nothing winds up against a stop, nor against the end of a drive's range
     inputs |= {
         "dt": came["dt"],
-        "desired": model.within_stops(came["desired"], numbers),
+        "desired": model.within_stops(came["desired"], parameters),
         "trusted": came["trusted"],
     }
     inputs["free"] = came["touched"] < TOUCHED
@@ -120,19 +120,19 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     guided = _guide(model)(
         angles=came["state"][model.free], **{k: v for k, v in inputs.items() if k not in OF_ALL}
     )
-    later = model.number(numbers, ["lead"])
+    later = model.number(parameters, ["lead"])
     bend = _limited(later**2 / 2 * guided["acceleration"], ca.fabs(later * guided["speed"]))
     ahead = guided["reference"] + later * guided["speed"] + bend + guided["correction"] - mapped
     row = model.x.joined(
         dt=came["dt"],
-        angles=model.within_stops(ahead, numbers),
+        angles=model.within_stops(ahead, parameters),
         speeds=guided["speed"] + guided["correcting"],
         accelerations=guided["acceleration"],
         torques=came["trusted"] * gains["compensates"] * torques
         + ca.mtimes(ca.DM(np.linalg.pinv(np.array(model.mechanism.spread)).T), guided["pushed"]),
         lowest=gains["lowest"],
     )
-    command, y = model.function()(command, row, numbers)
+    command, y = model.function()(command, row, parameters)
     commanded = model.y.parts(y)
     commanded["at_end"] = (
         ca.fabs(model.kernel_state.part(command, "positions") - commanded["positions"]) > BEYOND
@@ -140,10 +140,10 @@ def live_function(model: CommandModel, states: StateVector) -> ca.Function:
     commanded["positions"] = read_function(model, states)(
         commanded["positions"], came["state"], own
     )
-    commanded["forces"] = _within_limits(model, commanded["forces"], numbers)
+    commanded["forces"] = _within_limits(model, commanded["forces"], parameters)
     commanded["speeds"] += (commanded["positions"] - came["read"]) / COMES_BACK
-    soft = model.of_drives(numbers, "soft")
-    dead = model.of_drives(numbers, "dead")
+    soft = model.of_drives(parameters, "soft")
+    dead = model.of_drives(parameters, "dead")
     turned = model.kernel_state.part(command, "drives_turned")
     commanded["positions"] += soft * commanded["forces"] + dead * turned
     after = {name: guided[name] for name in GUIDED}
@@ -233,9 +233,9 @@ def _limited(value: Vector, most: Scalar) -> Vector:
     return ca.fmin(ca.fmax(value, -most), most)
 
 
-def _within_limits(model: CommandModel, forces: VectorNode, numbers: VectorNode) -> VectorNode:
+def _within_limits(model: CommandModel, forces: VectorNode, parameters: VectorNode) -> VectorNode:
     """Return forces of drives, cut at their limits; a slider does not push."""
-    high = model.of_drives(numbers, "limit")
+    high = model.of_drives(parameters, "limit")
     pushes = ca.DM([drive.kind != "slider" for drive in model.rig.drives])
     # no product with a limit that may be infinite
     low = ca.if_else(pushes, -high, 0)
@@ -255,6 +255,6 @@ def _believed(model: CommandModel, states: StateVector) -> ca.Function:
     others = iter(ca.vertsplit(derived))
     at = {name: i for i, name in enumerate(known.names)}
     names = desired.names[: len(desired) - inside]
-    numbers = [next(others) if name.startswith(DERIVED) else learned[at[name]] for name in names]
-    outputs = [ca.densify(ca.vertcat(*numbers)), ca.densify(states.torques(state))]
+    parameters = [next(others) if name.startswith(DERIVED) else learned[at[name]] for name in names]
+    outputs = [ca.densify(ca.vertcat(*parameters)), ca.densify(states.torques(state))]
     return ca.Function("believed", [state, known.symbols, derived], outputs)

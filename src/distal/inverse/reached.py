@@ -35,10 +35,10 @@ def spread_function(model: CommandModel) -> ca.Function:
     external = ca.SX.sym("tau", model.nj)
     lacks, friction = lacking(model, free, positions, turned, external)
     slopes = ca.jacobian(lacks, free) - SOFTEST * ca.SX.eye(nf)
-    by_numbers = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
+    by_parameters = ca.mtimes(ca.jacobian(lacks, p), covariance_root(model))
     by_positions = ca.mtimes(ca.jacobian(lacks, positions), ca.diag(ca.sqrt(position_variances)))
     variances = ca.SX.zeros(nf)
-    for column in ca.horzsplit(ca.densify(ca.horzcat(by_numbers, by_positions))):
+    for column in ca.horzsplit(ca.densify(ca.horzcat(by_parameters, by_positions))):
         variances += solved(slopes, column) ** 2
     # within the friction that has not turned over any position is alike likely: a third of its
     # square

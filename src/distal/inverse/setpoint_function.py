@@ -87,16 +87,16 @@ class CommandModel(Balance):
         p = ca.MX.sym("p", self.mechanism.parameters.symbols.numel() - inside_count)
         was = self.kernel_state.parts(kernel_state)
         desired = self.x.parts(x)
-        numbers = ca.vertcat(p, was["inside"]) if inside_count else p
+        parameters = ca.vertcat(p, was["inside"]) if inside_count else p
         step = self._sample()
         out = step(
             *(was[name] for name in was if name != "inside"),
             *(desired[name] for name in desired),
-            numbers,
+            parameters,
         )
         named = dict(zip(step.name_out(), out))
         bodies = ca.vertcat(named.pop("joints"), named["positions"])
-        inside = self.moved(bodies, desired["dt"], numbers) if inside_count else ca.MX(0, 1)
+        inside = self.moved(bodies, desired["dt"], parameters) if inside_count else ca.MX(0, 1)
         after = self.kernel_state.joined(
             **{
                 name: named[name]

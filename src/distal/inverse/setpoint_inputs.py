@@ -17,10 +17,10 @@ DERIVED = "command."
 
 def command_inputs(rig: Rig) -> dict[str, float]:
     """Return the numbers that commands read beside the equations' parameters, by name."""
-    return {f"{DERIVED}{name}": value for name, value in _numbers(rig)}
+    return {f"{DERIVED}{name}": value for name, value in _parameters(rig)}
 
 
-def _numbers(rig: Rig) -> Iterator[tuple[str, float]]:
+def _parameters(rig: Rig) -> Iterator[tuple[str, float]]:
     yield "lead", _lead(rig)
     for j, joint in enumerate(rig.joints):
         yield from _ends(f"joints.{j}", joint.stops)

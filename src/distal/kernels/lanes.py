@@ -111,7 +111,7 @@ class LaneKernel:
             np.ascontiguousarray(feed.rows, dtype=np.float64).reshape(-1, self.n_x)
             for feed in feeds
         ]
-        numbers = [
+        parameters = [
             np.ascontiguousarray(feed.p, dtype=np.float64).reshape(self.n_p) for feed in feeds
         ]
         out = [Advanced(np.empty((len(x), len(keep))), np.empty((len(x), self.n_y))) for x in rows]
@@ -121,7 +121,7 @@ class LaneKernel:
         # lanes without a run of their own do what the first does, and keep nothing
         self._batch(
             ctypes.c_void_p(lengths.ctypes.data),
-            *(self._pointers(arrays) for arrays in (starts, rows, numbers)),
+            *(self._pointers(arrays) for arrays in (starts, rows, parameters)),
             ctypes.c_longlong(len(kept)),
             ctypes.c_void_p(kept.ctypes.data),
             *(self._pointers([pair[i] for pair in out]) for i in range(2)),

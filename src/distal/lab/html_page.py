@@ -145,7 +145,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "band": BAND,
         "window": WINDOW,
         "longest": LONGEST,
-        "numbers": len(plant.numbers),
+        "numbers": len(plant.parameters),
         "told": list(module.outputs),
         "plain": module.inextensible,
         "torques": [
@@ -160,7 +160,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
         "factors": {
-            factor: [i for i, path in enumerate(plant.numbers) if re.search(pattern, path)]
+            factor: [i for i, path in enumerate(plant.parameters) if re.search(pattern, path)]
             for factor, pattern in FACTORS.items()
         },
         "columns": columns,
@@ -321,13 +321,13 @@ def _slider(
 ) -> str:
     """Return a slider with its label; ends are the lowest, the highest and the first value."""
     low, high, first = ends
-    numbers = (
+    values = (
         f"min='{low:g}' max='{high:g}' step='{(high - low) / 200:.6g}' value='{first:g}' "
         f"data-unit='{unit}'"
     )
     return (
         f"<label for='set-{name}'{' hidden' * hidden}>{label} <output id='{name}-said'></output>"
-        f"<input type='range' id='set-{name}' name='{name}' {numbers} {mark}></label>"
+        f"<input type='range' id='set-{name}' name='{name}' {values} {mark}></label>"
     )
 
 
@@ -366,8 +366,8 @@ def _allowed(
     """
     factor = next((key for key in changes if key in LABELS), None)
     if factor is not None:
-        numbers = [number(rig, module.plant.numbers[i]) for i in constants["factors"][factor]]
-        share = min(one.std / abs(one.value) for one in numbers if one.value)
+        values = [number(rig, module.plant.parameters[i]) for i in constants["factors"][factor]]
+        share = min(one.std / abs(one.value) for one in values if one.value)
         stds = abs(changes[factor]) * log(2.0) / log1p(share) if share else inf
         known = f"{LABELS[factor]} as {f'known to ± {100 * share:.2g} %' if share else 'exact'}"
     elif "load" in changes:

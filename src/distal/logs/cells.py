@@ -60,7 +60,7 @@ class Cells:
         parts = [column for (column,) in self.blocks([name])]
         return parts[0] if len(parts) == 1 else list(chain.from_iterable(parts))
 
-    def numbers(self, names: Sequence[str]) -> dict[str, Floats]:
+    def values(self, names: Sequence[str]) -> dict[str, Floats]:
         """Return columns as numbers, NaN where a cell is missing; a `LogError` says where one is no
         finite number.
         """
@@ -100,7 +100,7 @@ def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Float
     finite number.
     """
     if isinstance(column, list):
-        values = _plain_numbers(column)
+        values = _plain_values(column)
         if values is None:
             cells = enumerate(column, first_row)
             values = np.array(
@@ -116,7 +116,7 @@ def parsed_cells(column: Column, path: Path, name: str, first_row: int) -> Float
     return values
 
 
-def _plain_numbers(cells: list[str]) -> Floats | None:
+def _plain_values(cells: list[str]) -> Floats | None:
     """Return the numbers of cells that hold nothing else, else None; this is fast, and enough for
     most logs.
     """

@@ -70,10 +70,10 @@ def episodes_of(folder: Path) -> list[Episode]:
             problems.append(problem)  # a recording that broke off leaves a file without its end
             continue
         cells.check([EPISODE])
-        numbers = cells.numbers([EPISODE])[EPISODE]
-        if not np.isfinite(numbers).all():
+        values = cells.values([EPISODE])[EPISODE]
+        if not np.isfinite(values).all():
             raise LogError(f"{file}: '{EPISODE}' lacks values")
-        for number in map(int, dict.fromkeys(numbers.tolist())):
+        for number in map(int, dict.fromkeys(values.tolist())):
             if number in found:
                 raise LogError(f"{found[number]}: is in two files")
             found[number] = Episode(file, number)
@@ -98,8 +98,8 @@ def rows_of_episode(episode: Episode, columns: list[str] | None) -> Cells:
         written = episode.path.stat().st_mtime_ns
     except OSError as problem:
         raise LogError(f"{episode.path}: cannot be read ({problem.strerror or problem})") from None
-    cells, numbers = _file(episode.path, written, asked)
-    mine = numbers == episode.number
+    cells, values = _file(episode.path, written, asked)
+    mine = values == episode.number
     held = {
         name: np.asarray(cells.column(name))[mine]
         for name in cells.names
@@ -118,4 +118,4 @@ def _file(path: Path, written: int, columns: tuple[str, ...] | None) -> tuple[Ce
     """
     cells = table_by_process(path, columns)
     cells.check([EPISODE])
-    return cells, cells.numbers([EPISODE])[EPISODE]
+    return cells, cells.values([EPISODE])[EPISODE]

@@ -100,9 +100,9 @@ def open_recording(
     rows = _merged([[stamp for stamp, _ in samples] for samples in stamped.values()])
     columns_of = {time: (rows - rows[0]) * 1e-9 / unit}
     for column, samples in stamped.items():
-        stamps, numbers = zip(*samples)
+        stamps, values = zip(*samples)
         columns_of[column] = np.full(len(rows), np.nan)
-        columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = numbers
+        columns_of[column][np.searchsorted(rows, stamps, side="right") - 1] = values
     return columns_of, rows
 
 

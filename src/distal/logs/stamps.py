@@ -72,7 +72,7 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     path = cells.path
     first_row = cells.first_row
     if isinstance(column, list):
-        counts = _whole_numbers(column)
+        counts = _whole_values(column)
         if counts is not None:
             return _counted(counts, unit, name, path)
         first = next((text for text in map(str.strip, column) if text.lower() not in MISSING), "")
@@ -89,7 +89,7 @@ def clock_of(cells: Cells, name: str, unit: float) -> Clock:
     return _counted(parsed_cells(column, path, name, first_row), unit, name, path)
 
 
-def _whole_numbers(cells: list[str]) -> Stamps | None:
+def _whole_values(cells: list[str]) -> Stamps | None:
     """Return whole numbers of 64 bits, None where a cell is something else."""
     try:
         return (

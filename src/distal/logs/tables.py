@@ -139,5 +139,5 @@ def table_of(cells: Cells, desired: Sequence[str] | None, optional: Iterable[str
     )
     cells.check(names)
     return Table(
-        str(cells.path), cells.numbers(list(dict.fromkeys(names))), cells.first_row, cells.units
+        str(cells.path), cells.values(list(dict.fromkeys(names))), cells.first_row, cells.units
     )

@@ -25,7 +25,7 @@ NEUTRAL = (".exponent", ".let_out", ".scale")
 """Parameters that change nothing where they are exactly one."""
 
 
-Numbers = TypeVar("Numbers", ca.SX, ca.MX)
+Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Parameters:
         """Return where a parameter stands among the symbols."""
         return self._index[name]
 
-    def of(self, p: Numbers, names: Sequence[str]) -> Numbers:
+    def of(self, p: Symbolic, names: Sequence[str]) -> Symbolic:
         """Return some numbers of all inputs `p`, (n_p,), the constants among them as they are."""
         if all(name in self._index for name in names):
             return p[[self._index[name] for name in names]]

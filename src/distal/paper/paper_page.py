@@ -265,7 +265,7 @@ def _errors_table(runs: Sequence[SeriesRun]) -> str:
         "adaptive",
     )
     return html_table(
-        ["plant", "weights", *(f"{name} [°]" for name in names)], rows, numbers=range(2, 8)
+        ["plant", "weights", *(f"{name} [°]" for name in names)], rows, values=range(2, 8)
     )
 
 
@@ -280,7 +280,7 @@ def _readings_table(runs: Sequence[SeriesRun]) -> str:
     return html_table(
         ["reading", *(f"RMS, plant with {plant.name} [°]" for plant in PLANTS)],
         rows,
-        numbers=(1, 2),
+        values=(1, 2),
     )
 
 
@@ -309,4 +309,4 @@ def _claims_table(claims: Sequence[Claim]) -> str:
         "threshold",
         *(plant.name for plant in PLANTS),
     ]
-    return html_table(columns, rows, numbers=(2, 3, 4))
+    return html_table(columns, rows, values=(2, 3, 4))

@@ -56,12 +56,12 @@ def map_coefficients_of(learned: LearnedMap) -> Floats:
     return np.concatenate(_parameters(learned))
 
 
-def _spread(learned: LearnedMap, numbers: VectorNode) -> VectorNode:
+def _spread(learned: LearnedMap, parameters: VectorNode) -> VectorNode:
     """Return the RMS over the logs of what is mapped, of each joint, from the map's parameters."""
     sizes = [len(part) for part in _parameters(learned)]
     at = PARAMETERS.index("spread")
     begin = sum(sizes[:at])
-    return numbers[begin : begin + sizes[at]]
+    return parameters[begin : begin + sizes[at]]
 
 
 def _parameters(learned: LearnedMap) -> list[Floats]:
@@ -102,8 +102,8 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     positions = ca.SX.sym("positions", m)
     angles = ca.SX.sym("angles", nj)
     sizes = [len(part) for part in _parameters(learned)]
-    numbers = ca.SX.sym("numbers", sum(sizes))
-    centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(numbers, sizes)
+    parameters = ca.SX.sym("numbers", sum(sizes))
+    centre, scale, low, high, rate, half_play, distance, reach, *parts = _split(parameters, sizes)
     share, spread, band, extrapolation, homed_low, homed_high, *of_joints = parts
     held, ages, plays = _split(memory, [m, m, k])
     is_present = [is_read(x[1 + width + i]) for i in range(m)]
@@ -163,7 +163,7 @@ def map_function(learned: LearnedMap, width: int, placed: Sequence[bool]) -> ca.
     outputs = ca.substitute(outputs, [share_in], [inner])
     outputs = ca.substitute(outputs, [symbols], [ca.vertcat(*readings, angles)[:n]])
     return ca.Function(
-        "map", [memory, x, positions, angles, numbers], ca.cse([ca.densify(y) for y in outputs])
+        "map", [memory, x, positions, angles, parameters], ca.cse([ca.densify(y) for y in outputs])
     )
 
 
@@ -232,11 +232,11 @@ def reporting_function(
             learned, width, [position is not None and learned.tracked for position in positions]
         )
         memory = kernel_state[at : at + size]
-        numbers = p[number : number + count]
+        parameters = p[number : number + count]
         angles = following[list(states)]
         carried = carried_size(learned, touched)
         values, gains, variances, _, after = function(
-            memory[: size - carried], x, read, following[list(range(joints))], numbers
+            memory[: size - carried], x, read, following[list(range(joints))], parameters
         )
         if not corrects:
             values = values - angles
@@ -245,7 +245,7 @@ def reporting_function(
             values = (1 - share) * values + left * memory[size - carried :]
             gains = (1 - share) * gains + share
             if corrects:  # what a map corrects is what the filter errs by without it
-                variances += share * _spread(learned, numbers) ** 2
+                variances += share * _spread(learned, parameters) ** 2
             after = ca.vertcat(after, values)
         reports += [angles + values, gains, variances]
         memories.append(after)

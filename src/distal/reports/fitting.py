@@ -92,7 +92,7 @@ def _parameters(fit: Fit) -> list[str]:
         for part in fit.fitted
     ]
     columns = ("number", "path", "rig file", "fitted ± standard error", "unit", "from")
-    parts = [heading("What was found"), html_table(columns, rows, numbers=(2, 3))]
+    parts = [heading("What was found"), html_table(columns, rows, values=(2, 3))]
     if fit.combinations:
         parts.append(paragraph("These logs tell " + "; ".join(fit.combinations) + "."))
     per_log = [
@@ -101,7 +101,7 @@ def _parameters(fit: Fit) -> list[str]:
         for log, number in part.per_log.items()
     ]
     if per_log:
-        parts.append(html_table(("number", "log", "value", "unit"), per_log, numbers=(2,)))
+        parts.append(html_table(("number", "log", "value", "unit"), per_log, values=(2,)))
     strong = [
         f"{fit.correlated[i]} and {fit.correlated[j]}: {fit.correlations[i, j]:+.2f}"
         for i in range(len(fit.correlations))
@@ -133,7 +133,7 @@ def _parameters(fit: Fit) -> list[str]:
     costs = (
         f"−ln p from {fit.cost_before:.1f} to {fit.cost_after:.1f} in {fit.iterations} iterations"
     )
-    table = html_table(("sensor", "before", "after"), ratios, numbers=(1, 2))
+    table = html_table(("sensor", "before", "after"), ratios, values=(1, 2))
     return [*parts, paragraph(nis), table, paragraph(f"{costs}; the search {ended}.")]
 
 
@@ -158,7 +158,7 @@ def _errors(
     columns = ("log", "RMS before [°]", "in the band", "RMS after [°]", "in the band")
     return [
         heading("Errors on the logs that were fitted"),
-        html_table(columns, rows, numbers=(1, 2, 3, 4)),
+        html_table(columns, rows, values=(1, 2, 3, 4)),
     ]
 
 
@@ -192,7 +192,7 @@ def _left_out(fit: Fit) -> list[str]:
         "rig file can hold them: they show what physics is worth."
     )
     of_all = html_table(
-        ("what gives the angle", "RMS error [°]", "inside the 95 % band"), rows, numbers=(1, 2)
+        ("what gives the angle", "RMS error [°]", "inside the 95 % band"), rows, values=(1, 2)
     )
     by_log = html_table(
         ("log", "as written [°]", "in the band"),
@@ -200,7 +200,7 @@ def _left_out(fit: Fit) -> list[str]:
             (escape(Path(held_out.log).name), *_cells(held_out.scores[WRITTEN]))
             for held_out in fit.compared
         ],
-        numbers=(1, 2),
+        values=(1, 2),
     )
     return [heading("On logs that were not fitted"), paragraph(text), of_all, by_log]
 
@@ -231,5 +231,5 @@ def _seen(log: Log, seen: Observability) -> list[str]:
         heading("Where the joint is seen"),
         paragraph(text),
         picture(svg_of(seen.plot()), caption),
-        html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, numbers=(1, 2)),
+        html_table(("time [s]", "std [°]", "found again to [°]", ""), rows, values=(1, 2)),
     ]

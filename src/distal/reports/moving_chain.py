@@ -37,19 +37,19 @@ def moving_chain(estimate: Estimate, log: Log, rig: Rig) -> tuple[str, str]:
     rows = slice(None, None, step)
     time = from_start(estimate.time)
     columns = [
-        None if column is None else _numbers(column[rows], 2) for column in _tensions(rig, log)
+        None if column is None else _parameters(column[rows], 2) for column in _tensions(rig, log)
     ]
     tensions = [tension for column in columns for tension in column or () if tension is not None]
     most = max(tensions, default=0.0)
     frames = chain_shape(rig, most) | {
         "tensions": columns,
-        "time": _numbers(time[rows] - time[0], 4),
+        "time": _parameters(time[rows] - time[0], 4),
         "from": float(time[0]),
-        "angles": [_numbers(column, 4) for column in estimate.angles[rows].T],
-        "halves": [_numbers(BAND * column, 4) for column in estimate.angle_stds[rows].T],
+        "angles": [_parameters(column, 4) for column in estimate.angles[rows].T],
+        "halves": [_parameters(BAND * column, 4) for column in estimate.angle_stds[rows].T],
         "truths": None
         if estimate.truths is None
-        else [_numbers(column, 4) for column in estimate.truths[rows].T],
+        else [_parameters(column, 4) for column in estimate.truths[rows].T],
     }
     scale = tension_scale(f"{most:.3g} N") if tensions else ""
     cells = "".join(
@@ -211,5 +211,5 @@ def _across(vector: Floats, axis: Floats) -> Floats:
     return vector - (vector @ axis) * axis
 
 
-def _numbers(column: Floats, digits: int) -> list[float | None]:
+def _parameters(column: Floats, digits: int) -> list[float | None]:
     return [round(number, digits) if np.isfinite(number) else None for number in column.tolist()]

@@ -79,12 +79,12 @@ def picture(svg: str, caption: str) -> str:
 
 
 def html_table(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()
+    columns: Sequence[str], rows: Sequence[Sequence[str]], values: Sequence[int] = ()
 ) -> str:
-    """Return a table; cells are HTML, and `numbers` are the indices of the columns that hold
+    """Return a table; cells are HTML, and `values` are the indices of the columns that hold
     numbers.
     """
-    mark = [" class='n'" if i in numbers else "" for i in range(len(columns))]
+    mark = [" class='n'" if i in values else "" for i in range(len(columns))]
     head = "".join(f"<th{mark[i]}>{escape(name)}</th>" for i, name in enumerate(columns))
     # on a narrow screen each row is a block of lines, and each cell tells its column
     label = [

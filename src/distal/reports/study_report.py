@@ -202,13 +202,13 @@ def _points(plan: Plan, space: Space, columns: Columns) -> dict[str, dict[str, o
     if not space.axes:
         for name in (name for name in columns if name.startswith(BUILT)):
             drawn = columns[name][::runs_per_dot][dots]
-            points[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _numbers(drawn)}
+            points[name] = {"words": f"{words_of(plan, name)} [σ]", "values": _values(drawn)}
     good = np.repeat(np.all(columns["met"].reshape(-1, n_scenarios) != 0, axis=1), n_scenarios)
     for name, words in WORDS.items():
         column = good if name == "met" else columns[name]
         runs: Floats = column.astype(np.float64).reshape(count, runs_per_dot)[dots]
         merged = {"worst_deg": runs.max, "within": runs.min}.get(name, runs.mean)(axis=1)
-        points[name] = {"words": words, "values": _numbers(merged), "more": name in MORE}
+        points[name] = {"words": words, "values": _values(merged), "more": name in MORE}
     return points
 
 
@@ -225,15 +225,15 @@ def _along(plan: Plan, axis: Axis, settings: NDArray[np.generic]) -> dict[str, o
             "labels": labels,
             "values": [order.index(choice) for choice in settings.tolist()],
         }
-    numbers = _numbers(settings)
+    values = _values(settings)
     return {
         "words": f"{words} [{axis.unit}]" if axis.unit else words,
-        "values": numbers,
+        "values": values,
         "log": axis.scale == "log",
     }
 
 
-def _numbers(values: NDArray[np.generic]) -> list[float | None]:
+def _values(values: NDArray[np.generic]) -> list[float | None]:
     return [
         float(f"{number:.4g}") if np.isfinite(number) else None
         for number in values.astype(np.float64)

@@ -54,10 +54,10 @@ class FreeMotion(Description):
         of_channels = ("at_rest", "moving", "squares", "correlations")
         sizes = {**dict.fromkeys(of_channels, len(self.channels)), "spread": len(self.drives)}
         for name, size in sizes.items():
-            numbers = getattr(self, name)
-            if len(numbers) != size:
-                raise ValueError(f"{name} must have {size} entries; {len(numbers)} came")
-            if name != "correlations" and min(numbers) < 0.0:
+            values = getattr(self, name)
+            if len(values) != size:
+                raise ValueError(f"{name} must have {size} entries; {len(values)} came")
+            if name != "correlations" and min(values) < 0.0:
                 raise ValueError(f"{name} must not be negative")
         if 0.0 in (*self.at_rest, *self.squares, *self.spread):
             raise ValueError("at_rest, squares and spread must be positive")

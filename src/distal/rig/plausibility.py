@@ -31,7 +31,7 @@ LARGEST_OFFSET = 2.0
 def doubts(rig: Rig) -> list[str]:
     """Return what is allowed in a rig but is probably a mistake, one sentence each."""
     sentences = []
-    for path, name, size in _numbers(rig):
+    for path, name, size in _values(rig):
         low, high, unit = USUAL[name]
         if not low <= size <= high:
             sentences.append(
@@ -112,7 +112,7 @@ def doubts(rig: Rig) -> list[str]:
     return sentences
 
 
-def _numbers(rig: Rig) -> Iterator[tuple[str, str, float]]:
+def _values(rig: Rig) -> Iterator[tuple[str, str, float]]:
     """Return path, kind and value of the numbers that have a usual size."""
     for joint in rig.joints:
         yield f"joints.{joint.name}.inertia", "inertia", joint.inertia.value

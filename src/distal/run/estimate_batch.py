@@ -230,7 +230,7 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
             [run.start for run in runs],
             [run.log.time for run in runs],
             [run.samples for run in runs],
-            [adapted.numbers for adapted in runners],
+            [adapted.parameters for adapted in runners],
         )
     except DistalError:
         return [_attempt(_alone, run) for run in runs]

@@ -165,8 +165,8 @@ def watch_of(estimator: KernelEstimator) -> Watch:
         innovations=m,
         compared=m,
         variances=m,
-        numbers=k,
-        number_variances=k,
+        watched=k,
+        watched_variances=k,
         touched=1,
     )
     findings = Layout(
@@ -231,7 +231,7 @@ def watch_of(estimator: KernelEstimator) -> Watch:
     prior = _column(means[list(watched)])
     allowed = LARGE_PRIOR * _column(stds[list(watched)])
     left = (
-        ca.fabs(came["numbers"] - prior) - ca.sqrt(ca.fmax(came["number_variances"], 0)) > allowed
+        ca.fabs(came["watched"] - prior) - ca.sqrt(ca.fmax(came["watched_variances"], 0)) > allowed
     )
     weight = min(interval / MEMORY, 1.0)
     pace = was["pace"] + ca.if_else(first, 0, weight * (ca.fmin(dt / interval, 2) - was["pace"]))
@@ -316,8 +316,8 @@ WORDS: dict[str, Health] = {
 """The word of each finding."""
 
 
-def _column(numbers: Sequence[float] | Floats) -> Vector:
-    return ca.DM(np.asarray(numbers, dtype=np.float64).reshape(-1, 1))
+def _column(values: Sequence[float] | Floats) -> Vector:
+    return ca.DM(np.asarray(values, dtype=np.float64).reshape(-1, 1))
 
 
 def _any(flags: Vector) -> Scalar:

@@ -92,7 +92,7 @@ class LiveEstimator:
         self._estimator = chosen
         self._n = len(chosen.state_names)
         self._m = len(chosen.measured)
-        self._loop = chosen.kernel.loop(chosen.numbers)
+        self._loop = chosen.kernel.loop(chosen.parameters)
         self._kernel_state = self._loop.kernel_state
         self._x = self._loop.x
         self._y = self._loop.y

@@ -234,8 +234,8 @@ class Monitor:
         came["innovations"][:] = np.where(came["compared"], live.innovations, 0.0)
         came["variances"][:] = live.innovation_variances
         came["stds"][:] = live.angle_stds
-        came["numbers"][:] = live.mean[list(watch.watched)]
-        came["number_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
+        came["watched"][:] = live.mean[list(watch.watched)]
+        came["watched_variances"][:] = np.diagonal(live.covariance)[list(watch.watched)]
         came["touched"][:] = live.touched
         came["first"][:] = self._fresh
         came["dt"][:] = dt

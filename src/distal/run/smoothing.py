@@ -36,7 +36,7 @@ def smooth(log: Log, rig: Rig, compiled: bool = True) -> Estimate:
     belief = estimator.initial(log.time[0], first_values(samples))
     rows, last = estimator.checked_rows(belief, log.time, samples)
     kernel_states, ys = advance(
-        estimator.kernel, Feed(belief.kernel_state, rows, estimator.numbers)
+        estimator.kernel, Feed(belief.kernel_state, rows, estimator.parameters)
     )
     n = belief.size
     m = len(estimator.measured)

@@ -66,7 +66,7 @@ def simulate_pieces(
     plant = prepared.plant
     dt = prepared.dt
     steps = len(prepared.inputs.effort)
-    scheduled = [(numbers_at(plant, path), change) for path, change in scenario.schedule.items()]
+    scheduled = [(parameters_at(plant, path), change) for path, change in scenario.schedule.items()]
     rezero = scenario.rezero
     rezeroing = scenario if rezero is None else _pulls(scenario, rezero)
     kernel = plant_kernel(plant, prepared.count)
@@ -93,7 +93,7 @@ def simulate_pieces(
         yield _read(motion, readings.at(motion.y).T, grid, errors, scenario)
 
 
-def numbers_at(plant: Mechanism, path: str) -> list[int]:
+def parameters_at(plant: Mechanism, path: str) -> list[int]:
     """Return which of the plant's numbers a path by names or indices of parts names; ``*`` is all
     parts of a kind.
 

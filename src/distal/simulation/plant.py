@@ -39,10 +39,10 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     )
     kernel_state = ca.MX.sym("kernel_state", 2 * n + len(rubbing) + nx)
     x = ca.MX.sym("x", 5 * n + 1)
-    numbers = ca.MX.sym("p", len(mechanism.parameters))
+    parameters = ca.MX.sym("p", len(mechanism.parameters))
     frictions = kernel_state[2 * n : 2 * n + len(rubbing)]
     inside = kernel_state[2 * n + len(rubbing) :]
-    p = ca.vertcat(numbers[: numbers.numel() - nx], inside) if nx else numbers
+    p = ca.vertcat(parameters[: parameters.numel() - nx], inside) if nx else parameters
     before = kernel_state[n : 2 * n]
     dt = x[5 * n]
     effort = x[:n]
@@ -57,13 +57,13 @@ def plant_function(mechanism: Mechanism, count: int) -> ca.Function:
     )
     if nx:
         inside = settled_function(mechanism)(q_next, dt, p)
-        p = ca.vertcat(numbers[: numbers.numel() - nx], inside)
+        p = ca.vertcat(parameters[: parameters.numel() - nx], inside)
     y = ca.vertcat(q_next, v_next, tensions(q_next, v_next, p), pull)
     frictions = follow(kernel_state[:n], q_next, v_next, frictions, p) if rubbing else frictions
     following = ca.vertcat(q_next, v_next, frictions, inside)
     return ca.Function(
         "plant",
-        [kernel_state, x, numbers],
+        [kernel_state, x, parameters],
         [following, y],
         ["kernel_state", "x", "p"],
         ["next", "y"],
@@ -250,16 +250,16 @@ def at_rest(
     inputs: BodyInputs,
     start: Floats,
     kernel: Kernel,
-    numbers: Floats | None = None,
+    parameters: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the kernel state of a plant at rest, and what its kernel (of `plant_function`) would
     put out there, (1, n_y).
 
     Of the inputs the first interval counts; coordinates are `start`, (n_bodies,), the plant's
-    parameters `numbers`, (n_p,), default those of the mechanism.
+    parameters `parameters`, (n_p,), default those of the mechanism.
     """
     n = mechanism.n_bodies
-    p = mechanism.parameters.values if numbers is None else numbers
+    p = mechanism.parameters.values if parameters is None else parameters
     inside = np.array(
         inside_function(mechanism)(start, p[: p.size - len(mechanism.parameters.inside)])
     ).ravel()
@@ -292,17 +292,18 @@ def run_plants(
     runs: Sequence[tuple[BodyInputs, Floats]],
     dt: float,
     kernel: Kernel,
-    numbers: Sequence[Floats] | None = None,
+    parameters: Sequence[Floats] | None = None,
 ) -> list[PlantMotion]:
     """Return the motions of several runs of one plant, side by side where there are lanes for that.
 
-    Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the `numbers`
-    of its plant, (n_p,), default those of the mechanism; the kernel is of `plant_function`.
+    Of each run there are what acts, in intervals `dt` [s], coordinates at rest, and the
+    `parameters` of its plant, (n_p,), default those of the mechanism; the kernel is of
+    `plant_function`.
 
     Raises:
         ScenarioError: a motion left all bounds.
     """
-    ps = [mechanism.parameters.values] * len(runs) if numbers is None else list(numbers)
+    ps = [mechanism.parameters.values] * len(runs) if parameters is None else list(parameters)
     rows = [rows_of(inputs, dt) for inputs, _ in runs]
     begun = [at_rest(mechanism, inputs, start, kernel, p) for (inputs, start), p in zip(runs, ps)]
     feeds = [Feed(kernel_state, xs, p) for (kernel_state, _), xs, p in zip(begun, rows, ps)]

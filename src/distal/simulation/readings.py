@@ -77,14 +77,14 @@ def reading_function(plant: Mechanism) -> ca.Function:
     """
     sensors = plant.rig.sensors
     y = ca.SX.sym("y", 3 * plant.n_bodies + plant.n_tendons)
-    numbers = ca.SX.sym("numbers", SENSOR.size, len(sensors))
+    parameters = ca.SX.sym("numbers", SENSOR.size, len(sensors))
     draws = ca.SX.sym("draws", len(sensors))
     moment = moment_of(plant, y)
     readings = [
-        reading(moment.read(s), SENSOR.parts(numbers[:, k]), draws[k])
+        reading(moment.read(s), SENSOR.parts(parameters[:, k]), draws[k])
         for k, s in enumerate(sensors)
     ]
     read = ca.substitute(
         ca.vertcat(*readings), plant.parameters.symbols, ca.DM(plant.parameters.values)
     )
-    return ca.Function("reading", [y, numbers, draws], [ca.densify(read)])
+    return ca.Function("reading", [y, parameters, draws], [ca.densify(read)])

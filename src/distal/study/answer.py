@@ -157,9 +157,9 @@ def influences_of(plan: Plan, space: Space, columns: Columns, rms: Floats) -> tu
         column = columns[name][:: len(plan.scenarios)][is_finite]
         if column.dtype.kind not in "fiub":
             column = np.unique(column, return_inverse=True)[1]
-        numbers = column.astype(np.float64)
-        if len(numbers) and np.ptp(numbers) > 0.0:
-            inputs[name] = numbers
+        values = column.astype(np.float64)
+        if len(values) and np.ptp(values) > 0.0:
+            inputs[name] = values
     samples = np.random.default_rng(0).permutation(int(is_finite.sum()))[:MOST_SAMPLES]
     if not inputs or len(samples) < 100 or np.ptp(rms[is_finite]) == 0.0:
         return ()

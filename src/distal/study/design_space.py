@@ -242,10 +242,10 @@ def space_of(plan: Plan) -> Space:
 def rig_of(rig: Rig, design: Design) -> Rig:
     """Return the rig of a design, without the sensors that it leaves out."""
     off = {path.partition(".")[2] for path, setting in design.items() if setting is False}
-    numbers = {
+    values = {
         path: setting for path, setting in design.items() if not isinstance(setting, (bool, str))
     }
-    changed = rig.with_values(numbers) if numbers else rig
+    changed = rig.with_values(values) if values else rig
     if not off:
         return changed
     return changed.model_copy(

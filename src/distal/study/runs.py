@@ -305,9 +305,9 @@ def _logs(
 
 def _motions(setup: _Setup, group: Sequence[Prepared]) -> Iterable[PlantMotion | DistalError]:
     runs = [(built.inputs, built.start) for built in group]
-    numbers = [built.plant.parameters.values for built in group]
+    values = [built.plant.parameters.values for built in group]
     try:
-        return run_plants(setup.mechanism, runs, setup.timing[0], setup.kernel, numbers)
+        return run_plants(setup.mechanism, runs, setup.timing[0], setup.kernel, values)
     except DistalError as problem:
         if len(group) == 1:
             return [problem]

@@ -57,11 +57,11 @@ def parts_of(plan: Plan, axis: Axis, values: NDArray[np.generic]) -> list[tuple[
             (setting_in_words(name, choice, axis.unit), values == choice) for choice in axis.choices
         ]
     edges = [float(axis.at(k / BINS)) for k in range(BINS + 1)]
-    numbers = values.astype(np.float64)
+    numeric = values.astype(np.float64)
     return [
         (
             f"{name} {quantity(low, axis.unit)} to {quantity(high, axis.unit)}",
-            (numbers >= low) & ((numbers < high) | (k == BINS)),
+            (numeric >= low) & ((numeric < high) | (k == BINS)),
         )
         for k, (low, high) in enumerate(pairwise(edges), 1)
     ]

@@ -494,12 +494,12 @@ def test_a_prior_follows_the_numbers_that_are_inputs() -> None:
         AdaptiveFilter(rig, False, inputs=list(changed)),
         AdaptiveFilter(rig.with_values(changed), False),
     )
-    p = np.array(fitted.numbers)
+    p = np.array(fitted.parameters)
     for name, value in changed.items():
         p[fitted.parameter_names.index(name)] = value
     sample = np.linspace(0.1, 0.2, len(fitted.channels))
     mean, _, memory = fitted.prior(sample, p)
-    known, _, known_memory = other.prior(sample, other.numbers)
+    known, _, known_memory = other.prior(sample, other.parameters)
     names = list(other.state_names)
     for name in set(names) & set(fitted.state_names):
         assert mean[fitted.state_names.index(name)] == pytest.approx(

@@ -114,7 +114,7 @@ def test_inputs_of_a_fit_reach_their_part(rig: Rig) -> None:
     names = whole.states.context.mechanism.parameters.names
     assert (
         names[
-            second.numbers[
+            second.parameters[
                 second.states.context.mechanism.parameters.names.index("joints.0.inertia")
             ]
         ]

@@ -21,7 +21,7 @@ from distal.results import Estimate
 from distal.rig import named
 from distal.run import smooth
 from distal.simulation import build_scenario
-from tests.helpers import at_numbers
+from tests.helpers import at_parameters
 
 NAMES = (
     "creep",
@@ -236,7 +236,7 @@ def test_the_first_tension_of_a_tendon_is_what_its_drive_tells() -> None:
 
     def tension(rig: str, tendon: int, *read: list[Any]) -> float:
         context = AdaptiveFilter(load_rig(rig), compiled=False).states.context
-        return at_numbers(context, ca.SX(_tension(context, tendon, Begin(*read))))
+        return at_parameters(context, ca.SX(_tension(context, tendon, Begin(*read))))
 
     radius, pretension = 5e-3, load_rig("capstan-joint").tendons[0].pretension.value
     none = [None, None]

@@ -152,7 +152,7 @@ def test_a_motion_that_begins_between_slow_samples_is_no_wild_reading() -> None:
     samples = np.column_stack([log.channels[name] for name in estimator.channels])
     belief = estimator.initial(log.time[0], samples[0])
     rows, last = estimator.checked_rows(belief, log.time, samples)
-    kernel_states = estimator.kernel.scan(belief.kernel_state, rows, estimator.numbers)[0][last]
+    kernel_states = estimator.kernel.scan(belief.kernel_state, rows, estimator.parameters)[0][last]
     still = np.diff(samples, axis=0, prepend=samples[:1])
     begins = np.abs(still[1:]) > 50 * np.abs(still[:-1]) + 0.05
     assert begins.sum() > 10

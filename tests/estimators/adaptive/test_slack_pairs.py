@@ -68,7 +68,7 @@ def asked(
     at = names.index("one_current")
     x[1 + at], x[1 + len(names) :] = torque, 1.0
     x[1 + len(names) + at] = there
-    return [state, tracks, x, estimator.numbers]
+    return [state, tracks, x, estimator.parameters]
 
 
 @pytest.mark.parametrize("torque", [0.0, 0.05, -0.05])

@@ -213,7 +213,7 @@ MISTAKES: dict[str, tuple[Any, str, str, str, Any, Robustness, float]] = {
     ),
     "linearity in the place": (
         twin.Twin,
-        "positions",
+        "positions_over",
         "- error, -slope",
         "- error, slope",
         LINEARITY,

@@ -27,7 +27,9 @@ def test_the_transition_that_a_smoother_needs(name: str) -> None:
     references = rig.sensors_of("angle")
     found = AdaptiveFilter(rig, compiled=False, references=references, trace=True)
     rows, _ = found.rows(np.diff(time, prepend=time[0]), samples)
-    _, ys = found.kernel.scan(found.initial(time[0], samples[0]).kernel_state, rows, found.numbers)
+    _, ys = found.kernel.scan(
+        found.initial(time[0], samples[0]).kernel_state, rows, found.parameters
+    )
     twin = Twin(rig, DEFAULT, references)
     twin.run(time, samples)
     n, first = twin.n, 2 * len(found.measured)

@@ -49,11 +49,12 @@ def test_a_joint_just_before_its_stop_may_be_held_by_it(
     symbols = [
         ca.MX.sym("m", len(mean)),
         ca.MX.sym("P", *covariance.shape),
-        ca.MX.sym("p", estimator.numbers.size),
+        ca.MX.sym("p", estimator.parameters.size),
     ]
     (sure,) = update.sure_of_stops(states, *symbols)
     assert (
-        float(ca.Function("sure", symbols, [sure])(mean, covariance, estimator.numbers)) == expected
+        float(ca.Function("sure", symbols, [sure])(mean, covariance, estimator.parameters))
+        == expected
     )
 
 
@@ -73,14 +74,14 @@ def test_an_unsure_joint_teaches_no_numbers(
 ) -> None:
     monkeypatch.setattr(update, "sure_of_stops", lambda *_: [ca.MX(sure)])
     estimator, log = built(), moved()
-    numbers = [i for i, kind in enumerate(estimator.state_kinds) if kind is StateKind.PARAMETER]
+    parameters = [i for i, kind in enumerate(estimator.state_kinds) if kind is StateKind.PARAMETER]
     samples = samples_of(log, estimator.channels)
     start = estimator.initial(log.time[0], samples[0])
     means, covariances, _, _ = estimator.scan(start, log.time, samples)
     stds = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    assert (np.ptp(means[:, numbers], axis=0).max() > 0.0) == bool(sure)
+    assert (np.ptp(means[:, parameters], axis=0).max() > 0.0) == bool(sure)
     # what is not learned stays as unsure as it was
-    assert (stds[-1, numbers] < 0.999 * stds[0, numbers]).any() == bool(sure)
+    assert (stds[-1, parameters] < 0.999 * stds[0, parameters]).any() == bool(sure)
 
 
 def moved() -> Log:

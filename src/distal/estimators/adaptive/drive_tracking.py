@@ -114,17 +114,17 @@ class Tracks(Generic[Expression]):
 
     def __getitem__(self, drive: int) -> Drive:
         """Return one drive's numbers."""
-        numbers = [self.vector[MEMORY * drive + i] for i in range(MEMORY)]
-        numbers += [self.vector[(MEMORY + i) * self._n + drive] for i in range(2)]
-        return Drive(**dict(zip(TRACKED, numbers)))
+        parameters = [self.vector[MEMORY * drive + i] for i in range(MEMORY)]
+        parameters += [self.vector[(MEMORY + i) * self._n + drive] for i in range(2)]
+        return Drive(**dict(zip(TRACKED, parameters)))
 
     def of(self, drive: int) -> Expression:
         """Return one drive's numbers as a vector, `TRACKED`."""
         first = MEMORY * drive
         n = self._n
         parts = self.vector[first : first + MEMORY], self.vector[MEMORY * n + drive]
-        numbers: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
-        return numbers
+        parameters: Expression = ca.vertcat(*parts, self.vector[(MEMORY + 1) * n + drive])
+        return parameters
 
     @property
     def memory(self) -> Expression:

@@ -110,14 +110,14 @@ class AdaptiveFilter(KernelEstimator):
             compiled,
         )
         parameters = self._states.context.mechanism.parameters.values
-        numbers = np.concatenate([parameters, *map(map_coefficients_of, self._maps)])
+        parameters = np.concatenate([parameters, *map(map_coefficients_of, self._maps)])
         measured = tuple(sensor.name for sensor in channels.compared)
         state_names = self._states.names
         super().__init__(
             name,
             rig,
             kernel,
-            numbers,
+            parameters,
             channels=channels,
             state_names=state_names,
             measured=measured,
@@ -220,7 +220,7 @@ class AdaptiveFilter(KernelEstimator):
             learned if type(before) is type(learned) else before for before in self._maps
         )
         assert [after.terms for after in changed._maps] == [before.terms for before in self._maps]
-        parameters = self.numbers[: len(self.parameter_names)]
+        parameters = self.parameters[: len(self.parameter_names)]
         changed._p = frozen(np.concatenate([parameters, *map(map_coefficients_of, changed._maps)]))
         changed._begin = None
         return changed

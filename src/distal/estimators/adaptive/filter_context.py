@@ -279,7 +279,7 @@ class FilterContext:
         """Return a number of the description, or one that follows from it, see `filter_numbers`."""
         return self.mechanism.parameters[self._name(path)]
 
-    def numbers(self, p: VectorNode, paths: Sequence[str]) -> VectorNode:
+    def parameters(self, p: VectorNode, paths: Sequence[str]) -> VectorNode:
         """Return such numbers of the filter's inputs `p`."""
         return self.mechanism.parameters.of(p, [self._name(path) for path in paths])
 

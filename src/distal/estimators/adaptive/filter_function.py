@@ -100,7 +100,7 @@ def _bounded(
     """
     for at, lowest in enumerate(states.lowest):
         if np.isfinite(lowest):
-            least = states.context.numbers(p, [f"state.{at}.lowest"])
+            least = states.context.parameters(p, [f"state.{at}.lowest"])
             mean[at] = ca.fmax(mean[at], least)  # (27)
     for j, depth in depths_in_stops(states, mean, p).items():
         # how deep a joint sits in its stop is known no better than the depth
@@ -125,10 +125,10 @@ def _moving(states: StateVector, motion: Moved) -> MatrixNode:
     n = len(states)
     nj = states.context.n_joints
     transition = ca.MX(ca.DM.eye(n).full())
-    numbers = len(motion.chosen)
+    parameters = len(motion.chosen)
     transition[: 2 * nj, :] = 0
-    transition[: 2 * nj, motion.chosen] = motion.slopes[:numbers, :].T
+    transition[: 2 * nj, motion.chosen] = motion.slopes[:parameters, :].T
     for k, (at, slopes) in enumerate(motion.positions):
         if at:
-            transition[: 2 * nj, at] += ca.mtimes(motion.slopes[numbers + k, :].T, slopes.T)
+            transition[: 2 * nj, at] += ca.mtimes(motion.slopes[parameters + k, :].T, slopes.T)
     return transition

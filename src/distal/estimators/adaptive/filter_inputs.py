@@ -33,20 +33,20 @@ def states_of_rig(
     parameter of the equations is a constant where it is to be `folded`.
     """
 
-    def context_with(numbers: Mapping[str, float]) -> FilterContext:
+    def context_with(parameters: Mapping[str, float]) -> FilterContext:
         derived = {
-            f"{DERIVED}{name}": value for name, value in numbers.items() if name not in inputs
+            f"{DERIVED}{name}": value for name, value in parameters.items() if name not in inputs
         }
         return FilterContext(
             Mechanism(rig, inputs, True, Derived(derived, folded)), channels, robustness
         )
 
-    numbers = dict(numbers_of_rig(context_with({})))
-    states = StateVector(context_with(numbers), kinds)
-    return StateVector(context_with({**numbers, **dict(states.inputs())}), kinds)
+    parameters = dict(parameters_of_rig(context_with({})))
+    states = StateVector(context_with(parameters), kinds)
+    return StateVector(context_with({**parameters, **dict(states.inputs())}), kinds)
 
 
-def numbers_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
+def parameters_of_rig(context: FilterContext) -> Iterator[tuple[str, float]]:
     """Yield the numbers of a description that the filter reads beside the equations' parameters,
     by name.
     """

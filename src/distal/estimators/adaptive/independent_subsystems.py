@@ -32,7 +32,7 @@ class Apart:
     Args:
         at: of its states, (n,).
         inputs: of its inputs x = (dt, values, mask).
-        numbers: of its model's parameters.
+        parameters: of its model's parameters.
         compared: of its innovations.
         forces: of the forces that are asked for a touch.
         touchable: of its joints that may be touched, among all that may be.
@@ -42,7 +42,7 @@ class Apart:
     at: Indices
     drives: Indices
     inputs: Indices
-    numbers: Indices
+    parameters: Indices
     compared: Indices
     forces: Indices
     touchable: Indices
@@ -175,7 +175,7 @@ def filter_by_parts(
         if trace:
             y += [2 * m + part.at, 2 * m + n + square, 2 * m + n + n * n + square]
         kernels.append(
-            PlacedKernel(part_filter, kernel_state, part.inputs, part.numbers, np.concatenate(y))
+            PlacedKernel(part_filter, kernel_state, part.inputs, part.parameters, np.concatenate(y))
         )
     outputs = 2 * m + (n + 2 * n * n if trace else 0)
     return side_by_side(

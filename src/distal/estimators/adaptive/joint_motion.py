@@ -74,7 +74,7 @@ def moved(
     step = _substep(states)
     h = x[0] / count
     mechanism = context.mechanism
-    numbers = 2 * nj + len(acting) + context.n_drives
+    parameters = 2 * nj + len(acting) + context.n_drives
     angles = mean[:nj]
     speeds = mean[nj : 2 * nj]
     coupling = ca.DM.eye(nj)
@@ -86,7 +86,7 @@ def moved(
         speeds = ca.mtimes(coupling, speeds)
     q = ca.vertcat(angles, starts)
     v = ca.vertcat(speeds, rates)
-    by_angle, by_speed = (ca.DM(numbers, nj) for _ in range(2))
+    by_angle, by_speed = (ca.DM(parameters, nj) for _ in range(2))
     by_angle[:nj, :] = by_speed[nj : 2 * nj, :] = coupling.T
     of_angles = ca.MX(ca.densify(by_angle))
     of_speeds = ca.MX(ca.densify(by_speed))

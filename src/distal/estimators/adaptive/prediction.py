@@ -54,7 +54,7 @@ def predicted(
     if walking:
         flat = ca.vec(after)
         diagonal = [i * (n + 1) for i in walking]
-        walks = context.numbers(interval.p, [f"state.{i}.walk" for i in walking])
+        walks = context.parameters(interval.p, [f"state.{i}.walk" for i in walking])
         flat[diagonal] = flat[diagonal] + x[0] * walks**2
         after = ca.reshape(flat, n, n)
     return state, after
@@ -141,7 +141,7 @@ def shifted_variance(
     total = ca.MX(0)
     drives = Tracks(tracks, context.n_drives)
     for i, (ratio, _) in context.moved_by(joint).items():
-        total += (context.numbers(p, [ratio]) * drives[i].shift_std) ** 2
+        total += (context.parameters(p, [ratio]) * drives[i].shift_std) ** 2
     return total
 
 
@@ -198,9 +198,9 @@ def _open_together(
             if context.contact_shape[joint, other] == 0.0:
                 continue
             pairs = ((joint, other), (joint, joint), (other, other))
-            shape = context.numbers(interval.p, [context.loaded_with(*pair) for pair in pairs])
+            shape = context.parameters(interval.p, [context.loaded_with(*pair) for pair in pairs])
             times = [f"joints.{j}.external_torque.correlation_time" for j in (joint, other)]
-            rates = 1 / context.numbers(interval.p, times)
+            rates = 1 / context.parameters(interval.p, times)
             fade = ca.exp(-interval.x[0] * (rates[0] + rates[1]))
             size = ca.sqrt(opened[joint] * opened[other] / (shape[1] * shape[2]))
             added = covariance[at, other_at] + (1 - fade) * shape[0] * size

@@ -32,8 +32,8 @@ def within_play(
     sample, so that it is counted once.
     """
     updates = Downdate(covariance)
-    numbers = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
-    identified = {at: share for at, share in numbers.items() if at not in states.torque_states}
+    parameters = dict.fromkeys(range(2 * states.context.n_joints, len(states)), 0.0)
+    identified = {at: share for at, share in parameters.items() if at not in states.torque_states}
     for drive, *pair in slack_pairs(states.context):
         residual, width, is_read, slope = slack_pair_function(states, drive, pair)(
             mean, interval.tracks, interval.x, interval.p
@@ -95,14 +95,14 @@ def slack_pair_function(states: StateVector, drive: int, pair: list[int]) -> ca.
     positions = [states.position(i, tracks[i].position, state) for i in range(context.n_drives)]
     q = ca.vertcat(state[:nj], *positions)
     bodies = ca.SX.sym("q", mechanism.n_bodies)
-    numbers = states.parameters(state)
+    parameters = states.parameters(state)
     levers = ca.fabs(mechanism.length_jacobian(bodies)[pair, body])
     stiffness = ca.vertcat(*(p[f"tendons.{k}.stiffness"] for k in pair))
     stretch = mechanism.elastic_forces(bodies)[pair] / stiffness
     stretch, yields = ca.Function("stretch", [bodies, p.symbols], [stretch, levers * stiffness])(
-        q, numbers
+        q, parameters
     )
-    limits = mechanics_function(context)(q, ca.SX.zeros(mechanism.n_bodies), numbers)[3]
+    limits = mechanics_function(context)(q, ca.SX.zeros(mechanism.n_bodies), parameters)[3]
     read = context.value(x, sensor)
     error = states.sensor_error(sensor, read, state)
     most = ca.fabs(read - error) + limits[body] + states.friction(drive, state)

@@ -181,7 +181,7 @@ def paced(states: StateVector, kept: Remembered, interval: Interval) -> ScalarNo
     total = ca.MX(0)
     tracks = Tracks(interval.tracks, states.context.n_drives)
     for i, memory in enumerate(kept.drives):
-        spread = states.context.numbers(interval.p, [f"drives.{i}.spread"])
+        spread = states.context.parameters(interval.p, [f"drives.{i}.spread"])
         memory["pace"] = ca.fmax(memory["pace"] * fade, (tracks[i].speed / spread) ** 2)
         total += memory["pace"]
     return total
@@ -245,7 +245,7 @@ def open_torques(
     for at, joint in torques.items():
         for name, change in context.forces_by_torque(joint).items():
             if name in evidence:
-                explained[name] += context.numbers(interval.p, [change]) * mean[at]
+                explained[name] += context.parameters(interval.p, [change]) * mean[at]
     at_joints = {joint: at for at, joint in torques.items()}
     for joint, torque in kept.torques.items():
         names = [name for name in context.by_contact(joint) if name in evidence]
@@ -253,7 +253,7 @@ def open_torques(
             continue
         moved = context.mechanism.rig.joints[joint].name
         changes = [f"{context.path(of_forces[name])}.by_contact.{moved}" for name in names]
-        by_contact = context.numbers(interval.p, changes)
+        by_contact = context.parameters(interval.p, changes)
         weighed = ca.horzcat(
             *(
                 ca.vertcat(explained[name], *(getattr(evidence[name], part) for part in WEIGHED))

@@ -72,7 +72,7 @@ def updated(
     mean = prior
     innovations = list[ScalarNode]()
     spreads = list[ScalarNode]()
-    nominal = states.context.numbers(p, ["interval"])
+    nominal = states.context.parameters(p, ["interval"])
     pace = paced(states, kept, interval)
     evidence = dict[str, Evidence]()
     watch = evidence_function(states.context)
@@ -144,8 +144,10 @@ def updated(
                 is_used=share_used(ROW.part(at.values, "mask")) * position_is_read,
                 pace=pace,
                 reading=states.context.reading(x, row.name),
-                noise=states.context.numbers(p, [f"{path}.noise"]),
-                normal_by=states.context.numbers(p, [f"{path}.normal.{name}" for name in NORMAL]),
+                noise=states.context.parameters(p, [f"{path}.noise"]),
+                normal_by=states.context.parameters(
+                    p, [f"{path}.normal.{name}" for name in NORMAL]
+                ),
                 dt=dt,
             )
             evidence[row.name] = Evidence(**outputs)

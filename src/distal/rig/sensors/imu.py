@@ -19,7 +19,7 @@ from distal.rig.quantities import In, Parameter
 from distal.rig.sensors.base import SensorBase
 from distal.rig.sensors.measurand import Measurand, Motion, Parts, Role, Unknown
 
-NUMBERS = {
+VALUES = {
     f"{kind}_{axis}": unit
     for kind, unit in (("rate", "rad/s"), ("force", "m/s^2"))
     for axis in "xyz"
@@ -92,21 +92,21 @@ class Imu(Measurand):
     si = "rad/s"
     badge = "ω"  # the numbers of an accelerometer have their own unit
 
-    def numbers(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+    def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
         """Return a sensor for each of its numbers, all six or those that the table names.
 
         Raises:
             ValueError: it names what an IMU has not.
         """
         if "number" in raw:
-            return [{**raw, "si": NUMBERS.get(str(raw["number"]), "rad/s")}]
-        desired = raw.get("numbers", list(NUMBERS))
+            return [{**raw, "si": VALUES.get(str(raw["number"]), "rad/s")}]
+        desired = raw.get("numbers", list(VALUES))
         if (
             not isinstance(desired, list)
             or not desired
-            or not set(map(str, desired)) <= set(NUMBERS)
+            or not set(map(str, desired)) <= set(VALUES)
         ):
-            raise ValueError(f"numbers: must be some of {', '.join(NUMBERS)}, {desired!r} came")
+            raise ValueError(f"numbers: must be some of {', '.join(VALUES)}, {desired!r} came")
         common = {key: part for key, part in raw.items() if key not in GROUP}
         sensors: list[Mapping[str, object]] = []
         for number in desired:
@@ -118,7 +118,7 @@ class Imu(Measurand):
             }
             sensor |= {
                 "column": f"{raw.get('column', raw.get('name'))}_{number}",
-                "si": NUMBERS[number],
+                "si": VALUES[number],
             }
             for key in ("noise", "bias"):
                 by_kind = raw.get(key, {})

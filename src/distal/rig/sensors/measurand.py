@@ -144,7 +144,7 @@ class Measurand(ABC):
         """
         return ()
 
-    def numbers(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
+    def values(self, raw: Mapping[str, object]) -> list[Mapping[str, object]]:
         """Return the sensors of one number each that a table of a rig file stands for, still
         unchecked.
         """

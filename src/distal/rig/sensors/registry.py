@@ -12,7 +12,7 @@ from pydantic import Field
 from distal.rig.sensors.angle import Angle
 from distal.rig.sensors.by_unit import AngleSensor, ForceSensor, LengthSensor, TorqueSensor
 from distal.rig.sensors.force import Force
-from distal.rig.sensors.imu import NUMBERS, Accelerometer, Gyroscope, Imu
+from distal.rig.sensors.imu import VALUES, Accelerometer, Gyroscope, Imu
 from distal.rig.sensors.measurand import Measurand, Part, Parts, Role
 from distal.rig.sensors.position import Position
 from distal.rig.sensors.tension import Tension
@@ -30,7 +30,7 @@ Sensor = Annotated[
 ]
 """A sensor of one number."""
 
-UNITS = ("m", "rad", "N", "N m", *dict.fromkeys(NUMBERS.values()))
+UNITS = ("m", "rad", "N", "N m", *dict.fromkeys(VALUES.values()))
 """By which pydantic tells the classes of sensors apart."""
 
 REFERENCES = frozenset(name for name, kind in MEASURANDS.items() if kind.role is Role.REFERENCE)
@@ -80,7 +80,7 @@ def checked_parts(
         )
     raw = {**raw, "si": kind.unit(parts[kind.of][names_of_parts.index(of)])}
     try:
-        return kind.numbers(raw)
+        return kind.values(raw)
     except ValueError as problem:
         raise ValueError(f"{index}.{problem}") from None
 
@@ -94,7 +94,7 @@ def one_number_each(tables: Sequence[object]) -> list[object]:
         kind = MEASURANDS.get(str(table.get("measures"))) if isinstance(table, Mapping) else None
         try:
             sensors += (
-                [table] if kind is None or not isinstance(table, Mapping) else kind.numbers(table)
+                [table] if kind is None or not isinstance(table, Mapping) else kind.values(table)
             )
         except ValueError:
             sensors.append(table)  # what is wrong in it is said when it is checked

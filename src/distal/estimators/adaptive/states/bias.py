@@ -66,9 +66,9 @@ class SensorBias(OfSensor):
         drift = self.context.number(f"{path}.drift")
         return Fading(ca.exp(-dt * drift**2 / (2 * std**2)), std)
 
-    def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
+    def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
         """Return b where it is this sensor's."""
-        return numbers[0] if sensor.name == self.sensor.name else 0
+        return values[0] if sensor.name == self.sensor.name else 0
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class SensorGain(OfSensor):
         """The std of its `gain`, as a share of it [1]."""
         return np.array([self.context.gain_std(self.sensor)])
 
-    def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
+    def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
         """Return γ times the reading where it is this sensor's."""
-        return numbers[0] * reading if sensor.name == self.sensor.name else 0
+        return values[0] * reading if sensor.name == self.sensor.name else 0
 
 
 def sensor_biases(context: FilterContext) -> list[State]:

@@ -43,9 +43,9 @@ class UnknownFriction(OfDrive, ZeroMean):
         """`Robustness.unknown_friction_walk` σ per √s."""
         return self.context.robustness.unknown_friction_walk * float(np.sqrt(variance(self.sensor)))
 
-    def friction(self, drive: int, numbers: Vector) -> Scalar:
+    def friction(self, drive: int, values: Vector) -> Scalar:
         """Return it where it is this drive's [N, N m]."""
-        return numbers[0] if drive == self.drive else 0
+        return values[0] if drive == self.drive else 0
 
 
 def unknown_frictions(context: FilterContext) -> list[State]:

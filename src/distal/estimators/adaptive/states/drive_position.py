@@ -49,9 +49,9 @@ class UnmeasuredPosition(OfDrive):
         low, high = self._travel
         return (high - low) * POSITION_WALK
 
-    def position(self, drive: int, numbers: Vector) -> Scalar | None:
+    def position(self, drive: int, values: Vector) -> Scalar | None:
         """Return s where it is this drive's [m, rad]."""
-        return numbers[0] if drive == self.drive else None
+        return values[0] if drive == self.drive else None
 
 
 def unmeasured_positions(context: FilterContext) -> list[State]:

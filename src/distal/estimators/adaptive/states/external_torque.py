@@ -56,9 +56,9 @@ class ExternalTorqueState(ZeroMean):
     def _number(self, key: str) -> Scalar:
         return self.context.number(f"joints.{self.joint}.external_torque.{key}")
 
-    def torque(self, joint: int, numbers: Vector) -> Scalar:
+    def torque(self, joint: int, values: Vector) -> Scalar:
         """Return τ_ext where it is this joint's [N m]."""
-        return numbers[0] if joint == self.joint else 0
+        return values[0] if joint == self.joint else 0
 
 
 def external_torques(context: FilterContext) -> list[State]:

@@ -89,10 +89,10 @@ class Inside(ZeroMean):
         p = self.context.mechanism.parameters
         return np.array([float(ca.Function("std", [p.symbols], [begin[1]])(p.values))])
 
-    def parameters(self, numbers: Vector, p: Vector) -> Vector:
+    def parameters(self, values: Vector, p: Vector) -> Vector:
         """Return the parameters with this number."""
         changed = ca.SX(p)
-        changed[self.context.mechanism.parameters.names.index(self.name)] = numbers[0]
+        changed[self.context.mechanism.parameters.names.index(self.name)] = values[0]
         return changed
 
     def _value(self, path: str) -> Scalar:

@@ -81,7 +81,7 @@ class Linearity(State):
         stds[0] = np.hypot(stds[0], bias)
         return stds
 
-    def position_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
+    def position_error(self, drive: int, reading: Scalar, values: Vector) -> Scalar:
         """Return Σ w_j cos(π j ξ) where it is this drive's sensor [m, rad].
 
         By cos(π (j + 1) ξ) = 2 cos(π ξ) cos(π j ξ) − cos(π (j − 1) ξ): one cosine for all
@@ -96,7 +96,7 @@ class Linearity(State):
         terms = [ca.SX(1), ca.cos(ca.pi * ((reading - low) / (high - low)))]
         while len(terms) < count:
             terms.append(2 * terms[1] * terms[-1] - terms[-2])
-        return ca.dot(ca.vertcat(*terms[:count]), numbers)
+        return ca.dot(ca.vertcat(*terms[:count]), values)
 
 
 def linearities(context: FilterContext) -> list[State]:

@@ -87,10 +87,10 @@ class UncertainParameter(State):
         """Its prior standard deviation."""
         return np.array([self.std])
 
-    def parameters(self, numbers: Vector, p: Vector) -> Vector:
+    def parameters(self, values: Vector, p: Vector) -> Vector:
         """Return the parameters with this one's value, or these times their factor."""
         changed = ca.SX(p)
-        z = numbers[0]
+        z = values[0]
         for i in self.indices:
             changed[i] = {"value": z, "factor": p[i] * z, "deviation": p[i] + z}[self.acts]
         return changed

@@ -40,9 +40,9 @@ class UnknownOfReading(State):
         """The rig's std."""
         return np.array([self.number.filter_std])
 
-    def unknowns(self, numbers: Vector) -> dict[str, Scalar]:
+    def unknowns(self, values: Vector) -> dict[str, Scalar]:
         """Return the number by its name."""
-        return {self.name: numbers[0]}
+        return {self.name: values[0]}
 
 
 def unknowns_of_readings(context: FilterContext) -> list[State]:
@@ -50,7 +50,7 @@ def unknowns_of_readings(context: FilterContext) -> list[State]:
     share those of one name.
     """
     unknowns = [unknown for s in context.channels.others for unknown in measurand_of(s).unknowns(s)]
-    numbers = {
+    values = {
         unknown.name: unknown.number for unknown in unknowns if unknown.number.filter_std > 0.0
     }
-    return [UnknownOfReading(name, number) for name, number in numbers.items()]
+    return [UnknownOfReading(name, number) for name, number in values.items()]

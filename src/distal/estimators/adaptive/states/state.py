@@ -72,7 +72,7 @@ class Begin:
 
 
 class State(ABC):
-    """A block of the state vector; `numbers` are those of the block, symbolic, (k,)."""
+    """A block of the state vector; `values` are those of the block, symbolic, (k,)."""
 
     considered: ClassVar[bool] = False
     """Whether its uncertainty counts but it is never estimated (Schmidt, 1966)."""
@@ -164,40 +164,40 @@ class State(ABC):
         """Return how its numbers fade over an interval of length `dt` [s], None where they stay."""
         return None
 
-    def parameters(self, numbers: Vector, p: Vector) -> Vector:
-        """Return the model's parameters, `p` so far, (n_p,), with what this block's `numbers` say,
+    def parameters(self, values: Vector, p: Vector) -> Vector:
+        """Return the model's parameters, `p` so far, (n_p,), with what this block's `values` say,
         linearly.
         """
         return p
 
-    def torque(self, joint: int, numbers: Vector) -> Scalar:
-        """Return what its `numbers` add to the torque on a joint [N m]."""
+    def torque(self, joint: int, values: Vector) -> Scalar:
+        """Return what its `values` add to the torque on a joint [N m]."""
         return 0
 
-    def position(self, drive: int, numbers: Vector) -> Scalar | None:
-        """Return the position of a drive that nothing measures by its `numbers` [m, rad], None
+    def position(self, drive: int, values: Vector) -> Scalar | None:
+        """Return the position of a drive that nothing measures by its `values` [m, rad], None
         where it does not say.
         """
         return None
 
-    def position_error(self, drive: int, reading: Scalar, numbers: Vector) -> Scalar:
-        """Return what its `numbers` add to the `reading` of a drive's position sensor [m, rad]."""
+    def position_error(self, drive: int, reading: Scalar, values: Vector) -> Scalar:
+        """Return what its `values` add to the `reading` of a drive's position sensor [m, rad]."""
         return 0
 
-    def friction(self, drive: int, numbers: Vector) -> Scalar:
-        """Return what its `numbers` add to the friction limit of a drive [N, N m]."""
+    def friction(self, drive: int, values: Vector) -> Scalar:
+        """Return what its `values` add to the friction limit of a drive [N, N m]."""
         return 0
 
-    def force(self, drive: int, numbers: Vector) -> Scalar:
-        """Return what its `numbers` add to the force that is expected at a drive [N, N m]."""
+    def force(self, drive: int, values: Vector) -> Scalar:
+        """Return what its `values` add to the force that is expected at a drive [N, N m]."""
         return 0
 
-    def unknowns(self, numbers: Vector) -> dict[str, Scalar]:
+    def unknowns(self, values: Vector) -> dict[str, Scalar]:
         """Return numbers that readings depend on, by name, see `Measurand.unknowns`."""
         return {}
 
-    def sensor_error(self, sensor: Sensor, reading: Scalar, numbers: Vector) -> Scalar:
-        """Return what its `numbers` add to the `reading` of a sensor of force, tension or angle."""
+    def sensor_error(self, sensor: Sensor, reading: Scalar, values: Vector) -> Scalar:
+        """Return what its `values` add to the `reading` of a sensor of force, tension or angle."""
         return 0
 
 

@@ -112,11 +112,11 @@ class TransmissionError(OfDrive, ZeroMean):
         """Return e^{−dt/T} with T = ``hysteresis.error_time``, and the std [N, N m]."""
         return Fading(ca.exp(-dt / self._number("error_time")), self._number("error"))
 
-    def force(self, drive: int, numbers: Vector) -> Scalar:
+    def force(self, drive: int, values: Vector) -> Scalar:
         """Return minus the error where it is this drive's: what is transmitted lacks it [N, N
         m].
         """
-        return -numbers[0] if drive == self.drive else 0
+        return -values[0] if drive == self.drive else 0
 
 
 def reading_weight(limit: float, noise: float) -> float:

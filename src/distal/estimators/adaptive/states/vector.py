@@ -82,9 +82,9 @@ class StateVector:
         """Return prior means and standard deviations, (n,) each, as expressions of the filter's
         inputs.
         """
-        numbers = range(len(self))
+        values = range(len(self))
         means, stds = (
-            ca.vertcat(*(self.context.number(f"state.{i}.{moment}") for i in numbers))
+            ca.vertcat(*(self.context.number(f"state.{i}.{moment}") for i in values))
             for moment in ("mean", "std")
         )
         for block in self.blocks:
@@ -135,7 +135,7 @@ class StateVector:
         stretch = self._slices[id(block)]
         return range(stretch.start, stretch.stop)
 
-    def _numbers(self, state: Vector) -> Iterator[tuple[State, Vector]]:
+    def _values(self, state: Vector) -> Iterator[tuple[State, Vector]]:
         """Yield each block with its numbers of a state."""
         return ((block, state[self._slices[id(block)]]) for block in self.blocks)
 
@@ -154,8 +154,8 @@ class StateVector:
     def parameters(self, state: Vector) -> Vector:
         """Return the model's parameters at a state, (n_p,)."""
         p = self.context.mechanism.parameters.symbols
-        for block, numbers in self._numbers(state):
-            p = block.parameters(numbers, p)
+        for block, values in self._values(state):
+            p = block.parameters(values, p)
         return p
 
     def torques(self, state: Vector) -> Vector:
@@ -163,7 +163,7 @@ class StateVector:
         joints = range(self.context.n_joints)
         return ca.vertcat(
             *(
-                sum((block.torque(j, numbers) for block, numbers in self._numbers(state)), ca.SX(0))
+                sum((block.torque(j, values) for block, values in self._values(state)), ca.SX(0))
                 for j in joints
             )
         )
@@ -172,31 +172,29 @@ class StateVector:
         """Return the position of a drive [m, rad]: its `reading` less what its sensor errs by, or
         the state for it.
         """
-        for block, numbers in self._numbers(state):
-            position = block.position(drive, numbers)
+        for block, values in self._values(state):
+            position = block.position(drive, values)
             if position is not None:
                 return position
         errors = (
-            block.position_error(drive, reading, numbers) for block, numbers in self._numbers(state)
+            block.position_error(drive, reading, values) for block, values in self._values(state)
         )
         return reading - sum(errors, ca.SX(0))
 
     def friction(self, drive: int, state: Vector) -> Scalar:
         """Return what a `state` adds to the friction limit of a drive [N, N m]."""
         return sum(
-            (block.friction(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0)
+            (block.friction(drive, values) for block, values in self._values(state)), ca.SX(0)
         )
 
     def force(self, drive: int, state: Vector) -> Scalar:
         """Return what a `state` adds to the force that is expected at a drive [N, N m]."""
-        return sum(
-            (block.force(drive, numbers) for block, numbers in self._numbers(state)), ca.SX(0)
-        )
+        return sum((block.force(drive, values) for block, values in self._values(state)), ca.SX(0))
 
     def sensor_error(self, sensor: Sensor, reading: Scalar, state: Vector) -> Scalar:
         """Return what a `state` adds to the `reading` of a sensor of force, tension or angle."""
         errors = (
-            block.sensor_error(sensor, reading, numbers) for block, numbers in self._numbers(state)
+            block.sensor_error(sensor, reading, values) for block, values in self._values(state)
         )
         return sum(errors, ca.SX(0))
 
@@ -204,8 +202,8 @@ class StateVector:
         """Return the numbers that readings depend on, by name."""
         return {
             name: number
-            for block, numbers in self._numbers(state)
-            for name, number in block.unknowns(numbers).items()
+            for block, values in self._values(state)
+            for name, number in block.unknowns(values).items()
         }
 
     def transmitted(self, drive: int) -> tuple[int, Transmitted] | None:
