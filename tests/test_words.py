@@ -4,7 +4,7 @@ counted.
 
 from pathlib import Path
 
-from tools.words import FILLERS, OTHERS, bindings, counted
+from tools.words import FILLERS, OTHERS, SOURCE, bindings, counted, retired, words_of
 
 MOST = 150
 """So many bindings of all fillers together, in a package that had 1,017."""
@@ -36,6 +36,20 @@ def test_names_say_what_they_are() -> None:
     counts = counted()
     assert sum(counts[word] for word in FILLERS) <= MOST
     assert {word: counts[word] for word in OTHERS if counts[word] > BEFORE.get(word, 0)} == {}
+
+
+def test_no_name_has_a_word_that_the_glossary_retired() -> None:
+    """A name of a module, class, function, argument or variable says what the glossary calls it."""
+    words = set(retired())
+    assert {"place", "numbers", "carry"} <= words
+    named = [(path, name) for path in SOURCE.rglob("*.py") for _, name in bindings(path)]
+    named += [(path, path.stem) for path in SOURCE.rglob("*.py")]
+    assert [f"{path.name}: {name}" for path, name in named if words & set(words_of(name))] == []
+
+
+def test_words_of_names() -> None:
+    assert words_of("readPlaces_of2") == ["read", "places", "of2"]
+    assert words_of("written_in_place") == ["written"]
 
 
 def test_every_way_to_bind_a_name_is_seen(tmp_path: Path) -> None:

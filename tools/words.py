@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,6 +46,27 @@ OTHERS = (
     ),
 )
 """Words that must not take their place."""
+
+
+GLOSSARY = Path(__file__).parent.parent / "docs" / "reference" / "glossary.md"
+
+
+def retired() -> tuple[str, ...]:
+    """Return the words that the glossary marks as retired in names and keys."""
+    line = next(
+        line
+        for line in GLOSSARY.read_text(encoding="utf-8").splitlines()
+        if line.startswith("Retired in names and keys: ")
+    )
+    return tuple(line.removeprefix("Retired in names and keys: ").rstrip(".").split(", "))
+
+
+def words_of(name: str) -> list[str]:
+    """Return the words of a name, in lower case; what is written or replaced `in_place` stays."""
+    parts = re.findall(
+        r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z0-9]+|[A-Z0-9]+", name.replace("in_place", "")
+    )
+    return [part.lower() for part in parts]
 
 
 def bindings(path: Path) -> Iterator[tuple[int, str]]:

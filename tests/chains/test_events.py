@@ -170,7 +170,7 @@ def test_torques_open_by_forces_and_stay_open_by_their_own_size() -> None:
         )
         times = (mean[torques[j]] ** 2 / smallest) ** 2
         probability = float(ca.evalf(torque["probability"]))
-        assert probability == pytest.approx(times / (times + 16), rel=1e-9, abs=1e-12)
+        assert probability == pytest.approx(times / (times + 256), rel=1e-9, abs=1e-12)
         lasts = 1.0 + dt if probability > 0.06 else 0.0
         assert float(ca.evalf(torque["since"])) == pytest.approx(lasts)
 

@@ -172,7 +172,7 @@ def test_ctrl_c_ends_all_folds(others: list[Log], alone: Learned) -> None:
     assert calls == [1]
 
 
-@pytest.mark.parametrize("where", ["doubts", "jackknife", "missing_physics"])
+@pytest.mark.parametrize("where", ["doubts", "jackknife", "missing_terms"])
 def test_ctrl_c_is_not_taken_for_an_answer(
     where: str, monkeypatch: pytest.MonkeyPatch, others: list[Log], alone: Learned
 ) -> None:
@@ -180,13 +180,13 @@ def test_ctrl_c_is_not_taken_for_an_answer(
     with its numbers.
     """
     module = import_module(f"distal.fitting.{where}")
-    name = "by_equations" if where == "missing_physics" else "search"
+    name = "by_equations" if where == "missing_terms" else "search"
     whole, calls = getattr(module, name), list[int]()
 
     def stopped(*arguments: object, **named: object) -> object:
         calls.append(1)
         found = whole(*arguments, **named)
-        if where == "missing_physics":
+        if where == "missing_terms":
             return replace(found, optimum=replace(found.optimum, interrupted=True))
         return replace(found, interrupted=True)
 

@@ -58,8 +58,8 @@ class ClosedLoop:
         estimates: what the controller was told [rad], (k, n_joints).
         stds: standard deviations of their errors, as told [rad], (k, n_joints).
         commands: by drive [N or N m], (k,) each.
-        references: desired angles by joint [rad], (k,) each; empty where the controller has its
-        own.
+        references: desired angles by joint [rad], (k,) each; empty where the controller has
+            its own.
         held: when the shipped controller held its last commands.
     """
 

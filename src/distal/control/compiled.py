@@ -41,7 +41,7 @@ class LoopShape:
         count: the plant's sub-steps in an interval, of which a period has so many `intervals`.
         controlled: indices of the joints that are controlled.
         filter: (kernel_state, x, p) → (kernel_state⁺, y) with so many `states`; None for an
-        encoder.
+            encoder.
         read: indices of the sensors that the filter reads.
     """
 

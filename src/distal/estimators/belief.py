@@ -17,9 +17,8 @@ class Belief:
 
     Args:
         time: of the last sample [s].
-        kernel_state: mean (n,), covariance (n, n) row by row, and what the estimator remembers of
-        its
-            inputs.
+        kernel_state: mean (n,), covariance (n, n) row by row, and what the estimator remembers
+            of its inputs.
         size: number of states n.
         samples: how many samples it has taken in; the first one may have the belief's own stamp.
         output: of the last step's kernel, by which some states may be reported otherwise.

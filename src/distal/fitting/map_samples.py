@@ -76,16 +76,16 @@ def filtered(
     """
     data = dict[int, Samples]()
     refused = list[str]()
-    runners = dict[tuple[int, frozenset[str]], AdaptiveFilter]()
+    estimators = dict[tuple[int, frozenset[str]], AdaptiveFilter]()
     for i, (log, rig) in enumerate(zip(logs, rigs)):
         try:
             key = id(rig), frozenset(log.truth)  # what has a truth says which references there are
-            if key not in runners:
+            if key not in estimators:
                 described, references = (
                     with_references(rig, log) if homing is not None else (rig, ())
                 )
-                runners[key] = AdaptiveFilter(described, compiled, references=references)
-            samples = _filtered(log, runners[key], homing, None if usable is None else usable[i])
+                estimators[key] = AdaptiveFilter(described, compiled, references=references)
+            samples = _filtered(log, estimators[key], homing, None if usable is None else usable[i])
         except DistalError as problem:
             refused.append(f"discrepancy: {shown(log.source)} is left out: {problem}")
             continue

@@ -78,8 +78,8 @@ class Command:
     """What the drives do next, (n_drives,) each, SI.
 
     Args:
-        positions: as their sensors would read them [m, rad]; NaN of a drive to which nothing is
-        sent.
+        positions: as their sensors would read them [m, rad]; NaN of a drive to which nothing
+            is sent.
         speeds: for drives that follow speeds, which bring them to these positions too [m/s, rad/s].
         forces: [N, N m].
         reading: of the estimate on which it rests, with its health.

@@ -205,12 +205,10 @@ def reporting_function(
             position.
         width: number of the filter's channels, those of the maps first.
         positions: for each channel of the maps where in the kernel state its drive's position
-        stands, None for
-            what is read.
+            stands, None for what is read.
         joints: number of joints.
         touched: where in the kernel state the share stands that a touch has of each joint that may
-        be
-            touched.
+            be touched.
     """
     n_kernel_state = inner.size1_in(0)
     n_parameters = inner.size1_in(2)

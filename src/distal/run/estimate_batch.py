@@ -214,8 +214,8 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
     if not runs:
         return []
     chosen = runs[0].estimator
-    runners = [run.estimator for run in runs if isinstance(run.estimator, KernelEstimator)]
-    kernels = {id(chosen.kernel) for chosen in runners if chosen.has_kernel}
+    estimators = [run.estimator for run in runs if isinstance(run.estimator, KernelEstimator)]
+    kernels = {id(chosen.kernel) for chosen in estimators if chosen.has_kernel}
     # a homing move may give a run another kernel (`with_straight_line`)
     if (
         len(runs) == 1
@@ -230,7 +230,7 @@ def run_all(runs: Sequence[Run]) -> list[Estimate | DistalError]:
             [run.start for run in runs],
             [run.log.time for run in runs],
             [run.samples for run in runs],
-            [adapted.parameters for adapted in runners],
+            [adapted.parameters for adapted in estimators],
         )
     except DistalError:
         return [_attempt(_alone, run) for run in runs]

@@ -82,7 +82,7 @@ class Drive:
         bend: change of displacement between two intervals: what a straight line between samples
             leaves out.
         variance: of the position, for the filter: noise, what is unknown, what a straight line
-        misses.
+            misses.
     """
 
     position: Scalar

@@ -41,7 +41,7 @@ def prior_function(
     Args:
         maps: that are reported.
         positions: for each channel where in the kernel state its drive's position stands, None for
-        what is read.
+            what is read.
         inputs: length of p.
         touched: where in the kernel state stands what share a touch has of each joint.
     """

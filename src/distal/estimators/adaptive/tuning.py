@@ -30,7 +30,7 @@ class Robustness:
         bend_share: share of the bend between samples that a straight line may miss [1].
         follow_time: time in which the joint follows a drive whose position is not known [s].
         followed_variance: how often the variance of a position that is lost is added to its force
-        [1].
+            [1].
         wild_force: a squared innovation beyond this times its variance counts less [1].
         sticking_time: for so long friction of a drive that sticks is the same [s].
         turning_time: the same while a drive turns back [s].
