@@ -82,14 +82,14 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
         )
         self._monitor = Monitor(LiveEstimator(described, estimator))
         self._reading: Reading | None = None
-        names = [sensor.name for sensor in described.sensors]
+        names = described.sensor_names
         self._read = [
             k
             for k, sensor in enumerate(described.sensors)
             if sensor.measures not in ("angle", "torque")
         ]
         self._fed = [names.index(channel) for channel in self._monitor.channels]
-        joints = [joint.name for joint in described.joints]
+        joints = described.joint_names
         self._desired = {
             joints.index(name): joint.reference for name, joint in scenario.control.joints.items()
         }
@@ -101,7 +101,7 @@ class TendonEnv(gymnasium.Env[Observation, Observation]):
             *(f"wanted_{name}" for name in scenario.control.joints),
         )
         """Names of the numbers of an observation."""
-        self.acted = tuple(drive.name for drive in described.drives)
+        self.acted = tuple(described.drive_names)
         """Names of the drives, in the order of an action."""
         self._largest = np.array([drive.limit or LARGEST for drive in described.drives])
         low = np.array(

@@ -60,7 +60,7 @@ def command_command(
     )
     check_ending(out, "a table")
     inverse = Inverse(load_rig(rig, set_ or ()), least_tension=newtons(least_tension))
-    joints = [joint.name for joint in inverse.rig.joints]
+    joints = inverse.rig.joint_names
     columns = {
         joint: name for joint, name in zip(joints, angle_names(joints)) if joint in inverse.joints
     }

@@ -192,7 +192,7 @@ def estimate_command(
     description = load_rig(rig, settings(set_, repeated))
     log = read_log(logs[0], description, truth)
     _describe(log, description)
-    is_known = true_angles(log, [joint.name for joint in description.joints]) is not None
+    is_known = true_angles(log, description.joint_names) is not None
     names = _names(estimator, description, is_known)
     origin = log.truth_source
     if homing_angle:

@@ -118,7 +118,7 @@ def _ranges(log: Log, rig: Rig) -> str:
     """Return from where to where each joint's angle goes, as text."""
     from distal.rig import angle_names
 
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     labels = ["angle"] if len(joints) == 1 else [f"angle of {joint}" for joint in joints]
     truths = [log.truth[name] for name in angle_names(joints)]
     return ", ".join(

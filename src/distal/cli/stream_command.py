@@ -91,7 +91,7 @@ def stream_command(
             if to_udp is not None
             else None
         )
-        joints = [joint.name for joint in described.joints]
+        joints = described.joint_names
         recorder = Recorder(record, joints, live.torque_names) if record is not None else None
         session = Session(
             monitor, reader, recorder, target, to_udp or 0, as_json or udp is not None, unit
@@ -133,7 +133,7 @@ class Session:
         self._json = as_json
         from distal.rig import angle_names, std_name
 
-        self._joints = [joint.name for joint in monitor.rig.joints]
+        self._joints = monitor.rig.joint_names
         names = angle_names(self._joints)
         self._torques = monitor.torque_names
         units = {**dict.fromkeys(names, unit), **dict.fromkeys(self._torques, "N m")}

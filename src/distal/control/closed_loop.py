@@ -243,7 +243,7 @@ def _run(
     measured = dict[str, float]()
     reading = None
     waiting = dict[str, float]()
-    names = [sensor.name for sensor in plant.rig.sensors]
+    names = plant.rig.sensor_names
     samples = plant.reset(seed)
     while True:
         for stamp, values in samples:
@@ -262,7 +262,7 @@ def _run(
     estimates = [reading.angles for reading in readings]
     stds = [reading.angle_stds for reading in readings]
     arrays = np.array(times), np.array(angles), np.array(estimates), np.array(stds)
-    drives = [drive.name for drive in plant.rig.drives]
+    drives = plant.rig.drive_names
     commands = {
         name: np.array([float(request.get(name, 0.0)) for request in requests]) for name in drives
     }
@@ -294,7 +294,7 @@ def _period(period: float | str | None, scenario: Scenario) -> float:
 
 
 def _check_joints(rig: Rig, controlled: Mapping[str, object]) -> None:
-    names = [joint.name for joint in rig.joints]
+    names = rig.joint_names
     for name in controlled:
         if name not in names:
             raise ControlError(
@@ -320,7 +320,7 @@ def _encoder(plant: SteppedPlant, step: float) -> Teller:
 def _estimator(rig: Rig, name: str) -> Teller:
     """Return (stamp, sample) → what an estimator makes of the sensors' values."""
     monitor = Monitor(LiveEstimator(rig, _estimator_name(name)))
-    at = [[sensor.name for sensor in rig.sensors].index(channel) for channel in monitor.channels]
+    at = [rig.sensor_names.index(channel) for channel in monitor.channels]
     return lambda stamp, values: monitor.take(stamp, values[at])
 
 

@@ -43,10 +43,10 @@ class CommandedForces:
         self._inverse = LiveInverse(
             rig, least_tension=KEPT * co_contraction, feedback=feedback, compensates=True
         )
-        names = [sensor.name for sensor in rig.sensors]
+        names = rig.sensor_names
         self._at = [names.index(channel) for channel in self._inverse.channels]
         self._joints = joints
-        self._drives = [drive.name for drive in rig.drives]
+        self._drives = rig.drive_names
         self._forces: Floats = np.zeros(len(self._drives))
 
     def tell(self, stamp: float, values: Floats) -> Reading:

@@ -202,8 +202,8 @@ def scan_loop(
     control = prepared.scenario.control
     assert control is not None
     encoder = control.encoder_resolution
-    joints = [joint.name for joint in rig.joints]
-    sensors = [sensor.name for sensor in rig.sensors]
+    joints = rig.joint_names
+    sensors = rig.sensor_names
     intervals = round(period / prepared.dt)
     count = len(prepared.inputs.effort) // intervals
     nj = len(joints)

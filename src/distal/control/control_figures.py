@@ -40,7 +40,7 @@ def plot_control(
     """
     first = runs[0]
     name = joint or next(iter(first.references))
-    j = [part.name for part in first.rig.joints].index(name)
+    j = first.rig.joint_names.index(name)
     reference = np.rad2deg(first.references[name])
     time = first.time
     with figure(3, 1, (6.5, 6.2), sharex=True, height_ratios=(3, 2, 2)) as (drawing, axes):

@@ -149,8 +149,8 @@ class PID:
     def __init__(
         self, rig: Rig, joints: Mapping[str, JointControl], period: float, co_contraction: float
     ) -> None:
-        names = [joint.name for joint in rig.joints]
-        self._drives = [drive.name for drive in rig.drives]
+        names = rig.joint_names
+        self._drives = rig.drive_names
         self._layout = memory_layout(rig)
         self._law = Evaluation(pid_function(rig, tuple(names.index(name) for name in joints)))
         self._references = [joint.reference for joint in joints.values()]

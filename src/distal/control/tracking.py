@@ -62,7 +62,7 @@ class Tracking:
 
 def trackings_of(run: ClosedLoop) -> tuple[Tracking, ...]:
     """Return how each controlled joint that has a reference keeps to it."""
-    names = [joint.name for joint in run.rig.joints]
+    names = run.rig.joint_names
     effort = float(np.sqrt(np.mean([np.mean(commands**2) for commands in run.commands.values()])))
     # a joint that another one shakes does not hunt
     still = constant_parts(run.time, *run.references.values())

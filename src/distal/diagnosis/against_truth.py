@@ -120,7 +120,7 @@ def _of_drives(log: Log, rig: Rig, of_drive: Callable[[DriveResidual], list[Caus
     """Return the causes of what the position of each drive leaves beside the truth, and columns
     that may be exchanged; nothing where no truth is known.
     """
-    angles = true_angles(log, [joint.name for joint in rig.joints])
+    angles = true_angles(log, rig.joint_names)
     if angles is None:
         return []
     found = (residual_of(log, rig, angles, sensor) for sensor in rig.sensors_of("position"))

@@ -49,7 +49,7 @@ def residual_of(log: Log, rig: Rig, angles: Floats, sensor: Sensor) -> DriveResi
         return None
     mechanism = Mechanism(rig)
     readings = log.channels[sensor.name]
-    drive = [drive.name for drive in rig.drives].index(sensor.of)
+    drive = rig.drive_names.index(sensor.of)
     asked, slopes, compliance, standing = _asked(mechanism, drive, angles)
     asked = np.where(slopes != 0.0, asked, 0.0)  # of another joint the truth may be missing
     turned = [

@@ -34,7 +34,7 @@ def _expected(log: Log, rig: Rig) -> Iterator[tuple[Sensor, int, Floats]]:
     """Yield for each capstan of one joint the sensor of its angle, the joint, and how that turns
     without stretch [rad].
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     drives = {drive.name: drive for drive in rig.drives}
     for sensor in rig.sensors_of("position"):
         drive = drives[sensor.of]

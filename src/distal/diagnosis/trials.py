@@ -104,7 +104,7 @@ class _Score:
     """What a run is worth beside the truth."""
 
     def __init__(self, rerun: Rerun) -> None:
-        joints = [joint.name for joint in rerun.estimator.rig.joints]
+        joints = rerun.estimator.rig.joint_names
         truths = true_angles(rerun.log, joints)
         assert truths is not None
         self._rerun = rerun

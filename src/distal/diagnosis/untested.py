@@ -62,7 +62,7 @@ def cannot_test(
 def untestable(rerun: Rerun) -> list[Finding]:
     """Return the groups of numbers that cannot be tested, each with the drives where that is so."""
     of_base = contradictions(rerun, rerun.base)
-    drives = [drive.name for drive in rerun.estimator.rig.drives]
+    drives = rerun.estimator.rig.drive_names
     found: dict[str, list[str]] = {}
     kinds: dict[tuple[str, tuple[str, ...]], list[ModelChange]] = {}
     for group, concerned, change in _changes(rerun):
@@ -135,7 +135,7 @@ def _changes(rerun: Rerun) -> Iterator[tuple[str, tuple[str, ...], ModelChange]]
         for factor in FACTORS if together else ():
             yield (
                 group,
-                tuple(drive.name for drive in rig.drives),
+                tuple(rig.drive_names),
                 ModelChange(parameters=dict.fromkeys(together, factor)),
             )
 

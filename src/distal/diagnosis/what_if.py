@@ -138,7 +138,7 @@ def as_estimate(rerun: Rerun, outcome: Outcome) -> Estimate:
         estimator.measured,
         outcome.innovations,
         outcome.innovation_variances,
-        joint_names=tuple(joint.name for joint in estimator.rig.joints),
+        joint_names=tuple(estimator.rig.joint_names),
         prior_means=np.where(lasting, estimator.states.means, np.nan),
         prior_stds=np.where(lasting, estimator.states.stds, np.nan),
         state_kinds=estimator.state_kinds,

@@ -66,7 +66,7 @@ def affine_of(rig: Rig) -> Kind:
     """Return the kind of map that gives the joints' angles from a rig's readings."""
     channels = channels_of(rig, NAME)
     noise = np.sqrt([variance(sensor) for sensor in channels.proximal])
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     return affine_kind(
         channels.names, [sensor.name for sensor in channels.positions], joints, noise
     )
@@ -86,7 +86,7 @@ def affine_samples(log: Log, rig: Rig) -> Samples:
                 f"{log.source}: affine needs the sensor '{name}', which has no value in this log"
             )
     values = np.column_stack([_held(log.channels[name]) for name in names])
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     truth = true_angles(log, joints)
     angles = np.full((len(log), len(joints)), np.nan) if truth is None else truth
     started = np.isfinite(values).all(axis=1)
@@ -132,7 +132,7 @@ class AffineEstimator(KernelEstimator):
         self._compiled = compiled
         self.affine = rig.affine
         self._notes = tuple[str, ...]()
-        names = (*angle_names([joint.name for joint in rig.joints]), OUTSIDE)
+        names = (*angle_names(rig.joint_names), OUTSIDE)
         super().__init__(NAME, rig, None, np.zeros(0), channels=channels, state_names=names)
         if rig.affine is not None:
             self._learn(rig.affine)

@@ -94,7 +94,7 @@ def directions(rig: Rig) -> Directions:
     held: Floats = np.zeros(0)
     if rank < free.shape[1]:
         held = np.linalg.eigvalsh(across[rank:] @ stiffness @ across[rank:].T)
-    names = tuple(joint.name for joint in rig.joints)
+    names = tuple(rig.joint_names)
     return Directions(names, _independent(arms, rank), missed, bool(np.all(held > 0.0)))
 
 

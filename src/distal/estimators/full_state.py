@@ -67,7 +67,7 @@ def full_state_function(mechanism: Mechanism, channels: Channels, count: int) ->
     mask = x[1 + width :]
 
     pulls = [held[i] for i in range(nd)]
-    drives = [drive.name for drive in mechanism.rig.drives]
+    drives = mechanism.rig.drive_names
     for sensor in channels.forces:
         i = drives.index(sensor.of)
         k = channels.names.index(sensor.name)
@@ -123,8 +123,8 @@ def expected_measurements(
     """
     rig = mechanism.rig
     expected = []
-    drives = [drive.name for drive in rig.drives]
-    tendons = [tendon.name for tendon in rig.tendons]
+    drives = rig.drive_names
+    tendons = rig.tendon_names
     for sensor in measured:
         if sensor.measures == "position":
             body = mechanism.n_joints + drives.index(sensor.of)
@@ -181,8 +181,8 @@ class FullStateFilter(KernelEstimator):
 
 def state_names(rig: Rig) -> tuple[str, ...]:
     """Return the names of (q, v): angles, positions, their speeds, velocities."""
-    drives = [drive.name for drive in rig.drives]
-    joints = [joint.name for joint in rig.joints]
+    drives = rig.drive_names
+    joints = rig.joint_names
     positions, velocities = (
         tuple(f"{kind}_{drive}" for drive in drives) for kind in ("position", "velocity")
     )

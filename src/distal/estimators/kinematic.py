@@ -92,7 +92,7 @@ class KinematicEstimator(KernelEstimator):
         kernel = Kernel(
             kinematic_function(self._mechanism, self._channels, self._tendons, elastic), compiled
         )
-        angles = angle_names([joint.name for joint in rig.joints])
+        angles = angle_names(rig.joint_names)
         names = (*angles, *(tendon_angle_name(rig.tendons[i].name) for i in self._tendons))
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 

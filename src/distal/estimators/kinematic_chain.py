@@ -100,7 +100,7 @@ def chain_function(
     positions, filtered = read_drives(mechanism.rig, channels, read_positions, pulls, x)
     errors = [ca.SX(0)] * nd
     for sensor in channels.positions:
-        drive = [drive.name for drive in mechanism.rig.drives].index(sensor.of)
+        drive = mechanism.rig.drive_names.index(sensor.of)
         errors[drive] = ca.SX(variance(sensor) + systematic_variance(sensor))
     desired = stretches(mechanism, filtered, elastic)
     q = ca.SX.sym("q", mechanism.n_bodies)
@@ -168,7 +168,7 @@ class ChainKinematics(KernelEstimator):
         tendons = measured_tendons(rig, self._channels)
         p = self._mechanism.parameters.values
         kernel = Kernel(chain_function(self._mechanism, self._channels, tendons, elastic), compiled)
-        names = angle_names([joint.name for joint in rig.joints])
+        names = angle_names(rig.joint_names)
         super().__init__(name, rig, kernel, p, channels=self._channels, state_names=names)
 
     def prior_function(self) -> ca.Function:

@@ -26,7 +26,7 @@ def read_drives(
 
     Those before are `positions` [m, rad] and `pulls` F [N, N m], the sample x = (dt, values, mask).
     """
-    names = [drive.name for drive in rig.drives]
+    names = rig.drive_names
     width = len(channels.names)
     dt = x[0]
     values = x[1 : 1 + width]

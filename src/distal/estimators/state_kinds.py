@@ -67,7 +67,7 @@ def kinds_of(estimator: NamesStates) -> tuple[tuple[StateKind, ...], tuple[str, 
     """Return what an estimator's states are, and the parts that they are of, (n,) each."""
     if hasattr(estimator, "state_kinds") and hasattr(estimator, "state_parts"):
         return estimator.state_kinds, estimator.state_parts
-    return kinds_by_joint(estimator.state_names, [joint.name for joint in estimator.rig.joints])
+    return kinds_by_joint(estimator.state_names, estimator.rig.joint_names)
 
 
 UNITS_OF_JOINTS = {
@@ -143,6 +143,6 @@ def external_torques_of(estimator: NamesStates) -> dict[str, int]:
     """
     return states_of(
         StateKind.EXTERNAL_TORQUE,
-        [joint.name for joint in estimator.rig.joints],
+        estimator.rig.joint_names,
         *kinds_of(estimator),
     )

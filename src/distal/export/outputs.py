@@ -30,7 +30,7 @@ def angle_fields(rig: Rig) -> list[tuple[str, str]]:
     ``angle`` and ``angle_std`` for one joint, else those of `angle_names`, with _ for what C does
     not allow in a name.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     if len(joints) == 1:
         return [("angle", "angle_std")]
     names: list[str] = []

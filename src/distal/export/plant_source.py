@@ -133,7 +133,7 @@ def c_plant(rig: Rig, name: str) -> ExportedPlant:
     }
     header = filled(_HEADER, values)
     source = filled(_SOURCE, values)
-    sensors = tuple(sensor.name for sensor in rig.sensors)
+    sensors = tuple(rig.sensor_names)
     return ExportedPlant(
         name, header, source, plant, sensors, tuple(names), start, first[0], interval, parts, count
     )

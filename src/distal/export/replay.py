@@ -18,7 +18,7 @@ def replay_program(estimator: KernelEstimator, name: str) -> str:
     read = [sensors[channel] for channel in estimator.channels]
     columns = [time.column, *(sensor.log_column for sensor in read)]
     factors = [unit_factor(time.unit, "s"), *(sensor.sign * log_factor(sensor) for sensor in read)]
-    angles = angle_names([joint.name for joint in estimator.rig.joints])
+    angles = angle_names(estimator.rig.joint_names)
     torques = torque_fields(estimator)
     units = {**dict.fromkeys(angles, "rad"), **{torque: "N m" for torque, _ in torques}}
     names = [

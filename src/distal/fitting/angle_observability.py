@@ -151,7 +151,7 @@ def observability(
             f"the window must be longer than 0 s and shorter than the log ({span:g} s), "
             f"{window:g} s came"
         )
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     if joint is not None and joint not in joints:
         raise FitError(
             f"observability: no joint is called {joint!r}; the rig has {', '.join(joints)}"

@@ -80,7 +80,7 @@ class Training:
     @classmethod
     def of(cls, logs: Sequence[Log], rig: Rig, options: Options) -> Training:
         """Return what candidates learn from, with the rig as it came."""
-        joints = [joint.name for joint in rig.joints]
+        joints = rig.joint_names
         with_truth = tuple(log for log in logs if true_angles(log, joints) is not None)
         unknown = tuple(unknown_joints(with_truth, rig)) if with_truth else ()
         return cls(with_truth, groups_among(with_truth, options), rig, options, unknown)

@@ -195,7 +195,7 @@ def _folds(logs: Sequence[Log], rig: Rig, units: str | None) -> tuple[list[int],
         if units is None
         else groups_of([log.source for log in logs], units)
     )
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     with_truth = {group for log, group in zip(logs, groups) if true_angles(log, joints) is not None}
     return folds_of(groups), len(with_truth) >= FOR_LEAVING_OUT
 
@@ -215,7 +215,7 @@ def _read(
         raise FitError(f"homing is a number of seconds, {homing!r} came")
     read = logs_read(logs, rig, truth)
     check_logs(read, rig)
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     if homing is not None:
         for log in read:
             if true_angles(log, joints) is None:

@@ -84,7 +84,7 @@ class FitFilter:
         Its truth is the reference, NaN or absent where it is not known.
         """
         estimator = self.estimator
-        joints = [joint.name for joint in self.rig.joints]
+        joints = self.rig.joint_names
         names = estimator.channels[: -len(self.references)]
         proximal = samples_of(log, names, "fit").copy()
         for sensor in estimator.states.context.channels.positions:

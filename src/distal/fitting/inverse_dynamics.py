@@ -78,7 +78,7 @@ class Equations:
         drives = range(context.n_drives)
         self.positions = [context.position_sensor(i) for i in drives]
         self.forces = [(i, s) for i in drives if (s := context.force_sensor(i)) is not None]
-        tendons = [tendon.name for tendon in self.mechanism.rig.tendons]
+        tendons = self.mechanism.rig.tendon_names
         self.tensions = [(tendons.index(s.of), s) for s in context.channels.tensions]
         self.sensors = [sensor for _, sensor in (*self.forces, *self.tensions)]
         structure = structure_of("equations", self.mechanism, channels=context.channels.names)
@@ -215,7 +215,7 @@ class Equations:
         together.
         """
         channels = list(self.fit.estimator.channels)
-        joints = [joint.name for joint in self.mechanism.rig.joints]
+        joints = self.mechanism.rig.joint_names
 
         def columns(sensors: Sequence[Sensor | None]) -> Floats:
             readings = [

@@ -122,7 +122,7 @@ def _felt(estimator: AdaptiveFilter, normal: Mapping[str, float]) -> tuple[float
 def closed_filter(rig: Rig) -> AdaptiveFilter:
     """Return the filter of a rig, without its maps, in which no touch is ever found."""
     forces = tuple(s.name for s in rig.sensors if s.measures in ("force", "tension"))
-    drives = tuple(drive.name for drive in rig.drives)
+    drives = tuple(rig.drive_names)
     never = FreeMotion(
         channels=forces,
         at_rest=(NEVER,) * len(forces),

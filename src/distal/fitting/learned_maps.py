@@ -153,7 +153,7 @@ def learn_affine(
     rig, with_truth = _with_truth(logs, rig, truth, "affine")
     if homing is not None:
         for log in with_truth:
-            check_homing(homing, log, [joint.name for joint in rig.joints])
+            check_homing(homing, log, rig.joint_names)
     data = [affine_samples(log, rig) for log in with_truth]
     data = [samples.part(np.asarray(np.isfinite(samples.targets).any(axis=1))) for samples in data]
     return map_of(data, affine_of(rig), rig, homing, groups)
@@ -305,9 +305,7 @@ def _with_truth(
 ) -> tuple[Rig, list[Log]]:
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
     read = logs_read(logs, rig, truth)
-    with_truth = [
-        log for log in read if true_angles(log, [joint.name for joint in rig.joints]) is not None
-    ]
+    with_truth = [log for log in read if true_angles(log, rig.joint_names) is not None]
     if not with_truth:
         raise FitError(
             f"{name}: none of the {len(read)} logs has the joint's angle; give --truth, or log a "

@@ -146,7 +146,7 @@ def _scored(
     learned: Learned,
     homing: float | None,
 ) -> Fold:
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     compared = [
         Compared(shown(log.source), _scores(log, remaining, rig, learned, homing))
         for log in out
@@ -172,7 +172,7 @@ def _scores(
 
 
 def _yardsticks(log: Log, remaining: Sequence[Log], rig: Rig) -> dict[str, Score | None]:
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     held_out = affine_samples(log, rig)
     training = [
         affine_samples(other, rig) for other in remaining if true_angles(other, joints) is not None

@@ -52,7 +52,7 @@ def check_logs(logs: Sequence[Log], rig: Rig) -> None:
                 )
         _check_motion(log, rig)
         _check_sensors(log, logs, rig)
-        joints = [joint.name for joint in rig.joints]
+        joints = rig.joint_names
         angles = true_angles(log, joints)
         for j, truth in enumerate(() if angles is None else angles.T):
             if len(joints) == 1 or np.isfinite(truth).any():
@@ -87,7 +87,7 @@ def unknown_joints(logs: Sequence[Log], rig: Rig) -> list[str]:
     """Return the names of the joints whose angle is known in none of the logs, which all have a
     truth.
     """
-    names = [joint.name for joint in rig.joints]
+    names = rig.joint_names
     angles = np.vstack([truth for log in logs if (truth := true_angles(log, names)) is not None])
     return [name for name, column in zip(names, angles.T) if not np.isfinite(column).any()]
 

@@ -51,7 +51,7 @@ def discrepancy_of(rig: Rig, data: Sequence[Samples]) -> Kind:
     moving = [sensor for sensor, column in zip(sensors, readings.T) if np.ptp(column) > 0.0]
     efforts = [sensor.name for sensor in moving if sensor.measures in ("force", "tension")]
     names = [sensor.name for sensor in sensors]
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     noise = np.sqrt([variance(sensor) for sensor in sensors])
     return discrepancy_kind(names, [sensor.name for sensor in moving], efforts, joints, noise)
 
@@ -182,7 +182,7 @@ def with_reference_error(learned: LearnedMap, rig: Rig, logs: Sequence[Log]) -> 
 def _filtered(
     log: Log, estimator: AdaptiveFilter, homing: float | None, usable: Bools | None
 ) -> Samples:
-    joints = [joint.name for joint in estimator.rig.joints]
+    joints = estimator.rig.joint_names
     truths = true_angles(log, joints)
     assert truths is not None
     m = len(estimator.positions)
@@ -247,7 +247,7 @@ def _sensors(rig: Rig) -> tuple[Sensor, ...]:
 
 def has_torque(log: Log, rig: Rig) -> bool:
     """Return whether a log has the torque on a joint from outside."""
-    torques = true_torques(log, [joint.name for joint in rig.joints])
+    torques = true_torques(log, rig.joint_names)
     return torques is not None and bool(np.isfinite(torques).any())
 
 
@@ -257,7 +257,7 @@ def torques_of(log: Log, rig: Rig) -> Samples:
     Raises:
         EstimationError: the log lacks a sensor.
     """
-    torques = true_torques(log, [joint.name for joint in rig.joints])
+    torques = true_torques(log, rig.joint_names)
     assert torques is not None
     names = [sensor.name for sensor in _sensors(rig)]
     for name in names:
@@ -271,6 +271,4 @@ def contact_of(rig: Rig) -> Kind:
     sensors = _sensors(rig)
     positions = [sensor.name for sensor in sensors if sensor.measures == "position"]
     noise = np.sqrt([variance(sensor) for sensor in sensors])
-    return contact_kind(
-        [s.name for s in sensors], positions, [joint.name for joint in rig.joints], noise
-    )
+    return contact_kind([s.name for s in sensors], positions, rig.joint_names, noise)

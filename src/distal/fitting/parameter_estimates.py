@@ -253,7 +253,7 @@ def _searched(
 
 def problem_of(logs: Sequence[Log], rig: Rig, options: Options) -> Problem:
     """Return what is minimised over some logs: what is free, and the filter with it as inputs."""
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     with_truth = [log for log in logs if true_angles(log, joints) is not None]
     if with_truth:
         with_reference, references = with_references(rig, with_truth[0])

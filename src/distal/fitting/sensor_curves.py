@@ -38,7 +38,7 @@ def curves(problem: Problem, z: Floats) -> dict[str, object]:
         FitError: no sensor has a linearity, no log a truth, or the logs' curves differ: it was not
             the same sensor.
     """
-    joints = [joint.name for joint in problem.filter.rig.joints]
+    joints = problem.filter.rig.joint_names
     with_truth = [
         j for j, data in enumerate(problem.data) if true_angles(data.log, joints) is not None
     ]

@@ -38,7 +38,7 @@ def touched_logs(logs: Sequence[Log], rig: Rig) -> list[int]:
     where they spoil it: with them it errs `SPOILT` times as much on the rest. A log of fast motions
     is far, but spoils nothing.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     with_angles = [i for i, log in enumerate(logs) if true_angles(log, joints) is not None]
     try:
         samples = {i: affine_samples(logs[i], rig) for i in with_angles}

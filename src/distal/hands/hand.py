@@ -104,7 +104,7 @@ class Hand:
         self._motors = motors_of(hand, self._rig)
         self._compiled = compiled
         self._compensated = compensated
-        self._joints = tuple(joint.name for joint in self._rig.joints)
+        self._joints = tuple(self._rig.joint_names)
         self._live = LiveEstimator(self._rig, compiled=compiled)
         self._monitor = Monitor(self._live)
         self._units = LogUnits(self._rig, self._live.channels)
@@ -144,7 +144,7 @@ class Hand:
             command = self._inverse.step(time, self._desired, believed)
             self._reading = command.reading
             self._held_back = command.note
-            names = [drive.name for drive in self._rig.drives]
+            names = self._rig.drive_names
             self._inverse.confirm(self._write(dict(zip(names, command.positions.tolist()))))
             self._limit(dict(zip(names, self._inverse.holding.tolist())))
         if self._units.restarts:
@@ -200,7 +200,7 @@ class Hand:
     def _look(self, time: float) -> None:
         """Read the motors' temperatures; what is none is left out."""
         self._looked = time
-        drives = [drive.name for drive in self._rig.drives]
+        drives = self._rig.drive_names
         try:
             self._temperatures = {
                 name: float(value)

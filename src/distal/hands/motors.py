@@ -140,7 +140,7 @@ class AeroMotors:
 
     def __init__(self, hand: AeroLike, rig: Rig) -> None:
         self._hand = hand
-        self._names = [drive.name for drive in rig.drives]
+        self._names = rig.drive_names
         self._last = dict.fromkeys(self._names, nan)
         self._sent = dict[str, float]()
 
@@ -201,7 +201,7 @@ def motors_of(hand: object, rig: Rig) -> Motors:
 
 
 def _known(rig: Rig, names: list[str]) -> list[str]:
-    drives = [drive.name for drive in rig.drives]
+    drives = rig.drive_names
     unknown = [name for name in drives if name not in names]
     if unknown:
         raise EstimationError(

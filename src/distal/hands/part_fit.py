@@ -77,7 +77,7 @@ def part_values(
     stretched, or on spools of another radius than the rig has.
     """
     rig = part.rig
-    drives = [drive.name for drive in part.rig.drives]
+    drives = part.rig.drive_names
     first = min(sweeps[name][0].end for name in drives)
     last = max(sweeps[name][-1].end for name in drives)
     cut = Log(
@@ -238,7 +238,7 @@ def _prior(
         values[f"joints.{i}.inertia"] = max(stiff, 1e-3) / QUASI_STATIC**2
     for name in drives:
         torque = sweep_channels_of(rig, name)[1]
-        at = [sensor.name for sensor in rig.sensors].index(torque)
+        at = rig.sensor_names.index(torque)
         values[f"sensors.{at}.noise"] = max(rig.sensors[at].noise, scatter)
         way = sweeps[name][0].way
         for i, joint in enumerate(rig.joints):

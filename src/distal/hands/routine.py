@@ -348,7 +348,7 @@ class Routine:
 
 def _parts_of(rig: Rig) -> dict[str, tuple[str, ...]]:
     """Return for each motor those that share a joint, a tendon or an error with it."""
-    parts = [[drive.name for drive in part.rig.drives] for part in independent_parts(rig)]
+    parts = [part.rig.drive_names for part in independent_parts(rig)]
     return {name: tuple(names) for names in parts for name in names}
 
 
@@ -372,7 +372,7 @@ def _limit(rig: Rig, drive: str, options: RoutineOptions) -> float:
 
 def _check(rig: Rig, options: RoutineOptions) -> None:
     """Raise a `CommandError` before anything moves, where a number cannot be."""
-    motors = [drive.name for drive in rig.drives]
+    motors = rig.drive_names
     limits = (
         options.limits
         if isinstance(options.limits, Mapping)
@@ -402,7 +402,7 @@ def _groups(rig: Rig, order: Sequence[Sequence[str]] | None) -> list[tuple[str, 
     """Return the groups of motors that move at one time; a joint stands for the motor that has it
     first.
     """
-    motors = [drive.name for drive in rig.drives]
+    motors = rig.drive_names
     if order is None:
         return [(name,) for name in motors]
     of_joint: dict[str, str] = {}

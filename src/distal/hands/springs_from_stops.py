@@ -89,7 +89,7 @@ def springs_of(log: Log, rig: Rig, drive: str, sweeps: Sequence[Sweep]) -> Sprin
     paths = [*(f"joints.{i}.spring.stiffness" for i in crossed), f"tendons.{tendons[0]}.stiffness"]
     mechanism = Mechanism(rig, paths)
     position_sensor = sweep_channels_of(rig, drive)[0]
-    position = [sensor.name for sensor in rig.sensors].index(position_sensor)
+    position = rig.sensor_names.index(position_sensor)
     at = [mechanism.parameters.names.index(path) for path in paths]
     curve = _curve(mechanism, tendons[0], crossed)
     grown = np.gradient(torques, positions)

@@ -137,7 +137,7 @@ def tendon_stiffness(tendon: Tendon, radius: float, sweeps: Sequence[Sweep]) -> 
 
 
 def _index(rig: Rig, drive: str) -> int:
-    return [part.name for part in rig.drives].index(drive)
+    return rig.drive_names.index(drive)
 
 
 def _tendons(rig: Rig, drive: str) -> list[tuple[int, Tendon]]:

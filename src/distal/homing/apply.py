@@ -164,7 +164,7 @@ def calibrate_contact(
     """
     learned = estimator.contact
     assert learned is not None
-    torques = true_torques(log, [joint.name for joint in estimator.rig.joints])
+    torques = true_torques(log, estimator.rig.joint_names)
     if torques is None:
         return estimator
     window = log.time - log.time[0] < homing

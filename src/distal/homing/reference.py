@@ -29,7 +29,7 @@ def with_references(rig: Rig, log: Log) -> tuple[Rig, tuple[Sensor, ...]]:
     Raises:
         EstimationError: the log has no truth.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     known_joints = [joint for joint, name in zip(joints, angle_names(joints)) if name in log.truth]
     if not known_joints:
         raise EstimationError(
@@ -91,7 +91,7 @@ def at_known_angle(
     Raises:
         EstimationError: it is not clear which joint is meant, or a number is out of bounds.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     if (joint is None and len(joints) > 1) or (joint is not None and joint not in joints):
         came = "none was named" if joint is None else f"{joint!r} came"
         raise EstimationError(

@@ -48,7 +48,7 @@ class Window:
     @property
     def references(self) -> dict[int, int]:
         """Channel → joint of each reference, by index."""
-        joints = [joint.name for joint in self.estimator.rig.joints]
+        joints = self.estimator.rig.joint_names
         sensors = {
             sensor.name: joints.index(sensor.of)
             for sensor in self.estimator.rig.sensors_of("angle")

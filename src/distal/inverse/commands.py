@@ -87,7 +87,7 @@ class Commands:
                     )
                     columns[sensor.log_column] = sensor.sign * read / log_factor(sensor)
             columns[f"{drive.name}_speed [{units['position']}/s]"] = self.speeds[:, i]
-        for j, name in enumerate(angle_names([joint.name for joint in rig.joints])):
+        for j, name in enumerate(angle_names(rig.joint_names)):
             factor = unit_factor(unit, "rad")
             columns[f"{name} [{unit}]"] = self.angles[:, j] / factor
             columns[f"{std_name(name)} [{unit}]"] = self.stds[:, j] / factor
@@ -107,7 +107,7 @@ class Commands:
         """Draw what is desired, what is reached and its 95 % band, then the drives' positions;
         `truth` by joint [rad].
         """
-        names = [joint.name for joint in self.rig.joints]
+        names = self.rig.joint_names
         rows = len(names) + 1
         with figure(rows, 1, (6.5, 1.6 + 1.6 * rows), sharex=True) as (drawing, axes):
             for j, (name, axis) in enumerate(zip(names, axes)):

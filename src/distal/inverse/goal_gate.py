@@ -56,7 +56,7 @@ class GoalGate:
 
     def __init__(self, rig: Rig, *, calibrated: bool = True) -> None:
         self._rig = rig
-        self._names = [drive.name for drive in rig.drives]
+        self._names = rig.drive_names
         self._motors = MotorReadings(rig)
         servos = [drive.servo for drive in rig.drives]
         self._lag = np.array([LAG if s is None else s.delay + _lag(s.bandwidth) for s in servos])
@@ -330,7 +330,7 @@ def _ends(rig: Rig, name: str, calibrated: bool) -> tuple[float, float]:
 
 def crossed_joints(rig: Rig) -> Bools:
     """Return which joints the tendons of each drive cross, (n_drives, n_joints)."""
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     at = {drive.name: i for i, drive in enumerate(rig.drives)}
     crossed = np.zeros((len(at), len(joints)), dtype=bool)
     for tendon in rig.tendons:

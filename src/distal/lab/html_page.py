@@ -124,7 +124,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
     most = _largest_load(rig, plant.first[2 * n : 2 * n + mechanism.n_tendons])
     sensors = [next(s for s in rig.sensors if s.name == name) for name in plant.sensors]
     chosen = make_estimator(estimator, rig, compiled=False)
-    names = [joint.name for joint in rig.joints]
+    names = rig.joint_names
     zeros = {sensor.of: sensor.bias.value for sensor in rig.sensors_of("position")}
     touched = dict(zip((field for _, field in torque_fields(chosen)), external_torques_of(chosen)))
     scales = [
@@ -137,7 +137,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "code": base64.b64encode(module.code).decode(),
         "shape": chain_shape(rig, 0.0),
         "joints": names,
-        "tendons": [tendon.name for tendon in rig.tendons],
+        "tendons": rig.tendon_names,
         "sensors": list(plant.sensors),
         "read": [plant.sensors.index(channel) for channel in module.filter.channels],
         "bodies": n,

@@ -50,7 +50,7 @@ def read_log(path: Source, rig: Rig, truth: str | Path | None = None) -> Log:
     references = [
         sensor.log_column for kind in ("angle", "torque") for sensor in rig.sensors_of(kind)
     ]
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     optional = [
         *references,
         *_goal_columns(rig).values(),
@@ -113,7 +113,7 @@ def _known_torques(rig: Rig, table: Table) -> dict[str, Floats]:
     """Return name → external torque [N m] as far as a log has it: a simulated log's own, else a
     torque sensor's.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     names = dict(zip(joints, torque_names(joints)))
     read = {
         names[s.of]: _in_si(s, table)
@@ -134,7 +134,7 @@ def _known_angles(
     """Return name → true angle [rad] as far as a log or a file beside it has them, and where they
     come from.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     names = dict(zip(joints, angle_names(joints)))
     references = {sensor.log_column: sensor for sensor in rig.sensors_of("angle")}
     if column is not None:
@@ -298,7 +298,7 @@ def _doubts(log: Log, rig: Rig) -> Iterator[str]:
             f"{1 / rate:g} s; is "
             "the unit of time right? (--set 'log.time.unit=\"ms\"', or the sensors' rate)"
         )
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     names = dict(zip(joints, angle_names(joints)))
     for sensor in rig.sensors_of("angle"):
         theta = log.truth.get(names[sensor.of])

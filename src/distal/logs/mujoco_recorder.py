@@ -39,7 +39,7 @@ class MujocoRecorder:
         # beside the user's
         self._now = now = mujoco_module().MjData(model)
         joints = {joint_name(model, j): j for j in range(model.njnt)}
-        names = [joint.name for joint in rig.joints]
+        names = rig.joint_names
         missing = [name for name in names if name not in joints]
         if missing:
             raise LogError(
@@ -193,7 +193,7 @@ def _of_drive(
         return None
     lever = drive.radius.value if drive is not None and drive.kind == "capstan" else 1.0
     if sensor.measures == "position":
-        names = [joint.name for joint in rig.joints]
+        names = rig.joint_names
         at_rest = rest_lengths(
             model, [j for j in range(model.njnt) if joint_name(model, j) in names]
         )[index]

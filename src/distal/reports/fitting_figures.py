@@ -80,7 +80,7 @@ def draw_residuals(
     innovations of the first compared sensor stand for the errors.
     """
     force = next(iter(rig.sensors_of("force") or rig.sensors_of("tension")), None)
-    truths = [true_angles(log, [joint.name for joint in rig.joints]) for log in logs]
+    truths = [true_angles(log, rig.joint_names) for log in logs]
     pairs = [(i, j) for i in range(len(logs)) for j in range(len(rig.joints))]
     with_truth = [
         (i, j)

@@ -68,7 +68,7 @@ def draw_rig(rig: Rig) -> Figure:
         draw_link(
             sheet, stand, [child.centre for child in placed if child.parent == j] or [stand.tip]
         )
-    names = [joint.name for joint in rig.joints]
+    names = rig.joint_names
     for j, (joint, stand) in enumerate(zip(rig.joints, placed)):
         if joint.coupled is not None:
             leader = placed[names.index(joint.coupled.joint)]
@@ -162,7 +162,7 @@ def _draw_proximal(
     wide, pitch = lane_room(rig)
     right = base - FAN
     left = right - wide - 0.1
-    names = [joint.name for joint in rig.joints]
+    names = rig.joint_names
     texts = {drive.name: drive_lines(rig, drive) for drive in rig.drives}
     glyphs = left - glyph_width(rig, scale)
     margin = glyphs - 0.14 - max(line.width for lines in texts.values() for line in lines)

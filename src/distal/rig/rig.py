@@ -291,6 +291,26 @@ class Rig(Description):
         nothing = {**dict.fromkeys(learned), "provisional": ""}
         return self.model_copy(update=nothing)
 
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints, in their order."""
+        return [joint.name for joint in self.joints]
+
+    @property
+    def drive_names(self) -> list[str]:
+        """Names of the drives, in their order."""
+        return [drive.name for drive in self.drives]
+
+    @property
+    def tendon_names(self) -> list[str]:
+        """Names of the tendons, in their order."""
+        return [tendon.name for tendon in self.tendons]
+
+    @property
+    def sensor_names(self) -> list[str]:
+        """Names of the sensors, in their order."""
+        return [sensor.name for sensor in self.sensors]
+
     def sensors_of(self, measures: str) -> tuple[Sensor, ...]:
         """Return the sensors that measure `measures` (position, force, tension, angle or torque),
         in their order.

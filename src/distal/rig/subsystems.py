@@ -57,7 +57,7 @@ def independent_parts(rig: Rig) -> tuple[Subsystem, ...]:
 
     A rig with maps learned from logs stays whole.
     """
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     group = {name: name for name in joints}
 
     def root(name: str) -> str:

@@ -88,7 +88,7 @@ def estimate_batch(
             try:
                 first = load(source)
                 if homing is not None:
-                    check_homing(homing, first, [joint.name for joint in rig.joints])
+                    check_homing(homing, first, rig.joint_names)
             except DistalError as problem:
                 report(next(done))
                 refuse(source, problem)

@@ -302,7 +302,7 @@ class LogUnits:
         return (value - float(self._ahead[i])) / float(self._factors[i])
 
     def _torques_of(self, motor: str) -> list[int]:
-        drives = [drive.name for drive in self.rig.drives]
+        drives = self.rig.drive_names
         if motor not in drives:
             raise EstimationError(
                 f"temperatures: there is no motor '{motor}'{did_you_mean(motor, drives)}"
@@ -340,7 +340,7 @@ class LiveInLogUnits:
         self._monitor = Monitor(self._live)
         self._units = LogUnits(self._live.rig, self._live.channels, turns)
         self._scale = degrees(1.0) if unit == "deg" else 1.0
-        self._joints = tuple(joint.name for joint in self._live.rig.joints)
+        self._joints = tuple(self._live.rig.joint_names)
         self._reading: Reading | None = None
 
     def __copy__(self) -> LiveInLogUnits:

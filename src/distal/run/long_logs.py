@@ -69,9 +69,7 @@ def estimate_pieces(
             ys[-1],
             chosen.report,
         )
-        truths = np.column_stack(
-            [log.truth[name] for name in angle_names([joint.name for joint in rig.joints])]
-        )
+        truths = np.column_stack([log.truth[name] for name in angle_names(rig.joint_names)])
         yield PieceEstimate(log, means, np.sqrt(np.maximum(variances, 0.0)), truths)
 
 

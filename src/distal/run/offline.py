@@ -161,7 +161,7 @@ def references_of(chosen: Estimator) -> dict[str, int]:
     """Return channel → index of the joint, for each sensor of a joint's angle that an estimator
     reads.
     """
-    joints = [joint.name for joint in chosen.rig.joints]
+    joints = chosen.rig.joint_names
     sensors = {sensor.name: joints.index(sensor.of) for sensor in chosen.rig.sensors_of("angle")}
     return {channel: sensors[channel] for channel in chosen.channels if channel in sensors}
 
@@ -184,7 +184,7 @@ def estimator_for(
         )
     if homing is not None:
         rig, references = with_references(rig, known_early(log, homing))
-        check_homing(homing, log, [joint.name for joint in rig.joints])
+        check_homing(homing, log, rig.joint_names)
         if estimator == "adaptive":
             return AdaptiveFilter(rig, compiled, references=references)
         if estimator == "affine":
@@ -213,7 +213,7 @@ def prepared(log: Log, chosen: Estimator, homing: float | None = None) -> Run:
     if homing is not None:
         if isinstance(chosen, AffineEstimator):
             chosen = chosen.after_homing(log, homing)
-        truths = check_homing(homing, log, [joint.name for joint in chosen.rig.joints])
+        truths = check_homing(homing, log, chosen.rig.joint_names)
         early = log.time - log.time[0] < homing
         for channel, joint in references_of(chosen).items():
             read = with_channel(read, channel, np.where(early, truths[:, joint], np.nan))
@@ -258,7 +258,7 @@ def finished(
     """
     log = run.log
     chosen = run.estimator
-    joints = tuple(joint.name for joint in chosen.rig.joints)
+    joints = tuple(chosen.rig.joint_names)
     truths = true_angles(log, joints)
     torques = true_torques(log, joints)
     references = references_of(chosen)

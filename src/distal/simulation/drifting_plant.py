@@ -133,7 +133,7 @@ def _replace(
     inputs: BodyInputs, pulls: BodyInputs, rezero: Rezero, plant: Mechanism, time: Floats
 ) -> None:
     """Let a rezero's pulls act while it lasts, in place."""
-    names = [drive.name for drive in plant.rig.drives]
+    names = plant.rig.drive_names
     bodies = np.array([plant.n_joints + names.index(name) for name in rezero.drives])
     at = np.ix_(np.flatnonzero(_since(rezero, time) < rezero.lasts), bodies)
     inputs.effort[at] = pulls.effort[at]
@@ -168,7 +168,7 @@ def _read(
         since = _since(scenario.rezero, stamps)
         late = (since >= scenario.rezero.lasts / 2) & (since < scenario.rezero.lasts)
         name = scenario.rezero.joint
-        joint = 0 if name is None else [joint.name for joint in rig.joints].index(name)
+        joint = 0 if name is None else rig.joint_names.index(name)
         angles[late, joint] = scenario.rezero.angle
     channels = {sensor.name: channels[sensor.name] for sensor in rig.sensors}
     log = Log(

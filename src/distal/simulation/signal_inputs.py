@@ -44,8 +44,8 @@ def body_inputs(scenario: Scenario, mechanism: Mechanism, time: Floats) -> BodyI
             in a way it cannot be.
     """
     rig = mechanism.rig
-    _check_names(scenario.joints, [joint.name for joint in rig.joints], "joints", "joint")
-    _check_names(scenario.drives, [drive.name for drive in rig.drives], "drives", "drive")
+    _check_names(scenario.joints, rig.joint_names, "joints", "joint")
+    _check_names(scenario.drives, rig.drive_names, "drives", "drive")
     n = len(time)
     bodies = mechanism.n_bodies
     inputs = BodyInputs(np.zeros((n, bodies)), np.zeros((n, bodies)), np.zeros((n, bodies, 3)))
@@ -116,7 +116,7 @@ def initial_angles(scenario: Scenario, mechanism: Mechanism) -> Floats:
     Raises:
         ScenarioError: an unknown joint, or no angle.
     """
-    names = [joint.name for joint in mechanism.rig.joints]
+    names = mechanism.rig.joint_names
     _check_names(scenario.initial, names, "initial", "joint")
     angles = np.array([joint.initial.value for joint in mechanism.rig.joints])
     for name, raw in scenario.initial.items():

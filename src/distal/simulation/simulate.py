@@ -176,7 +176,7 @@ def true_motion(motion: PlantMotion, grid: Floats, stamps: Floats) -> dict[str, 
     """
     rig = motion.plant.rig
     nj = motion.plant.n_joints
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     columns = dict(zip(angle_names(joints), motion.q.T)) | dict(
         zip(torque_names(joints), motion.pulls.T)
     )

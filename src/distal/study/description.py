@@ -125,7 +125,7 @@ class Plan:
     @property
     def joint(self) -> int:
         """The index of the joint that the requirement names."""
-        return [joint.name for joint in self.rig.joints].index(self.study.requirement.joint)
+        return self.rig.joint_names.index(self.study.requirement.joint)
 
 
 def shipped_studies() -> tuple[str, ...]:
@@ -178,7 +178,7 @@ def plan_of(raw: Mapping[str, object], source: str = "study", beside: Path | Non
 
     rig = load_rig(position(study.rig))
     rig = rig.with_values(study.set) if study.set else rig
-    joints = [joint.name for joint in rig.joints]
+    joints = rig.joint_names
     if study.requirement.joint not in joints:
         name = study.requirement.joint
         raise StudyError(

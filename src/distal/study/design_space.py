@@ -66,7 +66,7 @@ class Axis:
 
 
 def _axis(rig: Rig, path: str, raw: object) -> Axis:
-    sensors = [sensor.name for sensor in rig.sensors]
+    sensors = rig.sensor_names
     if path in (ESTIMATOR, FEEDBACK):
         allowed = [*ESTIMATORS, *((ENCODER, RATIO, COMMAND) if path == FEEDBACK else ())]
         names = _list(path, raw)

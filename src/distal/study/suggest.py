@@ -162,7 +162,7 @@ def _with_sensors(rig: Rig) -> list[Option]:
     for measures, parts, words in (
         (
             "tension",
-            [tendon.name for tendon in rig.tendons],
+            rig.tendon_names,
             f"a tension sensor of {noise:g} N on each tendon",
         ),
         (

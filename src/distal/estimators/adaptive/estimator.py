@@ -149,7 +149,7 @@ class AdaptiveFilter(KernelEstimator):
         """
         if not isinstance(learned, Contact):
             return list(range(len(learned.joints)))
-        joints = [joint.name for joint in self._states.context.mechanism.rig.joints]
+        joints = self._states.context.mechanism.rig.joint_names
         return list(
             states_of(
                 StateKind.EXTERNAL_TORQUE, joints, self.state_kinds, self.state_parts
@@ -281,7 +281,7 @@ class AdaptiveFilter(KernelEstimator):
         """
         context = self._states.context
         channels = context.channels
-        drives = [drive.name for drive in context.mechanism.rig.drives]
+        drives = context.mechanism.rig.drive_names
         begin = adaptive_layout(self._states)["drives"].start
         placed = [
             begin + remembered_position(drives.index(sensor.of), "position")

@@ -129,7 +129,7 @@ class FilterContext:
             of = tendon.drive
             if rig.joints[joint].name not in tendon.joints:
                 return 0.0
-        at = [drive.name for drive in rig.drives].index(of)
+        at = rig.drive_names.index(of)
         if at not in ratios:
             return 0.0
         ratio, share = ratios[at]
@@ -269,7 +269,7 @@ class FilterContext:
         """Return the middle of what a position sensor can read, and how far away it can:
         `MOST_TRAVELS` of its drive.
         """
-        drives = [drive.name for drive in self.mechanism.rig.drives]
+        drives = self.mechanism.rig.drive_names
         low, high = drive_travel(self.mechanism.rig, drives.index(sensor.of))
         centre = sensor.bias.value + 0.5 * (low + high)
         away = MOST_TRAVELS * (high - low + sensor.noise + sensor.bias.total_std) + sensor.linearity
@@ -315,7 +315,7 @@ class FilterContext:
 
     def path_of(self, name: str) -> str:
         """Return the path of the sensor of that name."""
-        return f"sensors.{[sensor.name for sensor in self.mechanism.rig.sensors].index(name)}"
+        return f"sensors.{self.mechanism.rig.sensor_names.index(name)}"
 
     def unmodelled(self, joint: int) -> Scalar:
         """Return the random torque of a joint that the model lacks, as the std of ω that it makes

@@ -130,7 +130,7 @@ def measurement_rows_of(
         read = context.value(x, sensor)
         residual = read - expected - states.sensor_error(sensor, read, state)
         rows.append(MeasurementRow(sensor.name, residual, noise + spread, mask, *friction))
-    tendons = [tendon.name for tendon in mechanism.rig.tendons]
+    tendons = mechanism.rig.tendon_names
     for sensor in context.channels.tensions:
         t = tendons.index(sensor.of)
         body = mechanism.drive_of[t]

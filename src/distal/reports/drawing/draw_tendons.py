@@ -27,7 +27,7 @@ def wheels(rig: Rig, stands: Sequence[Stand], scale: float) -> list[list[Wheel]]
     """Return the circles and pins that each tendon goes past, from the base outwards [in], at a
     scale [in/m].
     """
-    names = [joint.name for joint in rig.joints]
+    names = rig.joint_names
     taken: dict[tuple[int, int, int], int] = {}
     past = []
     for tendon in rig.tendons:

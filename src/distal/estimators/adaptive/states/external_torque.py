@@ -36,9 +36,7 @@ class ExternalTorqueState(ZeroMean):
     @property
     def names(self) -> tuple[str, ...]:
         """``external_torque``, with the joint's name where there are several."""
-        return (
-            torque_names([joint.name for joint in self.context.mechanism.rig.joints])[self.joint],
-        )
+        return (torque_names(self.context.mechanism.rig.joint_names)[self.joint],)
 
     @property
     def stds(self) -> Floats:
