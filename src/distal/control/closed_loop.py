@@ -19,7 +19,7 @@ from distal.control.pid import PID, Held
 from distal.errors import ControlError
 from distal.estimators import DEFAULT, ESTIMATORS, KernelEstimator, make_estimator
 from distal.logs import Log
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 from distal.sensor_errors import quantisation_variance, quantised_values
 from distal.simulation import Scenario, load_scenario, simulate_plant
@@ -141,7 +141,7 @@ def closed_loop(
         ControlError: the controller failed, or asked for what is not possible.
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     control = scenario.control
     length = _period(period, scenario)
     feedback = feedback or (DEFAULT if control is None else control.feedback)

@@ -29,7 +29,7 @@ from distal.fitting.touched_logs import touched_logs
 from distal.homing import check_homing
 from distal.logs import Log, Source, shown, true_angles
 from distal.regression import folds_of, groups_of, servos_of, splits
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig, load_rig
 from distal.threads import one_blas_thread
 
 FOR_LEAVING_OUT = 3
@@ -94,9 +94,7 @@ def fit(
         LogError: a log cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig = (
-        rig if isinstance(rig, Rig) else load_rig(rig)
-    ).bare()  # what logs taught of it is learned anew
+    rig = (as_rig(rig)).bare()  # what logs taught of it is learned anew
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise FitError(f"seed must be a whole number from 0, {seed!r} came")
     options = Options(

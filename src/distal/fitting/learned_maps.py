@@ -26,7 +26,7 @@ from distal.homing import check_homing
 from distal.logs import Log, Source, read_log, shown, true_angles, write_whole
 from distal.regression import Kind, Samples, Terms, errors_of, folds_of, learn_map, splits
 from distal.regression.learn_map import ENOUGH_LOGS
-from distal.rig import LearnedMap, Rig, load_rig
+from distal.rig import LearnedMap, Rig, as_rig
 from distal.threads import one_blas_thread
 
 FOR_SCORES = 3
@@ -221,7 +221,7 @@ def learn_contact(
     Raises:
         FitError: no log has a torque, or the rig says that none can occur.
     """
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     read = logs_read(logs, rig, None)
     for joint in rig.joints:
         if joint.external_torque.std == 0.0:
@@ -303,7 +303,7 @@ def _with_truth(
     truth: str | None,
     name: str,
 ) -> tuple[Rig, list[Log]]:
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     read = logs_read(logs, rig, truth)
     with_truth = [log for log in read if true_angles(log, rig.joint_names) is not None]
     if not with_truth:

@@ -26,7 +26,7 @@ from distal.hands.part_fit import part_values
 from distal.hands.sweeps import Sweep, sweeps_of
 from distal.logs import Log, Source, read_log, write_whole
 from distal.regression import servos_of
-from distal.rig import Rig, independent_parts, load_rig
+from distal.rig import Rig, as_rig, independent_parts
 
 BRIDGED = 0.1
 """Readings that are lost for longer are not put back [s]."""
@@ -87,7 +87,7 @@ def calibrate(
         LogError: the log cannot be read, or no motor sweeps in it.
         FitError: no rig with these motors moves as the log does.
     """
-    rig = (rig if isinstance(rig, Rig) else load_rig(rig)).bare()
+    rig = as_rig(rig).bare()
     sliders = [drive.name for drive in rig.drives if drive.kind != "capstan"]
     if sliders:
         raise FitError(

@@ -19,7 +19,7 @@ from distal.inverse import LiveInverse
 from distal.inverse.goal_gate import GoalGate
 from distal.logs import write_log
 from distal.logs.atomic_writes import check_writable
-from distal.rig import Capstan, Rig, load_rig
+from distal.rig import Capstan, Rig, as_rig
 from distal.run import HEALTH, LiveEstimator, LogUnits, Monitor, Reading
 from distal.run.log_units import HOTTEST
 from distal.suggestions import did_you_mean
@@ -100,7 +100,7 @@ class Hand:
     def __init__(
         self, hand: object, rig: Rig | str | Path, compensated: bool = False, compiled: bool = True
     ) -> None:
-        self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self._rig = as_rig(rig)
         self._motors = motors_of(hand, self._rig)
         self._compiled = compiled
         self._compensated = compensated

@@ -27,7 +27,7 @@ from distal.inverse.reached import position_variances, spread_kernel, stiffness_
 from distal.inverse.servo import followable, gives_way, sent
 from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import Advanced, Feed, Kernel, advance, kernel_of, structure_of
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 from distal.run import LOST
 from distal.simulation.plant import inside_function
 
@@ -68,7 +68,7 @@ class Inverse:
         prefer: Prefer = "tension",
         compiled: bool = True,
     ) -> None:
-        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.rig = as_rig(rig)
         self.least_tension = least_tension_of(least_tension, self.rig)
         if prefer not in get_args(Prefer):
             raise CommandError(f"prefer: {' or '.join(get_args(Prefer))}, {prefer!r} came")

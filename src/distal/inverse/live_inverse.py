@@ -20,7 +20,7 @@ from distal.inverse.least_tension import LEAST_TENSION, least_tension_of
 from distal.inverse.live_inverse_function import GAINS, layouts, live_function, live_structure
 from distal.inverse.setpoint_function import CommandModel
 from distal.kernels import kernel_of
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 from distal.run import LiveEstimator, Monitor, Reading
 
 ACROSS = 0.25
@@ -176,7 +176,7 @@ class LiveInverse:
         compiled: bool = True,
         gate: GoalGate | None = None,
     ) -> None:
-        self._rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self._rig = as_rig(rig)
         estimator = AdaptiveFilter(self._rig, compiled)
         model = CommandModel(self._rig)
         self._setup: dict[str, Any] = {

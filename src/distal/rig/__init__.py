@@ -12,6 +12,7 @@ from distal.rig.drives import (
 )
 from distal.rig.felt import felt_in_words
 from distal.rig.files import (
+    as_rig,
     build_rig,
     edited_text,
     load_rig,
@@ -95,6 +96,7 @@ __all__ = [
     "Subsystem",
     "Tendon",
     "angle_names",
+    "as_rig",
     "build_rig",
     "compare_lengths",
     "contact_shape",

@@ -56,6 +56,11 @@ def parse_toml(text: str, source: str, error: type[DistalError]) -> dict[str, ob
         raise error(f"{source}: not valid TOML: {str(problem) or 'nested too deeply'}") from None
 
 
+def as_rig(rig: Rig | str | Path) -> Rig:
+    """Return a rig as it is, or load it from a file or by its shipped name; errors: `load_rig`."""
+    return rig if isinstance(rig, Rig) else load_rig(rig)
+
+
 def load_rig(name: str | Path, assignments: Sequence[str] = ()) -> Rig:
     """Load a rig by name (see `shipped_rigs`) or from a TOML file, with assignments ``path=value``
     as by ``--set``.

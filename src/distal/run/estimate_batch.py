@@ -21,7 +21,7 @@ from distal.kernels import in_order
 from distal.logs import Episode, Log, Source, read_log
 from distal.logs.log import sealed
 from distal.results import Estimate
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 from distal.run.offline import Run, check_bounds, estimator_for, finished, prepared
 from distal.threads import one_blas_thread
 
@@ -66,7 +66,7 @@ def estimate_batch(
         LogError: a file cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     workers = (os.cpu_count() or 1) if workers is None else workers
     if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
         raise EstimationError(f"workers must be a whole number from 1, {workers!r} came")

@@ -31,7 +31,7 @@ from distal.estimators.gaps import MOST_BRIDGES, fill, predictions
 from distal.kernels import covariance_of, mean_of
 from distal.kernels.mask import MISSING, READ
 from distal.logs import LARGEST_READING, frozen
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 
 LATEST = 1e300
 """No stamp is larger than this [s]: differences of stamps stay finite."""
@@ -80,7 +80,7 @@ class LiveEstimator:
         estimator: str | KernelEstimator = DEFAULT,
         compiled: bool = True,
     ) -> None:
-        rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        rig = as_rig(rig)
         chosen = (
             make_estimator(estimator, rig, compiled) if isinstance(estimator, str) else estimator
         )

@@ -17,7 +17,7 @@ from distal.arrays import Floats
 from distal.errors import EstimationError
 from distal.estimators import channels_of
 from distal.logs import LARGEST_READING
-from distal.rig import Rig, Sensor, load_rig, log_factor
+from distal.rig import Rig, Sensor, as_rig, log_factor
 from distal.rig.sensors.by_unit import AngleSensor
 from distal.run.drive_range import motor_range
 from distal.run.live_estimator import LiveEstimator
@@ -86,7 +86,7 @@ class LogUnits:
         *,
         ranged: bool = True,
     ) -> None:
-        self.rig = rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.rig = rig = as_rig(rig)
         names = channels_of(rig, "LogUnits", others=True).names if channels is None else channels
         by_name = {sensor.name: sensor for sensor in rig.sensors}
         self._sensors = [by_name[name] for name in names]

@@ -32,7 +32,7 @@ from distal.homing.reference import check_homing, homed, with_references
 from distal.kernels import covariance_of
 from distal.logs import LARGEST_READING, Log, Source, frozen, read_log, true_angles, true_torques
 from distal.results import Estimate
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 
 
 def samples_of(log: Log, channels: Sequence[str], name: str = "estimator") -> Floats:
@@ -112,7 +112,7 @@ def estimate(
         LogError: the file cannot be read.
         RigError: the rig is unknown or wrong.
     """
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     if isinstance(log, Log) and truth is not None:
         raise EstimationError(
             "truth is for logs that are read; a Log has its own (Log(…, truth={'theta': …}))"

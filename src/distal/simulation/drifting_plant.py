@@ -17,7 +17,7 @@ from distal.errors import ScenarioError
 from distal.kernels import Feed, advance
 from distal.logs import Log
 from distal.model import Mechanism
-from distal.rig import Rig, load_rig, named
+from distal.rig import Rig, as_rig, named
 from distal.simulation.plant import PlantMotion, at_rest, plant_kernel, rows_of
 from distal.simulation.readings import ErrorsByRate, Readings, errors_by_rate
 from distal.simulation.scenario import Rezero, Scenario, load_scenario
@@ -58,7 +58,7 @@ def simulate_pieces(
         RigError: the plant's values are wrong.
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     if scenario.control is not None:
         raise ScenarioError("control: loops are not closed over hours; take [control] out")
     length = min(PIECE, scenario.duration)

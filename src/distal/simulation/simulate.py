@@ -12,7 +12,7 @@ from distal.arrays import Floats
 from distal.errors import ScenarioError
 from distal.logs import Log, TruthKind, TruthSource
 from distal.model import Mechanism, substeps
-from distal.rig import Rig, angle_names, load_rig, torque_names, travel_of
+from distal.rig import Rig, angle_names, as_rig, torque_names, travel_of
 from distal.sensor_errors import measure
 from distal.simulation.plant import PlantMotion, equilibrium, longest_interval, run_plant
 from distal.simulation.readings import Readings
@@ -97,7 +97,7 @@ def prepare(
         RigError: the plant's values are wrong.
     """
     scenario = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     if not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ScenarioError(f"seed: must be a whole number from 0, {seed!r} came")
     plant = Mechanism(scenario.plant_rig(rig), remembers=True)

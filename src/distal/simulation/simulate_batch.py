@@ -11,7 +11,7 @@ import numpy as np
 from distal.errors import ScenarioError
 from distal.kernels import in_order, lanes_here
 from distal.logs import Log
-from distal.rig import Rig, load_rig
+from distal.rig import Rig, as_rig
 from distal.simulation.plant import PlantMotion, plant_kernel, run_plants
 from distal.simulation.scenario import Scenario
 from distal.simulation.simulate import Prepared, check_open, prepare, sampled
@@ -41,7 +41,7 @@ def simulate_batch(
         ScenarioError: a scenario does not fit the rig, or its motion left all bounds.
         RigError: the plant's values are wrong.
     """
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = as_rig(rig)
     workers = (os.cpu_count() or 1) if workers is None else workers
     if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
         raise ScenarioError(f"workers must be a whole number from 1, {workers!r} came")
