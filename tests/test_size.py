@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+
 import pytest
-from tools.size import size_of
+from tools.size import ROOT, SOURCE, size_of
 
 
 @pytest.mark.parametrize(
@@ -25,3 +27,21 @@ def test_tokens_are_counted_by_what_is_said(text: str, tokens: int) -> None:
 
 def test_a_template_counts_its_words() -> None:
     assert size_of("page.html", "<p>two words</p>\n") == 2
+
+
+def packed(source: str) -> int:
+    """Return how many assignments of a module give several values to several names."""
+    statements = ast.walk(ast.parse(source))
+    assignments = [statement for statement in statements if isinstance(statement, ast.Assign)]
+    return sum(
+        isinstance(assignment.value, ast.Tuple)
+        and any(isinstance(target, ast.Tuple) for target in assignment.targets)
+        for assignment in assignments
+    )
+
+
+def test_one_statement_is_one_assignment() -> None:
+    """But for swaps, and where values depend on names that are given anew."""
+    assert packed("a, b = b, a\nc, d = f()\ne = 1, 2") == 1
+    modules = (ROOT / SOURCE / "distal").rglob("*.py")
+    assert sum(packed(module.read_text(encoding="utf-8")) for module in modules) <= 20
