@@ -9,7 +9,7 @@ import pytest
 
 from distal import Log, Rig, load_rig
 from distal.confidence import BAND
-from distal.fitting.fitted_parameter import FittedNumber, assignments
+from distal.fitting.fitted_parameter import FittedParameter, assignments
 from distal.fitting.map_samples import (
     filtered,
     partly_homed,
@@ -62,7 +62,7 @@ def test_how_sure_a_file_is(hold: bool) -> None:
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
-    found = FittedNumber(
+    found = FittedParameter(
         "it", (path,), "", 0.2, 0.1, 0.3, 0.05, True, False, (0.3,), held_error=0.05
     )
     written = assignments([found], start, hold)["joints.jaw.friction.coefficient"]
@@ -79,7 +79,7 @@ def test_a_file_holds_what_is_told_only_together_with_others() -> None:
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
-    found = FittedNumber(path, (path,), "", 0.2, 0.1, 0.2, 0.1, False, False, (0.2,), held=True)
+    found = FittedParameter(path, (path,), "", 0.2, 0.1, 0.2, 0.1, False, False, (0.2,), held=True)
     after = start.with_values(assignments([found], start)).joints[0].friction
     assert after is not None
     assert (after.coefficient.value, after.coefficient.std, after.coefficient.hold) == (
@@ -237,7 +237,7 @@ def test_what_a_fit_brings_to_nothing_is_written_as_zero() -> None:
         {"joints.0.friction.coefficient": {"value": 0.2, "std": 0.1}}
     )
     path = "joints.0.friction.coefficient"
-    found = FittedNumber(
+    found = FittedParameter(
         "it", (path,), "", 0.2, 0.1, 6.4e-22, 0.05, True, False, (6.4e-22,), held_error=0.05
     )
     after = start.with_values(assignments([found], start)).joints[0].friction

@@ -8,7 +8,7 @@ import pytest
 from distal import Rig, load_rig
 from distal.errors import FitError
 from distal.fitting.choice_of_parameters import choose
-from distal.fitting.fitted_parameter import FittedNumber, assignments
+from distal.fitting.fitted_parameter import FittedParameter, assignments
 
 SPOOL = {"name": "spool", "std": 0.1}
 PATHS = ("tendons.0.stiffness", "tendons.1.stiffness")
@@ -20,8 +20,8 @@ def rig_with(**stiffness: object) -> Rig:
     )
 
 
-def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> FittedNumber:
-    return FittedNumber(
+def found(paths: tuple[str, ...], values: tuple[float, ...], error: float) -> FittedParameter:
+    return FittedParameter(
         "it", paths, "N/m", 800.0, 80.0, values[0], error, True, False, values, held_error=error
     )
 

@@ -3,7 +3,7 @@
 from distal.fitting.angle_observability import Observability, observability
 from distal.fitting.fit import fit
 from distal.fitting.fit_options import Options
-from distal.fitting.fitted_parameter import FittedNumber
+from distal.fitting.fitted_parameter import FittedParameter
 from distal.fitting.learned_maps import (
     LeftOut,
     MapFit,
@@ -22,7 +22,7 @@ __all__ = [
     "Compared",
     "Doing",
     "Fit",
-    "FittedNumber",
+    "FittedParameter",
     "Fold",
     "LeftOut",
     "MapFit",

@@ -9,7 +9,7 @@ import numpy as np
 
 from distal.arrays import Floats
 from distal.estimators import Robustness
-from distal.fitting.fitted_parameter import FittedNumber
+from distal.fitting.fitted_parameter import FittedParameter
 from distal.fitting.likelihood import Innovations
 from distal.fitting.likelihood_search import Optimum, search
 from distal.fitting.problem import Problem
@@ -95,7 +95,7 @@ def doubts_of(problem: Problem, z: Floats, nis: Sequence[float]) -> list[str]:
     return doubts
 
 
-def far_from_priors(parameters: Sequence[FittedNumber], problem: Problem) -> list[str]:
+def far_from_priors(parameters: Sequence[FittedParameter], problem: Problem) -> list[str]:
     """Return warnings on values far from their priors, or at a bound."""
     free_by_name = {part.name: part for part in problem.free}
     lines = []

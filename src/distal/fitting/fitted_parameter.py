@@ -30,7 +30,7 @@ SMALLEST_RELATIVE_STD = 0.002
 
 
 @dataclass(frozen=True)
-class FittedNumber:
+class FittedParameter:
     """One free number after a fit, as it is in the description, with the `values` of all its
     `paths`.
 
@@ -67,7 +67,7 @@ class FittedNumber:
     kept: bool = False
 
     @property
-    def as_it_came(self) -> FittedNumber:
+    def as_it_came(self) -> FittedParameter:
         """The same where the description's own value is kept."""
         starts = tuple(
             self.start * value / self.value if self.value else self.start for value in self.values
@@ -100,7 +100,7 @@ class FittedNumber:
 
 
 def assignments(
-    parameters: Sequence[FittedNumber], start: Rig, hold: bool = False
+    parameters: Sequence[FittedParameter], start: Rig, hold: bool = False
 ) -> dict[str, object]:
     """Return path by names → value, with its std where it had one, of what the logs tell beside the
     `start` as it came.
@@ -134,7 +134,7 @@ def assignments(
 
 
 def _spread(
-    part: FittedNumber, before: Number, std: float, value: float, start: Rig
+    part: FittedParameter, before: Number, std: float, value: float, start: Rig
 ) -> dict[str, object]:
     """Return what a file says of how far a value may be off: together with others where all of them
     were varied as one.

@@ -23,7 +23,7 @@ from distal.fitting.candidates import (
     line_map,
 )
 from distal.fitting.fit_options import Options
-from distal.fitting.fitted_parameter import FittedNumber, assignments, described
+from distal.fitting.fitted_parameter import FittedParameter, assignments, described
 from distal.fitting.learned_maps import MapFit, learn_contact
 from distal.fitting.missing_terms import MissingTerm, Tried, tried_parts, with_parts
 from distal.fitting.parameter_estimates import (
@@ -70,7 +70,7 @@ class Learned:
         return self.parameters.optimum.interrupted
 
     @property
-    def fitted(self) -> tuple[FittedNumber, ...]:
+    def fitted(self) -> tuple[FittedParameter, ...]:
         """Every free number as it is in the description."""
         return (
             self.parameters.fitted

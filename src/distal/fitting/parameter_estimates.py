@@ -16,7 +16,7 @@ from distal.fitting.choice_of_parameters import choose
 from distal.fitting.doubts import NOT_CONVERGED, doubts_of, nis_of, parameter_contradictions
 from distal.fitting.fit_filter import FitFilter, steps_of
 from distal.fitting.fit_options import Options
-from distal.fitting.fitted_parameter import FittedNumber
+from distal.fitting.fitted_parameter import FittedParameter
 from distal.fitting.free_parameter import Free
 from distal.fitting.inverse_dynamics import SMOOTHED, Equations, inverse_problem
 from distal.fitting.likelihood_search import Optimum, coarse_start, hessian, most_likely, search
@@ -61,7 +61,7 @@ class ParameterEstimates:
     problem: Problem
     optimum: Optimum
     uncertainty: Uncertainty
-    fitted: tuple[FittedNumber, ...]
+    fitted: tuple[FittedParameter, ...]
     left: Bools
     held: Bools
     doubts: tuple[str, ...]
@@ -340,7 +340,7 @@ def _next_held(
 
 def fitted_parameters(
     problem: Problem, optimum: Optimum, uncertainty: Uncertainty, left: Bools, held: Bools
-) -> list[FittedNumber]:
+) -> list[FittedParameter]:
     """Return what a search found of every free number, in its own unit; without convergence it has
     no standard error.
 
@@ -392,10 +392,10 @@ def _error_of_mean(parameters: Floats, errors: Floats) -> float:
     )
 
 
-def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedNumber:
+def _fitted(part: Free, values: tuple[float, ...], identified: bool) -> FittedParameter:
     """Return a number after a fit, its errors not known."""
     prior = part.name, part.paths, part.si, part.start, part.std
-    return FittedNumber(
+    return FittedParameter(
         *prior, values[0], float("nan"), identified, part.noise, values, kept=part.kept_by_file
     )
 
@@ -413,7 +413,7 @@ def _coordinates_of(problem: Problem, rig: Rig) -> Floats:
     return np.clip(z, *problem.bounds.T)
 
 
-def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedNumber:
+def _by_scale(problem: Problem, z: Floats, part: Free) -> FittedParameter:
     """Return a noise that the equations do not vary: larger by the root of what its sensors'
     residuals are larger by.
     """

@@ -15,7 +15,7 @@ from distal.fitting.candidates import BY_EQUATIONS, Candidate
 from distal.fitting.choice_of_parameters import paths_of
 from distal.fitting.fit_options import Options
 from distal.fitting.fitted_file import MARK, fitted_text, plain_value
-from distal.fitting.fitted_parameter import FittedNumber, assignments
+from distal.fitting.fitted_parameter import FittedParameter, assignments
 from distal.fitting.learn import Learned
 from distal.fitting.learned_maps import MapFit
 from distal.fitting.leave_out import WRITTEN, Compared, Fold
@@ -71,7 +71,7 @@ class Fit:
     start: Rig
     model: Rig
     part: str
-    fitted: tuple[FittedNumber, ...]
+    fitted: tuple[FittedParameter, ...]
     logs: tuple[str, ...]
     duration: float
     samples: int
@@ -121,7 +121,7 @@ class Fit:
         optimum = learned.parameters.optimum
         n_sensors = len(start.sensors)
 
-        def of_rig(part: FittedNumber) -> bool:
+        def of_rig(part: FittedParameter) -> bool:
             kind, index, *_ = part.paths[0].split(".")
             return kind != "sensors" or int(index) < n_sensors
 
@@ -252,7 +252,7 @@ class Fit:
         lines += [f"these logs tell {line}" for line in self.combinations]
         return lines
 
-    def __getitem__(self, name: str) -> FittedNumber:
+    def __getitem__(self, name: str) -> FittedParameter:
         """Return a fitted number by its name or its path, as in ``--set``.
 
         Raises:
