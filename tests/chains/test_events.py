@@ -23,8 +23,8 @@ from distal.estimators.adaptive.drive_tracking import (
     track,
 )
 from distal.estimators.adaptive.filter_context import FilterContext
-from distal.estimators.adaptive.interval import Interval
-from distal.estimators.adaptive.prediction import shifted_variance
+from distal.estimators.adaptive.interval import Interval, Prediction
+from distal.estimators.adaptive.prediction import revert, shifted_variance
 from distal.estimators.adaptive.touch import (
     CLOSING_TIME,
     FORCE,
@@ -344,3 +344,22 @@ def test_contacts_of_a_finger_load_the_joints_before_them() -> None:
     levers = ends.T @ ends
     assert shape == pytest.approx(levers / levers[0, 0] + 0.01 * np.eye(3))
     assert contact_shape(load_rig("finger-2n")) == pytest.approx(np.eye(2))
+
+
+def test_torques_that_contacts_make_together_open_together() -> None:
+    """The covariance of three torques after 0.1 s against (13b) written out, from none."""
+    runner = AdaptiveFilter(load_rig("finger-underactuated"), compiled=False)
+    states, dt = runner.states, 0.1
+    n, opened = len(states), np.array([4e-4, 1e-4, 9e-6])
+    x = ca.MX(ca.DM([dt] + [0.0] * (states.context.width - 1)))
+    interval = Interval(ca.MX(), ca.MX(), x, ca.MX(ca.DM(runner.parameters)))
+    zeros = (ca.MX(ca.DM.zeros(n)), ca.MX(ca.DM.zeros(n, n)), ca.MX(ca.DM.eye(n).full()))
+    prediction = Prediction(*zeros)
+    revert(states, prediction, {j: ca.MX(o) for j, o in enumerate(opened)}, interval)
+    covariance = np.array(ca.evalf(prediction.covariance))
+    at = list(states.torque_states)
+    shape = contact_shape(load_rig("finger-underactuated"))
+    stds = np.sqrt(opened / np.diag(shape))
+    fade = exp(-dt / 0.5)
+    expected = (1 - fade**2) * shape * np.outer(stds, stds)
+    assert covariance[np.ix_(at, at)] == pytest.approx(expected, rel=1e-9)

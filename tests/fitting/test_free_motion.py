@@ -211,3 +211,15 @@ def test_how_a_fit_did_is_said(rig: Rig) -> None:
     assert said.in_words() == (
         "on 4 logs left out of its fit the rig errs by 0.5°, 93 % inside the 95 % band"
     )
+
+
+def test_the_fastest_motion_of_the_logs_is_kept(rig: Rig) -> None:
+    """Σ of the squared speeds over the spreads, against differences of what is read."""
+    described = rig.with_values({"joints.finger.external_torque.std": 0.0})
+    log = finger(0, 12.0, None)[0]
+    free = free_motion_of([(described, log)], 0.0, 1.0)
+    assert free is not None
+    places = [log.channels[f"x_{name}"] / s for name, s in zip(free.drives, free.spread)]
+    speeds = np.array([np.gradient(place, log.time) for place in places])
+    smooth = np.apply_along_axis(lambda v: np.convolve(v, np.ones(10) / 10, "same"), 1, speeds)
+    assert free.fastest == pytest.approx(float(np.max(np.sum(smooth**2, axis=0))), rel=0.5)

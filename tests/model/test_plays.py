@@ -18,7 +18,7 @@ from scipy.optimize import bisect
 from distal import Rig, load_rig, simulate
 from distal.errors import RigError
 from distal.model import Mechanism, stiffest_frequency
-from distal.model.plays import Bounds, Sheath, balanced, gap
+from distal.model.plays import Bounds, Sheath, _equal_tensions, balanced, gap
 from distal.simulation import build_scenario
 
 K, MU, WRAP = 2000.0, 0.2, 1.8
@@ -498,3 +498,24 @@ def test_a_point_of_a_stiffening_cable_balances(
         ],
         abs=1e-4,
     )
+
+
+def test_a_search_for_equal_tensions_ends_within_its_steps() -> None:
+    """Of 300 cables by lot, stretched far into where they stiffen: tensions balance where it ends,
+    before the last step of Newton.
+    """
+    search, _ = _equal_tensions()
+    rng = np.random.default_rng(0)
+    lacking = []
+    for _ in range(300):
+        stiffness, stiffening = 10 ** rng.uniform(3, 5), 10 ** rng.uniform(2, 3)
+        pretension, grip = rng.uniform(1, 30), float(np.exp(rng.uniform(0.01, 0.8)))
+        before, after = rng.uniform(-2, 8, 2) * pretension / stiffness
+        cable = Sheath(stiffness, grip, 1.0, 1, stiffening, pretension)
+        rest = (1.0, grip, 0.5, 0.5, stiffness, stiffening, pretension)
+        place = float(search(before, after, *rest)[0])
+        tension, slope = (float(part) for part in cable.tension(0, ca.DM(before - place)))
+        other, other_slope = (float(part) for part in cable.tension(1, ca.DM(place - after)))
+        left = abs(tension - grip * other) / (slope + grip * other_slope)
+        lacking.append(left * stiffness / pretension)
+    assert np.quantile(lacking, 0.95) < 1e-12
