@@ -38,7 +38,7 @@ def say(text: str) -> None:
 
 
 def show_warnings() -> None:
-    """Print each warning as one line on stderr, not with the position in the code."""
+    """Print each warning as one line on stderr, not with the place in the code."""
 
     def show(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         warn(str(message))

@@ -13,7 +13,7 @@ import casadi as ca
 class Dataflow:
     """The values of one function of matrices (MX), by number.
 
-    In position, the first output goes where the first input is: what is put out there must last
+    In place, the first output goes where the first input is: what is put out there must last
     until the end.
     """
 

@@ -50,11 +50,11 @@ class Emitter:
         """Write a function, of scalars (SX) or of matrices (MX), and those that it calls; return
         its name in C.
 
-        In position, the first input and the first output are one array, ``state``, that is changed.
+        In place, the first input and the first output are one array, ``state``, that is changed.
 
         Raises:
             CodeError: it has an operation that has no C here, or its state cannot be changed in
-                position.
+                place.
         """
         return self._written(function, in_place).name
 

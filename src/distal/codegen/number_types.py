@@ -89,7 +89,7 @@ SMALLEST_FLOAT = 1.17549435e-38
 @lru_cache(maxsize=4096)
 def _constant(value: float, sign: float, single: bool) -> str:
     """Return a number as C; its sign is an argument because 0.0 equals -0.0, and would be found in
-    its position.
+    its place.
     """
     if value != value:
         return "NAN" if single else "(double)NAN"

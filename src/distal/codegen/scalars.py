@@ -17,7 +17,7 @@ def write_scalars(
 ) -> Written:
     """Return a function of scalars (SX) as C, where `written` writes those that it calls.
 
-    In position, the first input and the first output are one array: it is read at once and written
+    In place, the first input and the first output are one array: it is read at once and written
     last.
     """
     arrays: dict[tuple[str, ...], str] = {}

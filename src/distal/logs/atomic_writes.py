@@ -65,7 +65,7 @@ def write_together(files: Mapping[Path, bytes | str]) -> None:
 
 
 def keep_elsewhere(files: Mapping[Path, bytes | str]) -> Path | None:
-    """Write files that have no position into a new folder, and return it; None where none can be
+    """Write files that have no place into a new folder, and return it; None where none can be
     had.
 
     It stands among temporary files, else in the user's own folder.
@@ -99,7 +99,7 @@ def _as_output_error(path: Path) -> Iterator[None]:
 
 
 class _Written:
-    """A file that stands beside its position, until it is moved in."""
+    """A file that stands beside its place, until it is moved in."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
@@ -157,7 +157,7 @@ class _Written:
                 os.unlink(self._target)
 
     def tidy(self) -> None:
-        """Remove what is beside the file's position."""
+        """Remove what is beside the file's place."""
         for path in (self._temporary, self._backup if self._moved else None):
             if path is not None and os.path.exists(path):
                 os.unlink(path)

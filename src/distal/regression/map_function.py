@@ -202,7 +202,7 @@ def reporting_function(
     Args:
         inner: the filter, whose first states are the joints' angles.
         maps: each with the states it speaks of, and whether it corrects them; else it takes their
-            position.
+            place.
         width: number of the filter's channels, those of the maps first.
         positions: for each channel of the maps where in the kernel state its drive's position
             stands, None for what is read.

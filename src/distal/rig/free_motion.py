@@ -16,7 +16,7 @@ UNLIMITED = 1e300
 """A squared speed that no drive reaches [1/s²]."""
 
 NOTHING_NORMAL = {"at_rest": 1.0, "moving": 0.0, "fastest": UNLIMITED}
-"""In position of what is normal of a sensor, for a rig without [free_motion]."""
+"""In place of what is normal of a sensor, for a rig without [free_motion]."""
 
 
 class FreeMotion(Description):

@@ -35,7 +35,7 @@ class Transmitted(OfDrive):
 
     @property
     def means(self) -> Floats:
-        """The nominal force; the first reading takes its position [N, N m]."""
+        """The nominal force; the first reading takes its place [N, N m]."""
         return np.array([self.context.mechanism.rig.drives[self.drive].nominal_force.value])
 
     @property
