@@ -24,7 +24,9 @@ _POWER_TOWER = re.compile(r"(?:\^|\*\*)[^A-Za-z]*(?:\^|\*\*)")
 _UNIT_CHARACTERS = re.compile(r"[A-Za-zµμΩ°%·⋅*/() _]+")
 _DECIMAL_COMMA = re.compile(r"\d,\d")
 _ANGLE_WORDS = re.compile(
-    r"(?<![a-zA-Z])(rad|radian|radians|mrad|urad|deg|degree|degrees|°|turn|turns|rev|revolution)(?![a-zA-Z])"
+    r"(?<![a-zA-Z])"
+    r"(rad|radian|radians|mrad|urad|deg|degree|degrees|°|turn|turns|rev|revolution)"
+    r"(?![a-zA-Z])"
 )
 
 

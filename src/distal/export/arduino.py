@@ -171,7 +171,7 @@ version=$version$
 author=distal export-c
 maintainer=distal export-c
 sentence=Angle and standard deviation of the joints of "$rig$", without a sensor in a joint.
-paragraph=A Kalman filter ($estimator$) on what the motors measure. Written by `distal export-c`; no malloc, no globals.
+paragraph=A Kalman filter ($estimator$), no malloc, no globals. Written by `distal export-c`.
 category=Sensors
 url=https://example.org
 architectures=*
@@ -182,7 +182,7 @@ _JSON = """\
 {
   "name": "$short$",
   "version": "$version$",
-  "description": "Angles of the joints of '$json_rig$', without a sensor in a joint. Written by `distal export-c`.",
+  "description": "Joint angles of '$json_rig$' without a joint sensor. Written by `distal export-c`.",
   "keywords": ["robotics", "sensors", "estimation", "tendon"],
   "license": "BSD-3-Clause",
   "authors": {"name": "distal export-c"},
@@ -212,37 +212,41 @@ BSD 3-Clause License, for the code that `distal export-c` wrote
 
 Copyright (c) distal contributors
 
-Redistribution and use in source and binary forms, with or without modification, are permitted provided that the
-following conditions are met:
+Redistribution and use in source and binary forms, with or without modification, are permitted
+provided that the following conditions are met:
 
-1. Redistributions of source code must retain the above copyright notice, this list of conditions and the following
-   disclaimer.
+1. Redistributions of source code must retain the above copyright notice, this list of conditions
+   and the following disclaimer.
 
-2. Redistributions in binary form must reproduce the above copyright notice, this list of conditions and the following
-   disclaimer in the documentation and/or other materials provided with the distribution.
+2. Redistributions in binary form must reproduce the above copyright notice, this list of conditions
+   and the following disclaimer in the documentation and/or other materials provided with the
+   distribution.
 
-3. Neither the name of the copyright holder nor the names of its contributors may be used to endorse or promote products
-   derived from this software without specific prior written permission.
+3. Neither the name of the copyright holder nor the names of its contributors may be used to endorse
+   or promote products derived from this software without specific prior written permission.
 
-THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS" AND ANY EXPRESS OR IMPLIED WARRANTIES,
-INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND FITNESS FOR A PARTICULAR PURPOSE ARE
-DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDER OR CONTRIBUTORS BE LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL,
-SPECIAL, EXEMPLARY, OR CONSEQUENTIAL DAMAGES (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES;
-LOSS OF USE, DATA, OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER IN
-CONTRACT, STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF THE USE OF THIS
-SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
+THIS SOFTWARE IS PROVIDED BY THE COPYRIGHT HOLDERS AND CONTRIBUTORS "AS IS" AND ANY EXPRESS OR
+IMPLIED WARRANTIES, INCLUDING, BUT NOT LIMITED TO, THE IMPLIED WARRANTIES OF MERCHANTABILITY AND
+FITNESS FOR A PARTICULAR PURPOSE ARE DISCLAIMED. IN NO EVENT SHALL THE COPYRIGHT HOLDER OR
+CONTRIBUTORS BE LIABLE FOR ANY DIRECT, INDIRECT, INCIDENTAL, SPECIAL, EXEMPLARY, OR CONSEQUENTIAL
+DAMAGES (INCLUDING, BUT NOT LIMITED TO, PROCUREMENT OF SUBSTITUTE GOODS OR SERVICES; LOSS OF USE,
+DATA, OR PROFITS; OR BUSINESS INTERRUPTION) HOWEVER CAUSED AND ON ANY THEORY OF LIABILITY, WHETHER
+IN CONTRACT, STRICT LIABILITY, OR TORT (INCLUDING NEGLIGENCE OR OTHERWISE) ARISING IN ANY WAY OUT OF
+THE USE OF THIS SOFTWARE, EVEN IF ADVISED OF THE POSSIBILITY OF SUCH DAMAGE.
 """
 
 _README = """\
 ## Use it
 
-Copy this folder into the `libraries` folder of your sketchbook, or into `lib` of a PlatformIO project, and open the
-example `joint_angle`. It reads each place by an encoder and each force by an analog pin; set the factors and pins of your
-board. Before you publish the library, put your own name and page into `library.properties`.
+Copy this folder into the `libraries` folder of your sketchbook, or into `lib` of a PlatformIO
+project, and open the example `joint_angle`. It reads each position by an encoder and each force by an
+analog pin; set the factors and pins of your board. Before you publish the library, put your own
+name and page into `library.properties`.
 """
 
 _SKETCH = """\
-/* Prints the joints' angles and their 95 % bands, from sensors at the motors. Written by `distal export-c`. */
+/* Prints the joints' angles and their 95 % bands, from sensors at the motors.
+ * Written by `distal export-c`. */
 #include <$name$.h>
 
 static $name$_state state;
@@ -266,7 +270,8 @@ void loop() {
   const unsigned long now = micros();
   if (begun && now - last_sample < INTERVAL) return;
   read_sensors();
-  /* a step that takes longer than the interval makes dt longer: the filter then bridges samples that were not taken */
+  /* a step that takes longer than the interval makes dt longer: the filter then bridges samples
+   * that were not taken */
   const $name$_real dt = begun ? 1e-6f * (now - last_sample) : 0;
   if (!begun) {
     $name$_begin(&state, values);

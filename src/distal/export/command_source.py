@@ -96,7 +96,8 @@ def c_command(rig: Rig, name: str, filter_name: str, real: Plain) -> ExportedCom
             f"  x[{layout.x['state'].start + i}] = out->{field};" for i, field in reported
         ),
         "touched": "\n".join(
-            f"  if (x[{at_touched}] < filter->kernel_state[{i}]) x[{at_touched}] = filter->kernel_state[{i}];"
+            f"  if (x[{at_touched}] < filter->kernel_state[{i}])\n"
+            f"    x[{at_touched}] = filter->kernel_state[{i}];"
             for i in estimator.touched
         ),
         "known": " && ".join(
@@ -137,9 +138,11 @@ def _matrix(values: Bools) -> str:
 
 
 _HEADER = """\
-/* $name$.h: what the drives of the rig "$rig$" do next, from the filter of $filter$.h and desired angles
+/* $name$.h: what the drives of the rig "$rig$" do next,
+ * from the filter of $filter$.h and desired angles
  *
- * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state. All numbers are SI.
+ * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state.
+ * All numbers are SI.
  *
  * desired, in this order (NAN: as before):
 $joints$
@@ -160,7 +163,8 @@ extern "C" {
 #define $NAME$_DRIVES $n_drives$
 
 #define $NAME$_MOVES 0  /* all drives get what is desired */
-#define $NAME$_STANDS 1 /* a drive was not read for too long: it, and those that move the same joints, stand */
+/* a drive was not read for too long: it, and those that move the same joints, stand */
+#define $NAME$_STANDS 1
 #define $NAME$_UNREAD 2 /* a drive was never read: nothing is to be sent, all commands are NAN */
 
 typedef struct {
@@ -181,11 +185,13 @@ typedef struct {
 /* Forget everything, when the filter begins. */
 void $name$_begin($name$_state* state);
 
-/* Say what the drives do next, after a step of the filter that returned OK, with its dt, values and output. Where the
- * estimate is not `trusted` (its health is bad or dead) or its std is large, the correction by feedback stays as it was.
- * Drives that stand keep the last command. Returns one of the numbers above; how long drives may stand, the caller says. */
+/* Say what the drives do next, after a step of the filter that returned OK, with its dt, values and
+ * output. Where the estimate is not `trusted` (its health is bad or dead) or its std is large, the
+ * correction by feedback stays as it was. Drives that stand keep the last command. Returns one of
+ * the numbers above; how long drives may stand, the caller says. */
 int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
-                const $filter$_output* out, const $real$* desired, int trusted, $name$_output* commands);
+                const $filter$_output* out, const $real$* desired, int trusted,
+                $name$_output* commands);
 
 #ifdef __cplusplus
 }
@@ -195,7 +201,8 @@ int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, co
 """
 
 _SOURCE = """\
-/* $name$.c: what the drives of the rig "$rig$" do next; see $name$.h. Written by `distal export-c`. */
+/* $name$.c: what the drives of the rig "$rig$" do next; see $name$.h.
+ * Written by `distal export-c`. */
 #include "$name$.h"
 
 #include <math.h>
@@ -209,7 +216,8 @@ $functions$
 void $name$_begin($name$_state* state) { memset(state, 0, sizeof *state); }
 
 int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, const $real$* values,
-                const $filter$_output* out, const $real$* desired, int trusted, $name$_output* commands) {
+                const $filter$_output* out, const $real$* desired, int trusted,
+                $name$_output* commands) {
   static const int joints[] = {$free$}, positions[] = {$positions$};
   static const int moves[][$n_joints$] = {$moves$}, together[][$n_drives$] = {$together$};
   static const $real$ oldest[] = {$oldest$};
@@ -223,7 +231,11 @@ int $name$_step($name$_state* state, const $filter$_state* filter, $real$ dt, co
     lost[i] = state->age[i] > oldest[i];
   }
   if (code == $NAME$_UNREAD) {
-    for (i = 0; i < $n_drives$; ++i) commands->positions[i] = commands->speeds[i] = commands->forces[i] = ($real$)NAN;
+    for (i = 0; i < $n_drives$; ++i) {
+      commands->positions[i] = ($real$)NAN;
+      commands->speeds[i] = ($real$)NAN;
+      commands->forces[i] = ($real$)NAN;
+    }
     return code;
   }
   for (i = 0; i < $n_drives$; ++i) {
@@ -239,7 +251,9 @@ $reported$
     x[$x_desired$ + i] = state->desired[i];
     if (rests[i]) {
       x[$x_desired$ + i] = state->kernel_state[$c_reference$ + i];
-      state->kernel_state[$c_rate$ + i] = state->kernel_state[$c_speed$ + i] = state->kernel_state[$c_acceleration$ + i] = $zero$;
+      state->kernel_state[$c_rate$ + i] = $zero$;
+      state->kernel_state[$c_speed$ + i] = $zero$;
+      state->kernel_state[$c_acceleration$ + i] = $zero$;
       state->kernel_state[$c_at_end$] = $one$; /* feedback does not wind up */
     }
     x[$x_mapped$ + i] = x[$x_state$ + joints[i]] - filter->kernel_state[joints[i]];

@@ -54,7 +54,8 @@ def health_source(estimator: KernelEstimator, name: str, emitter: Emitter) -> di
         "n_watched": str(len(watch.watched)),
         "stds": ", ".join(f"out->{std}" for _, std in angle_fields(estimator.rig)),
         "touched": "\n".join(
-            f"  if (sample[{at_touched}] < state->kernel_state[{i}]) sample[{at_touched}] = state->kernel_state[{i}];"
+            f"  if (sample[{at_touched}] < state->kernel_state[{i}])\n"
+            f"    sample[{at_touched}] = state->kernel_state[{i}];"
             for i in estimator.touched
         ),
         "zero": dialect.constant(0.0),
@@ -75,7 +76,8 @@ int $name$_health($name$_watch* watch, const $name$_state* state, $real$ dt, con
                   const $name$_output* out) {
   static const unsigned char watched[] = {$watched$};
   const $real$ stds[] = {$stds$};
-  $real$ sample[$n_sample$], memory[sizeof watch->memory / sizeof *watch->memory], findings[$n_findings$];
+  $real$ memory[sizeof watch->memory / sizeof *watch->memory];
+  $real$ sample[$n_sample$], findings[$n_findings$];
   int i;
   sample[$at_first$] = watch->begun ? $zero$ : $one$;
   sample[$at_dt$] = dt;

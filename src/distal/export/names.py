@@ -10,23 +10,25 @@ from distal.errors import ExportError
 from distal.logs import shown
 
 HEADERS = """
-assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic
-stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign
+stdarg stdatomic stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string tgmath threads time
+uchar wchar wctype
 """
 """Headers of C, which a folder with a file of the same name would hide."""
 
 INCLUDED = """
-alloca availability availabilitymacros concurrencysal corecrt corecrt_io corecrt_malloc corecrt_math corecrt_memory
-corecrt_memcpy_s corecrt_search corecrt_share corecrt_stdio_config corecrt_terminate corecrt_wio corecrt_wprocess
-corecrt_wstdio corecrt_wstdlib corecrt_wstring corecrt_wtime crtdefs endian fcntl features malloc memory newlib
-picolibc pthread reent sal sched strings swab unistd vadefs vcruntime vcruntime_new vcruntime_new_debug
-vcruntime_string yvals yvals_core
+alloca availability availabilitymacros concurrencysal corecrt corecrt_io corecrt_malloc corecrt_math
+corecrt_memory corecrt_memcpy_s corecrt_search corecrt_share corecrt_stdio_config corecrt_terminate
+corecrt_wio corecrt_wprocess corecrt_wstdio corecrt_wstdlib corecrt_wstring corecrt_wtime crtdefs
+endian fcntl features malloc memory newlib picolibc pthread reent sal sched strings swab unistd
+vadefs vcruntime vcruntime_new vcruntime_new_debug vcruntime_string yvals yvals_core
 """
 """What those include on Linux, macOS, Windows and with newlib."""
 
 TARGETS = """
-all all_build clean cmake_check_build_system cmake_force default_target depend edit_cache help install
-list_install_components m package package_source preinstall rebuild_cache replay run_tests test zero_check
+all all_build clean cmake_check_build_system cmake_force default_target depend edit_cache help
+install list_install_components m package package_source preinstall rebuild_cache replay run_tests
+test zero_check
 """
 """Targets of CMake, the mathematics library, and the replay program beside the filter."""
 

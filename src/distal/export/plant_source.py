@@ -150,7 +150,8 @@ def _errors(plant: Mechanism) -> list[list[float]]:
 _HEADER = """\
 /* $name$.h: the simulated rig "$rig$", with its sensors
  *
- * Written by `distal export-c`. C99 in double precision, no malloc, no globals: the caller owns the state. All is SI.
+ * Written by `distal export-c`. C99 in double precision, no malloc, no globals: the caller owns the
+ * state. All is SI.
  *
  * bodies, in this order:
 $bodies$
@@ -179,13 +180,15 @@ extern "C" {
 
 /* What acts on each body: a force or torque, and a spring and damper to a target. */
 typedef struct {
-  double effort[$NAME$_BODIES], inertia[$NAME$_BODIES]; /* inertia is that of hung weights, added to the body's own */
+  /* inertia is that of hung weights, added to the body's own */
+  double effort[$NAME$_BODIES], inertia[$NAME$_BODIES];
   double stiffness[$NAME$_BODIES], target[$NAME$_BODIES], damping[$NAME$_BODIES];
 } $name$_pull;
 
 /* What is true after a step. */
 typedef struct {
-  double position[$NAME$_BODIES], velocity[$NAME$_BODIES], tension[$NAME$_TENDONS], pull[$NAME$_BODIES];
+  double position[$NAME$_BODIES], velocity[$NAME$_BODIES];
+  double tension[$NAME$_TENDONS], pull[$NAME$_BODIES];
 } $name$_truth;
 
 typedef struct {
@@ -195,10 +198,12 @@ typedef struct {
   long samples;
 } $name$_state;
 
-/* Set the plant to rest at the rig's initial angles, and read the sensors once; a seed gives their errors. */
+/* Set the plant to rest at the rig's initial angles, and read the sensors once; a seed gives their
+ * errors. */
 void $name$_begin($name$_state* state, uint64_t seed, double* values);
 
-/* Move until the next sample and read the sensors, NAN where one is not due; 0 if the motion left all bounds. */
+/* Move until the next sample and read the sensors, NAN where one is not due; 0 if the motion left
+ * all bounds. */
 int $name$_step($name$_state* state, const $name$_pull* pull, double* values);
 
 #ifdef __cplusplus
@@ -252,7 +257,8 @@ static void draw_curve(double* row, double largest, uint64_t* random) {
   }
   for (i = 0; i <= 500; ++i) {
     double value = 0.0;
-    for (j = 0; j < 3; ++j) value += row[6 + j] * sin(3.141592653589793 * (j + 1) * i / 500.0 + row[9 + j]);
+    for (j = 0; j < 3; ++j)
+      value += row[6 + j] * sin(3.141592653589793 * (j + 1) * i / 500.0 + row[9 + j]);
     if (fabs(value) > peak) peak = fabs(value);
   }
   for (j = 0; j < 3; ++j) row[6 + j] *= row[5] > row[4] ? largest / peak : 0.0;
@@ -288,7 +294,8 @@ int $name$_step($name$_state* state, const $name$_pull* pull, double* values) {
   int i;
   memcpy(x, pull, 5 * $n_bodies$ * sizeof(double));
   x[5 * $n_bodies$] = $dt$;
-  for (i = 0; i < $parts$; ++i) $advance$(state->kernel_state, x, state->numbers, (double*)&state->truth);
+  for (i = 0; i < $parts$; ++i)
+    $advance$(state->kernel_state, x, state->numbers, (double*)&state->truth);
   read_sensors(state, values);
   for (i = 0; i < $n_y$; ++i)
     if (!(fabs(((const double*)&state->truth)[i]) < 1e9)) return 0;

@@ -190,8 +190,8 @@ endif()
 _README = """\
 # $name$
 
-Written by `distal export-c`: `$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no globals: the
-caller owns the state.
+Written by `distal export-c`: `$estimator$` for the rig "$rig$", in C99 with `$real$`. No malloc, no
+globals: the caller owns the state.
 $float_warning$
 ```c
 #include "$name$.h"
@@ -213,8 +213,9 @@ void control($name$_real dt, const $name$_real values[$NAME$_CHANNELS]) {
 |---|---|
 $channels$
 
-`values` may lack any sensor at any time. A gap is bridged by one prediction per nominal interval, and takes that
-many times as long as a step; `$NAME$_LATE` says that a stamp did not rise, and nothing is changed.
+`values` may lack any sensor at any time. A gap is bridged by one prediction per nominal interval,
+and takes that many times as long as a step; `$NAME$_LATE` says that a stamp did not rise, and
+nothing is changed.
 
 | | |
 |---|---|
@@ -231,6 +232,7 @@ cmake -B build && cmake --build build
 build/replay log.csv > angle.csv
 ```
 
-`log.csv` has the columns that `distal estimate` reads, separated by commas, semicolons or tabs; a name with a
-separator in it cannot be read. Without CMake: `cc -std=c99 -O2 -fno-math-errno replay.c $name$.c -lm -o replay`.
+`log.csv` has the columns that `distal estimate` reads, separated by commas, semicolons or tabs; a
+name with a separator in it cannot be read. Without CMake:
+`cc -std=c99 -O2 -fno-math-errno replay.c $name$.c -lm -o replay`.
 """

@@ -53,10 +53,11 @@ def c_string(text: str) -> str:
 
 
 _PROGRAM = """\
-/* replay LOG.csv: run the filter over a log with the columns that the rig names; $header$ on stdout.
+/* replay LOG.csv: run the filter over a log with the columns that the rig names;
+ * $header$ on stdout.
  *
- * Written by `distal export-c`. What a sample needs is in take(): values in the header's order and units, NAN where one
- * is missing. The rest reads CSV.
+ * Written by `distal export-c`. What a sample needs is in take(): values in the header's order and
+ * units, NAN where one is missing. The rest reads CSV.
  */
 #include <math.h>
 #include <stdio.h>
@@ -72,9 +73,11 @@ _PROGRAM = """\
 #define COLUMNS (1 + $NAME$_CHANNELS)
 
 static const char* const columns[COLUMNS] = {$columns$};
-static const char* const headers[COLUMNS] = {$headers$}; /* the same, where the header says the unit */
+/* the same, where the header says the unit */
+static const char* const headers[COLUMNS] = {$headers$};
 static const double factors[COLUMNS] = {$factors$}; /* to SI, with the sensor's sign */
-static const char needed[COLUMNS] = {$needed$}; /* the others are missing at all times where there is no such column */
+/* the others are missing at all times where there is no such column */
+static const char needed[COLUMNS] = {$needed$};
 static const char* const missing[] = {"", "nan", "na", "n/a", "null", "none", "-"};
 
 static char separator = ',';
@@ -95,7 +98,10 @@ static char* cell(char** rest) {
 static int number(const char* text, double* value) {
   char lower[8] = "", *end;
   size_t i;
-  for (i = 0; i < 7 && text[i]; ++i) lower[i] = (char)(text[i] >= 'A' && text[i] <= 'Z' ? text[i] + 32 : text[i]);
+  for (i = 0; i < 7 && text[i]; ++i) {
+    const int capital = text[i] >= 'A' && text[i] <= 'Z';
+    lower[i] = (char)(capital ? text[i] + 32 : text[i]);
+  }
   *value = (double)NAN;
   for (i = 0; i < sizeof missing / sizeof *missing; ++i)
     if (!strcmp(lower, missing[i])) return 1;
@@ -110,7 +116,8 @@ static int fail(const char* file, long row, const char* what, const char* which)
 }
 
 /* One sample, now[0] being its stamp. */
-static int take($name$_state* state, const double* now, double before, int first, $name$_output* out) {
+static int take($name$_state* state, const double* now, double before, int first,
+                $name$_output* out) {
   $name$_real values[$NAME$_CHANNELS];
   int i;
   for (i = 1; i < COLUMNS; ++i) values[i - 1] = ($name$_real)now[i];
@@ -170,9 +177,12 @@ int main(int argc, char** argv) {
         const double started = CLOCK();
         const int code = take(&state, now, before, samples == 0, &out);
         const double taken = CLOCK() - started;
-        if (code == $NAME$_LATE) return fail(argv[1], row, "the stamp repeats, goes back, or is missing", "");
-        if (code == $NAME$_GAP) return fail(argv[1], row, "the gap before is too long to bridge", "");
-        if (code != $NAME$_OK) return fail(argv[1], row, "the filter left all bounds; are the units right?", "");
+        if (code == $NAME$_LATE)
+          return fail(argv[1], row, "the stamp repeats, goes back, or is missing", "");
+        if (code == $NAME$_GAP)
+          return fail(argv[1], row, "the gap before is too long to bridge", "");
+        if (code != $NAME$_OK)
+          return fail(argv[1], row, "the filter left all bounds; are the units right?", "");
         /* the first sample has no interval */
         slow += samples && taken > now[0] - before;
         if (taken > slowest) slowest = taken;
@@ -184,7 +194,8 @@ int main(int argc, char** argv) {
   }
   fclose(log);
   if (slow)
-    fprintf(stderr, "%ld of %ld steps took longer than their interval, at most %g s\\n", slow, samples, slowest);
+    fprintf(stderr, "%ld of %ld steps took longer than their interval, at most %g s\\n", slow,
+            samples, slowest);
   if (samples < 2) return fail(argv[1], row, "an estimate over time needs at least two rows", "");
   return 0;
 }

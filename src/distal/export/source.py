@@ -220,13 +220,15 @@ def _beginning(n: int, spread: int) -> dict[str, str]:
 _HEADER = """\
 /* $name$.h: `$estimator$` for the rig "$rig$"
  *
- * Where a tendon-driven joint is, from what is measured at the proximal end. Written by `distal export-c`.
- * C99, no malloc, no globals: the caller owns the state. All numbers are SI; NAN is a missing value.
+ * Where a tendon-driven joint is, from what is measured at the proximal end.
+ * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state.
+ * All numbers are SI; NAN is a missing value.
  *
  * values, in this order:
 $channels$
  *
- * states, in this order (means first in `kernel_state`, then the covariance, $n_states$ x $n_states$, then what is remembered):
+ * states, in this order (means first in `kernel_state`, then the covariance,
+ * $n_states$ x $n_states$, then what is remembered):
 $states$
  *
  * innovations, in this order:
@@ -255,7 +257,8 @@ typedef struct {
 
 typedef struct {
 $outputs$
-  $name$_real innovations[$n_innovations$];           /* measured minus predicted, NAN where nothing was compared */
+  /* measured minus predicted, NAN where nothing was compared */
+  $name$_real innovations[$n_innovations$];
   $name$_real innovation_variances[$n_innovations$];
 } $name$_output;
 
@@ -268,31 +271,38 @@ typedef struct {
 /* the codes of a step */
 enum {
   $NAME$_OK = 0,
-  $NAME$_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
+  /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
+  $NAME$_LATE = 1,
   $NAME$_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
   $NAME$_BAD = 3,    /* a value is infinite or wild, beyond 1e7: nothing was changed */
   $NAME$_LOST = 4    /* the filter left all bounds: begin again */
 };
 
-/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that of `distal stream`. */
+/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that
+ * of `distal stream`. */
 enum {
 $health$
 };
 
-/* Set the state to what is believed before the first sample, whose values fill what has no prior. */
+/* Set the state to what is believed before the first sample, whose values fill what has no
+ * prior. */
 void $name$_begin($name$_state* state, const $name$_real* values);
 
-/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad off. */
+/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad
+ * off. */
 void $name$_restart($name$_state* state, const $name$_real* values);
 
-/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
+/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a
+ * null pointer. */
 int $name$_step($name$_state* state, $name$_real dt, const $name$_real* values, $name$_output* out);
 
 /* Begin to watch, when the filter begins. */
 void $name$_watch_begin($name$_watch* watch);
 
-/* Say how healthy the stream is, after a step that returned $NAME$_OK, with its dt, values and output. */
-int $name$_health($name$_watch* watch, const $name$_state* state, $name$_real dt, const $name$_real* values,
+/* Say how healthy the stream is, after a step that returned $NAME$_OK, with its dt, values and
+ * output. */
+int $name$_health($name$_watch* watch, const $name$_state* state, $name$_real dt,
+                  const $name$_real* values,
                   const $name$_output* out);
 
 #ifdef __cplusplus
@@ -331,7 +341,8 @@ void $name$_begin($name$_state* state, const $real$* values) {
     known[i] = is_there(values[i]) ? values[i] : $zero$;
   }
   memset(state, 0, sizeof *state);
-  $begin$(known, mask, numbers, state->kernel_state, spread, state->kernel_state + $n_states$ + $n_states$ * $n_states$);
+  $begin$(known, mask, numbers, state->kernel_state, spread,
+          state->kernel_state + $n_states$ + $n_states$ * $n_states$);
 $place$}
 
 void $name$_restart($name$_state* state, const $real$* values) {
@@ -389,7 +400,8 @@ $angles$
     if (!(state->kernel_state[$n_states$ + i * ($n_states$ + 1)] >= $zero$)) return $NAME$_LOST;
   }
   for (i = 0; i < $n_joints$; ++i)
-    if (!(state->kernel_state[i] >= -$largest$ && state->kernel_state[i] <= $largest$)) return $NAME$_LOST;
+    if (!(state->kernel_state[i] >= -$largest$ && state->kernel_state[i] <= $largest$))
+      return $NAME$_LOST;
   return $NAME$_OK;
 }
 

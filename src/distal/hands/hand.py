@@ -58,7 +58,8 @@ class HandHealth:
     @property
     def sentence(self) -> str:
         """All of it in a line."""
-        parts = [f"{self.word}: {self.detail or HEALTH.get(self.word, '')}"]  # type: ignore[call-overload]
+        meaning = HEALTH.get(self.word, "")  # type: ignore[call-overload]
+        parts = [f"{self.word}: {self.detail or meaning}"]
         parts += [f"no answer from {', '.join(self.silent)}"] if self.silent else []
         parts += (
             [f"hot: {', '.join(f'{name} {value:.0f} °C' for name, value in self.hot.items())}"]

@@ -60,8 +60,10 @@ LOG = logging.getLogger("distal.kernels")
 """Says when a compiler begins, which may take minutes, and when it has ended (an empty message)."""
 
 _SCAN = """
-/* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of sample k is the input of k + 1 */
-long long {name}_scan(long long n, const double* kernel_state, const double* x, const double* p, double* kernel_states, double* y) {{
+/* {name} over n samples: kernel_state and outputs of every sample are kept, the kernel_state of
+ * sample k is the input of k + 1 */
+long long {name}_scan(long long n, const double* kernel_state, const double* x, const double* p,
+                      double* kernel_states, double* y) {{
   long long k;
   for (k = 0; k < n; ++k) {{
     {name}(kernel_state, x + k * {n_x}, p, kernel_states + k * {n_kernel_state}, y + k * {n_y});
@@ -78,7 +80,8 @@ int {name}_kernel(const double** arg, double** res, long long* iw, double* w, in
 long long {name}_kernel_n_in(void) {{ return 3; }}
 long long {name}_kernel_n_out(void) {{ return 2; }}
 static const long long shapes[5][3] = {{
-  {{{n_kernel_state}, 1, 1}}, {{{n_x}, 1, 1}}, {{{n_p}, 1, 1}}, {{{n_kernel_state}, 1, 1}}, {{{n_y}, 1, 1}}
+  {{{n_kernel_state}, 1, 1}}, {{{n_x}, 1, 1}}, {{{n_p}, 1, 1}},
+  {{{n_kernel_state}, 1, 1}}, {{{n_y}, 1, 1}}
 }};
 const long long* {name}_kernel_sparsity_in(long long i) {{ return shapes[i]; }}
 const long long* {name}_kernel_sparsity_out(long long i) {{ return shapes[3 + i]; }}

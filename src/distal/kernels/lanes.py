@@ -24,8 +24,10 @@ from distal.kernels.feed import Advanced, Feed
 from distal.kernels.recipe import Recipe
 
 _BATCH = """
-/* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run that ended rests */
-void {name}_batch(const long long* rows, const double* const* kernel_state, const double* const* x, const double* const* p,
+/* {lanes} runs of {name}: of each sample's kernel_state the numbers `keep` are kept, and y; a run
+ * that ended rests */
+void {name}_batch(const long long* rows, const double* const* kernel_state, const double* const* x,
+                  const double* const* p,
                   long long n_keep, const int* keep, double* const* kept, double* const* y) {{
   V c[2][{n_kernel_state}], sample[{n_x}], numbers[{n_p}], out[{n_y}];
   long long k, most = 0, i;

@@ -40,7 +40,9 @@ LONGEST = 600.0
 """A log that is saved ends after so long [s]."""
 
 FACTORS = {
-    "friction": r"friction\.(coefficient|constant|load)$|path\.friction$|hysteresis\.(constant|slope)$",
+    "friction": (
+        r"friction\.(coefficient|constant|load)$|path\.friction$|hysteresis\.(constant|slope)$"
+    ),
     "stiffness": r"^tendons\.\d+\.stiffness$",
     "pretension": r"^tendons\.\d+\.pretension$",
     "arm": r"^tendons\.\d+\.(insertion|crossings\.\d+)\.(radius|arm|offset|lever)$",
@@ -155,7 +157,7 @@ def _constants(rig: Rig, module: LabModule, estimator: str, source: str) -> dict
         "start": plant.start.tolist(),
         "effort": resting_pull(mechanism).tolist(),
         "motion": _motion(rig),
-        "places": _positions(rig, plant),
+        "positions": _positions(rig, plant),
         "servo": _servo(plant),
         "hand": [most / 0.2, 0.02 * most / 0.2],
         "loadMost": most,
@@ -267,8 +269,8 @@ def _body(rig: Rig, module: LabModule, constants: dict[str, Any], estimator: str
     motion += _slider("speed", "speed", (0.02, 1.0, 0.15), "Hz")
     if module.commanded:
         most_turned = float(np.rad2deg(max(row["amplitude"] for row in _motion(rig))))
-        motion += "<label><input type='checkbox' id='bring'> go to wanted angle</label>"
-        motion += _slider("wanted", "wanted angle", (-most_turned, most_turned, 0.0), "°")
+        motion += "<label><input type='checkbox' id='bring'> go to the desired angle</label>"
+        motion += _slider("desired", "desired angle", (-most_turned, most_turned, 0.0), "°")
     torque = (
         "<figure><canvas id='torque' role='img' aria-label='Torque from outside over time: true "
         "and estimated'></canvas>"

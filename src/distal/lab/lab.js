@@ -14,7 +14,7 @@
   const told = view("lab_told", data.told.length), pull = view("lab_pull", 5 * bodies);
   const part = (k) => pull.subarray(k * bodies, (k + 1) * bodies);
   const free = data.commanded, commanded = free.length ? view("lab_commanded", bodies - nj) : null;
-  const aims = free.length ? view("lab_wanted", free.length) : [], brings = () => free.length > 0 && by("bring").checked;
+  const aims = free.length ? view("lab_desired", free.length) : [], brings = () => free.length > 0 && by("bring").checked;
   const [effort, , stiffness, target, damping] = [0, 1, 2, 3, 4].map(part);
   const at = (name) => data.told.indexOf(name), tensionsAt = 2 * bodies;
 
@@ -32,7 +32,7 @@
   function places(angles) {
     const found = [...data.start];
     angles.forEach((angle, j) => {
-      const table = data.places[j], k = ((angle - table.from) / (table.to - table.from)) * (table.rows.length - 1);
+      const table = data.positions[j], k = ((angle - table.from) / (table.to - table.from)) * (table.rows.length - 1);
       const i = Math.min(Math.max(Math.floor(k), 0), table.rows.length - 2);
       for (let d = 0; d < bodies - nj; d++) found[nj + d] += table.rows[i][d] + (k - i) * (table.rows[i + 1][d] - table.rows[i][d]);
     });
@@ -43,9 +43,9 @@
     const ramp = Math.min(time / 2, 1);
     return data.motion.map((m) => m.from + ramp * (m.centre - m.from + range * m.amplitude * Math.sin(2 * Math.PI * speed * m.pace * time)));
   }
-  // the inverse brings the joint in the curves to the wanted angle, the others where they are led
+  // the inverse brings the joint in the curves to the desired angle, the others where they are led
   function aim(way) {
-    free.forEach((j, i) => { aims[i] = brings() && j === joint ? data.motion[j].centre + setting("wanted") * DEGREE : way[j]; });
+    free.forEach((j, i) => { aims[i] = brings() && j === joint ? data.motion[j].centre + setting("desired") * DEGREE : way[j]; });
   }
   function act(time) {
     const way = led(time, setting("range"), setting("speed")), tight = setting("pretension");

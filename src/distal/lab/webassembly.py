@@ -162,25 +162,28 @@ $told$
 _COMMAND = """\
 static command_state command;
 static command_output commands;
-static double wanted[COMMAND_JOINTS];
+static double desired[COMMAND_JOINTS];
 
-static void bring(int begins, double dt, const filter_real* own, const filter_output* out, int trusted) {
+static void bring(int begins, double dt, const filter_real* own, const filter_output* out,
+                  int trusted) {
   if (begins) command_begin(&command);
-  command_step(&command, &filter, dt, own, out, wanted, trusted, &commands);
+  command_step(&command, &filter, dt, own, out, desired, trusted, &commands);
 }
 
-void* EXPORTED(lab_wanted)(void) { return wanted; }
-void* EXPORTED(lab_commanded)(void) { return commands.places; }
+void* EXPORTED(lab_desired)(void) { return desired; }
+void* EXPORTED(lab_commanded)(void) { return commands.positions; }
 """
 
 _NO_COMMAND = """\
-static void bring(int begins, double dt, const filter_real* own, const filter_output* out, int trusted) {
+static void bring(int begins, double dt, const filter_real* own, const filter_output* out,
+                  int trusted) {
   (void)begins, (void)dt, (void)own, (void)out, (void)trusted;
 }
 """
 
 _GLUE = """\
-/* The lab: the plant moves, its sensors are read, dead ones left out, and the filters take the sample. */
+/* The lab: the plant moves, its sensors are read, dead ones left out, and the filters take the
+ * sample. */
 #include <math.h>
 
 #include "filter.h"

@@ -20,9 +20,10 @@ SOURCE = (
 )
 """Medical Robotics and Devices Lab Data Repository, Open Database License 1.0."""
 
-LICENCE = """Logs of a da Vinci Maryland grasper from the Medical Robotics and Devices Lab Data Repository
-(MRDLab/mis-tool-characterization, commit 03658b2, folder data/Tool_4_Maryland_L_2), made available under the Open
-Database License 1.0 (opendatacommons.org/licenses/odbl/1-0); contents under the Database Contents License 1.0.
+LICENCE = """Logs of a da Vinci Maryland grasper from the Medical Robotics and Devices Lab Data
+Repository (MRDLab/mis-tool-characterization, commit 03658b2, folder
+data/Tool_4_Maryland_L_2), made available under the Open Database License 1.0
+(opendatacommons.org/licenses/odbl/1-0); contents under the Database Contents License 1.0.
 Altered: counts turned into units, every fifth row kept (1 kHz to 200 Hz), columns named.
 """
 

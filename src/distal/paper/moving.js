@@ -22,7 +22,7 @@
     line(truth, data.truth[k]);
     line(naive, data.naive[k]);
     cords.forEach((cord, i) => {
-      const side = i ? -1 : 1, pulled = data.places[i][k] * 2500;
+      const side = i ? -1 : 1, pulled = data.positions[i][k] * 2500;
       cord.setAttribute("d", `M${at(data.truth[k] + side * Math.PI / 2, DISK)} L${-170 - pulled} ${side * -DISK * 1.1}`);
     });
     const degrees = (angle) => (180 / Math.PI * angle).toFixed(0) + "°";

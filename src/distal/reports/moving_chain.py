@@ -131,15 +131,19 @@ def tension_scale(most: str) -> str:
 
 
 _STYLE = f"""
-#moving {{ display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 0 1.2rem; align-items: start; }}
-#moving canvas {{ width: 100%; height: 20rem; touch-action: none; cursor: grab; border: 1px solid {FAINT}; }}
+#moving {{ display: grid; grid-template-columns: minmax(0, 1fr) auto; gap: 0 1.2rem;
+  align-items: start; }}
+#moving canvas {{ width: 100%; height: 20rem; touch-action: none; cursor: grab;
+  border: 1px solid {FAINT}; }}
 #moving table {{ width: auto; margin: 0; }} #moving td.n {{ min-width: 7.5rem; }}
 #moving figcaption {{ grid-column: 1 / -1; }} #moving .controls {{ margin: .4rem 0; }}
 #moving button {{ min-width: 4.5rem; }} #moving input {{ width: 100%; accent-color: {INK}; }}
 @media (min-width: 75rem) {{ body {{ max-width: 100rem; }}
-  .beside {{ display: grid; grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); gap: 1rem; align-items: start; }}
+  .beside {{ display: grid; grid-template-columns: minmax(0, 2fr) minmax(0, 3fr); gap: 1rem;
+    align-items: start; }}
   #moving {{ position: sticky; top: 1rem; grid-template-columns: minmax(0, 1fr); }} }}
-@media (max-width: 40rem) {{ #moving {{ grid-template-columns: minmax(0, 1fr); }} #moving tr {{ display: table-row; }}
+@media (max-width: 40rem) {{ #moving {{ grid-template-columns: minmax(0, 1fr); }}
+  #moving tr {{ display: table-row; }}
   #moving td {{ display: table-cell; }} }}
 """
 

@@ -19,25 +19,31 @@ _STYLE = (
   --paper: {WHITE}; --ink: {INK}; --soft: {SOFT}; --line: {FAINT}; --yes: {GOOD}; --no: {BAD}; }}
 """
     + """\
-body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64rem; margin: 2.5rem auto;
+body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); max-width: 64rem;
+  margin: 2.5rem auto;
   padding: 0 1.2rem; background: var(--paper); }
-h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; } h1 { font-size: 1.7rem; margin-bottom: .3rem; }
+h1, h2 { font-family: system-ui, sans-serif; line-height: 1.25; }
+h1 { font-size: 1.7rem; margin-bottom: .3rem; }
 h2 { font-size: 1.2rem; margin-top: 2.4rem; }
 h3 { font-size: 1rem; margin: 1.6rem 0 .3rem; }
 .lead { color: var(--soft); font-size: 1.05rem; }
-figure { margin: 1.4rem 0; } figure svg { width: 100%; height: auto; } figcaption { color: var(--soft); font-size: .92rem; }
-table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans-serif; margin: 1rem 0; }
+figure { margin: 1.4rem 0; } figure svg { width: 100%; height: auto; }
+figcaption { color: var(--soft); font-size: .92rem; }
+table { border-collapse: collapse; width: 100%; font: .86rem/1.4 system-ui, sans-serif;
+  margin: 1rem 0; }
 th { text-align: left; border-bottom: 2px solid var(--ink); padding: .35rem .5rem; }
 td { border-bottom: 1px solid var(--line); padding: .35rem .5rem; vertical-align: top; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.yes { color: var(--yes); } .no { color: var(--no); } .verdict { font-weight: 600; display: inline-block; min-width: 8rem; }
+.yes { color: var(--yes); } .no { color: var(--no); }
+.verdict { font-weight: 600; display: inline-block; min-width: 8rem; }
 .why { color: var(--soft); } code { font-size: .9em; } .scroll { overflow-x: auto; }
 @media (max-width: 40rem) {
   .scroll { overflow-x: visible; } thead { display: none; } tr { display: block; margin: .9rem 0; }
   td, td.n { display: block; text-align: left; white-space: normal; border: 0; padding: .1rem 0; }
   tr { border-bottom: 1px solid var(--line); padding-bottom: .5rem; } td:empty { display: none; }
   td[data-of]::before { content: attr(data-of) ": "; color: var(--soft); } }
-@media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; } figure, tr { break-inside: avoid; } }
+@media print { body { margin: 0; max-width: none; } h2 { break-after: avoid; }
+  figure, tr { break-inside: avoid; } }
 """
 )
 
@@ -97,7 +103,8 @@ def html_table(
         + "</tr>\n"
         for row in rows
     )
-    return f"<div class='scroll'><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>"
+    table = f"<table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table>"
+    return f"<div class='scroll'>{table}</div>"
 
 
 def script_with(name: str, table: Mapping[str, object], script: str) -> str:

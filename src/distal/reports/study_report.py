@@ -53,11 +53,14 @@ _STYLE = f"""<style>
 .controls {{ display: flex; flex-wrap: wrap; gap: .4rem 1rem; margin: .6rem 0; font-size: .9rem; }}
 .controls label {{ display: flex; flex-wrap: wrap; gap: .3rem; align-items: center; min-width: 0; }}
 .controls select {{ font: inherit; max-width: min(22rem, 88vw); }}
-.chart text {{ font: 12px system-ui, sans-serif; fill: {SOFT}; }} .chart .name {{ fill: {INK}; font-size: 13px; }}
-.chart .light {{ fill: {WHITE}; }} .chart .cell {{ fill: {INK}; }} .chart .grid {{ stroke: {FAINT}; stroke-width: .6; }}
+.chart text {{ font: 12px system-ui, sans-serif; fill: {SOFT}; }}
+.chart .name {{ fill: {INK}; font-size: 13px; }}
+.chart .light {{ fill: {WHITE}; }} .chart .cell {{ fill: {INK}; }}
+.chart .grid {{ stroke: {FAINT}; stroke-width: .6; }}
 .chart .dot {{ fill: {COLOURS[5]}; fill-opacity: .55; }} .chart .best {{ fill: {COLOURS[1]}; }}
 .chart .front {{ fill: none; stroke: {COLOURS[1]}; stroke-width: 1.5; }}
-.chart .band {{ fill: {COLOURS[0]}; fill-opacity: .2; }} .chart .truth {{ fill: none; stroke: {BLACK}; stroke-width: 2.5; }}
+.chart .band {{ fill: {COLOURS[0]}; fill-opacity: .2; }}
+.chart .truth {{ fill: none; stroke: {BLACK}; stroke-width: 2.5; }}
 .chart .estimate {{ fill: none; stroke: {COLOURS[0]}; stroke-width: 1.5; }}
 .answer {{ font-size: 1.25rem; line-height: 1.45; margin: 1.2rem 0; }}
 .bar {{ display: inline-block; height: .75em; background: {COLOURS[0]}; }}

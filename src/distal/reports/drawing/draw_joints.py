@@ -75,8 +75,9 @@ def _sizes(rig: Rig, joint: Joint) -> list[str]:
         if isinstance(shape, Polynomial):
             kinds.setdefault(("arms by polynomial", ""), [])
             continue
-        shifted = isinstance(shape, Linkage) and shape.centre.value != 0.0
-        behind = f" at {label_of(shape.centre.value, 'rad')}" if shifted else ""  # type: ignore[union-attr]
+        behind = ""
+        if isinstance(shape, Linkage) and shape.centre.value != 0.0:
+            behind = f" at {label_of(shape.centre.value, 'rad')}"
         kinds.setdefault((shape.DRAWN, behind), []).append(shape.radius.value)
     texts = []
     for (name, behind), radii in kinds.items():
