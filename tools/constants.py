@@ -1,8 +1,9 @@
 """Constants of the package with their values, units and sources: `python -m tools.constants
 [--without]`.
 
-A source is what the text under a constant names: a page or a benchmark that chose it, a reference
-with its year, or rounding. `--without` prints those that name none.
+A source is what the text under a constant names, best as its last sentence, `Source: physics (what).`
+Without that, a page or a benchmark that chose it, a reference with its year, or rounding count.
+`judgement` says that a number was chosen by hand. `--without` prints those that name none.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "src" / "distal"
+NAMED = r"Source: (physics|definition|reference|benchmark|rounding|layout|judgement)\b"
 SOURCES = {
     "benchmark": r"docs/\w+|benchmarks?\b",
     "reference": r"\b(19|20)\d\d\b|Equation|\(\d+\w?\)",
@@ -40,6 +42,9 @@ class Constant:
     @property
     def source(self) -> str:
         """What kind of source its text names, empty where it names none."""
+        named = re.search(NAMED, self.text)
+        if named:
+            return named[1]
         kinds = (kind for kind, pattern in SOURCES.items() if re.search(pattern, self.text))
         return next(kinds, "")
 
@@ -81,7 +86,8 @@ def main() -> None:
     for constant in without if arguments.without else every:
         row = (constant.module, constant.name, constant.value, constant.unit, constant.source)
         print(" | ".join(row))
-    print(f"{len(every)} constants, {len(without)} without a source")
+    judged = sum(constant.source == "judgement" for constant in every)
+    print(f"{len(every)} constants, {len(without)} without a source, {judged} chosen by hand")
 
 
 if __name__ == "__main__":

@@ -266,7 +266,7 @@ def test_what_is_drawn_is_pythons_in_all_experiments_in_turn(
             settings = compare(page, rig, folder, f"{BUTTONS}[{k}].click()", joint)
             desired = page.value(f"JSON.parse({BUTTONS}[{k}].dataset.set)")
             for name, value in settings.items():
-                plain = {"load": 0.0, "wanted": 0.0, "range": 0.7, "speed": 0.15}.get(name, 1.0)
+                plain = {"load": 0.0, "desired": 0.0, "range": 0.7, "speed": 0.15}.get(name, 1.0)
                 expected = (
                     desired.get(name, 0.0)
                     if name == "load"
@@ -434,7 +434,7 @@ def test_the_sliders_are_beside_the_curves_and_the_verdict(
             assert bottom <= height, name
 
 
-def test_a_joint_is_brought_to_a_wanted_angle(page: Page, rig: Rig) -> None:
+def test_a_joint_is_brought_to_a_desired_angle(page: Page, rig: Rig) -> None:
     """The inverse moves the drives: the joint goes where the slider says, to both sides, and stays
     when it is let go.
     """
@@ -445,7 +445,7 @@ def test_a_joint_is_brought_to_a_wanted_angle(page: Page, rig: Rig) -> None:
     joint = rig.joints[0]
     middle = np.rad2deg(joint.initial.value if joint.stops is None else sum(joint.stops) / 2)
     for desired in (8.0, -8.0):
-        set_by_hand(page, str(desired), "wanted")
+        set_by_hand(page, str(desired), "desired")
         page.value("lab.run(4)")
         assert np.rad2deg(page.value("lab.last()")[1]) == pytest.approx(middle + desired, abs=3.0)
     page.value("document.querySelector('button[data-set]').click()")

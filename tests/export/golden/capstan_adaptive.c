@@ -1197,7 +1197,8 @@ void capstan_adaptive_begin(capstan_adaptive_state* state, const float* values) 
     known[i] = is_there(values[i]) ? values[i] : 0.0f;
   }
   memset(state, 0, sizeof *state);
-  prior(known, mask, numbers, state->kernel_state, spread, state->kernel_state + 8 + 8 * 8);
+  prior(known, mask, numbers, state->kernel_state, spread,
+          state->kernel_state + 8 + 8 * 8);
   for (i = 0; i < 8; ++i) state->kernel_state[8 + i * 9] = spread[i];
 }
 
@@ -1257,7 +1258,8 @@ int capstan_adaptive_step(capstan_adaptive_state* state, float dt, const float* 
     if (!(state->kernel_state[8 + i * (8 + 1)] >= 0.0f)) return CAPSTAN_ADAPTIVE_LOST;
   }
   for (i = 0; i < 1; ++i)
-    if (!(state->kernel_state[i] >= -50.0f && state->kernel_state[i] <= 50.0f)) return CAPSTAN_ADAPTIVE_LOST;
+    if (!(state->kernel_state[i] >= -50.0f && state->kernel_state[i] <= 50.0f))
+      return CAPSTAN_ADAPTIVE_LOST;
   return CAPSTAN_ADAPTIVE_OK;
 }
 
@@ -1271,7 +1273,8 @@ int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptiv
                   const capstan_adaptive_output* out) {
   static const unsigned char watched[] = {2, 3, 4, 5, 6, 7};
   const float stds[] = {out->angle_std};
-  float sample[23], memory[sizeof watch->memory / sizeof *watch->memory], findings[20];
+  float memory[sizeof watch->memory / sizeof *watch->memory];
+  float sample[23], findings[20];
   int i;
   sample[0] = watch->begun ? 0.0f : 1.0f;
   sample[1] = dt;

@@ -1,13 +1,15 @@
 /* capstan_adaptive.h: `adaptive` for the rig "Capstan-driven joint"
  *
- * Where a tendon-driven joint is, from what is measured at the proximal end. Written by `distal export-c`.
- * C99, no malloc, no globals: the caller owns the state. All numbers are SI; NAN is a missing value.
+ * Where a tendon-driven joint is, from what is measured at the proximal end.
+ * Written by `distal export-c`. C99, no malloc, no globals: the caller owns the state.
+ * All numbers are SI; NAN is a missing value.
  *
  * values, in this order:
  *   0  motor_angle: position of motor [rad]
  *   1  motor_torque: force of motor [N m]
  *
- * states, in this order (means first in `kernel_state`, then the covariance, 8 x 8, then what is remembered):
+ * states, in this order (means first in `kernel_state`, then the covariance,
+ * 8 x 8, then what is remembered):
  *    0  theta [rad]
  *    1  theta_dot [rad/s]
  *    2  friction coefficient of joint jaw [1]
@@ -44,7 +46,8 @@ typedef struct {
 typedef struct {
   capstan_adaptive_real angle; /* of the joint [rad] */
   capstan_adaptive_real angle_std; /* standard deviation of its error [rad] */
-  capstan_adaptive_real innovations[1];           /* measured minus predicted, NAN where nothing was compared */
+  /* measured minus predicted, NAN where nothing was compared */
+  capstan_adaptive_real innovations[1];
   capstan_adaptive_real innovation_variances[1];
 } capstan_adaptive_output;
 
@@ -57,13 +60,15 @@ typedef struct {
 /* the codes of a step */
 enum {
   CAPSTAN_ADAPTIVE_OK = 0,
-  CAPSTAN_ADAPTIVE_LATE = 1,   /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
+  /* dt is less than a nanosecond (zero is for the first sample): nothing was changed */
+  CAPSTAN_ADAPTIVE_LATE = 1,
   CAPSTAN_ADAPTIVE_GAP = 2,    /* dt is too long to bridge: nothing was changed, begin again */
   CAPSTAN_ADAPTIVE_BAD = 3,    /* a value is infinite or wild, beyond 1e7: nothing was changed */
   CAPSTAN_ADAPTIVE_LOST = 4    /* the filter left all bounds: begin again */
 };
 
-/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that of `distal stream`. */
+/* The health of a sample that was taken in; where several hold, the last one. Their meaning is that
+ * of `distal stream`. */
 enum {
   CAPSTAN_ADAPTIVE_HEALTH_OK = 0,
   CAPSTAN_ADAPTIVE_HEALTH_UNTESTED = 1,
@@ -74,20 +79,25 @@ enum {
   CAPSTAN_ADAPTIVE_HEALTH_RESTARTED = 6
 };
 
-/* Set the state to what is believed before the first sample, whose values fill what has no prior. */
+/* Set the state to what is believed before the first sample, whose values fill what has no
+ * prior. */
 void capstan_adaptive_begin(capstan_adaptive_state* state, const capstan_adaptive_real* values);
 
-/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad off. */
+/* Begin anew where the filter was: at its angles, within the joints' stops, which may be 0.5 rad
+ * off. */
 void capstan_adaptive_restart(capstan_adaptive_state* state, const capstan_adaptive_real* values);
 
-/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a null pointer. */
+/* Take in a sample, dt [s] after the last one that was taken in (0 for the first); `out` may be a
+ * null pointer. */
 int capstan_adaptive_step(capstan_adaptive_state* state, capstan_adaptive_real dt, const capstan_adaptive_real* values, capstan_adaptive_output* out);
 
 /* Begin to watch, when the filter begins. */
 void capstan_adaptive_watch_begin(capstan_adaptive_watch* watch);
 
-/* Say how healthy the stream is, after a step that returned CAPSTAN_ADAPTIVE_OK, with its dt, values and output. */
-int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptive_state* state, capstan_adaptive_real dt, const capstan_adaptive_real* values,
+/* Say how healthy the stream is, after a step that returned CAPSTAN_ADAPTIVE_OK, with its dt, values and
+ * output. */
+int capstan_adaptive_health(capstan_adaptive_watch* watch, const capstan_adaptive_state* state, capstan_adaptive_real dt,
+                  const capstan_adaptive_real* values,
                   const capstan_adaptive_output* out);
 
 #ifdef __cplusplus

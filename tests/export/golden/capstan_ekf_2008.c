@@ -1178,7 +1178,8 @@ void capstan_ekf_2008_begin(capstan_ekf_2008_state* state, const float* values) 
     known[i] = is_there(values[i]) ? values[i] : 0.0f;
   }
   memset(state, 0, sizeof *state);
-  prior(known, mask, numbers, state->kernel_state, spread, state->kernel_state + 4 + 4 * 4);
+  prior(known, mask, numbers, state->kernel_state, spread,
+          state->kernel_state + 4 + 4 * 4);
   for (i = 0; i < 4; ++i) state->kernel_state[4 + i * 5] = spread[i];
 }
 
@@ -1238,7 +1239,8 @@ int capstan_ekf_2008_step(capstan_ekf_2008_state* state, float dt, const float* 
     if (!(state->kernel_state[4 + i * (4 + 1)] >= 0.0f)) return CAPSTAN_EKF_2008_LOST;
   }
   for (i = 0; i < 1; ++i)
-    if (!(state->kernel_state[i] >= -50.0f && state->kernel_state[i] <= 50.0f)) return CAPSTAN_EKF_2008_LOST;
+    if (!(state->kernel_state[i] >= -50.0f && state->kernel_state[i] <= 50.0f))
+      return CAPSTAN_EKF_2008_LOST;
   return CAPSTAN_EKF_2008_OK;
 }
 
@@ -1252,7 +1254,8 @@ int capstan_ekf_2008_health(capstan_ekf_2008_watch* watch, const capstan_ekf_200
                   const capstan_ekf_2008_output* out) {
   static const unsigned char watched[] = {0};
   const float stds[] = {out->angle_std};
-  float sample[11], memory[sizeof watch->memory / sizeof *watch->memory], findings[14];
+  float memory[sizeof watch->memory / sizeof *watch->memory];
+  float sample[11], findings[14];
   int i;
   sample[0] = watch->begun ? 0.0f : 1.0f;
   sample[1] = dt;
